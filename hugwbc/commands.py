@@ -1,0 +1,165 @@
+"""The eight numbers that both controllers track, their ranges per gait, validation and sampling."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hugwbc.errors import CommandError, UnknownNameError
+from hugwbc.gait import Gait
+
+COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
+COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
+VELOCITY_NAMES = ("v_x", "v_y", "omega")
+
+
+@dataclasses.dataclass(frozen=True)
+class CommandRange:
+    """Default value, range at the start of training and range at its end, of one command."""
+
+    default: float
+    initial: tuple[float, float]
+    finishing: tuple[float, float]
+
+
+# The paper's table of command ranges; every gait but hopping.
+_GENERAL = {
+    "v_x": CommandRange(0.0, (-0.6, 0.6), (-0.6, 2.0)),
+    "v_y": CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)),
+    "omega": CommandRange(0.0, (-0.6, 0.6), (-1.0, 1.0)),
+    "f": CommandRange(2.0, (1.5, 3.5), (1.5, 3.5)),
+    "l": CommandRange(0.15, (0.1, 0.35), (0.1, 0.35)),
+    "h": CommandRange(0.0, (-0.3, 0.0), (-0.3, 0.0)),
+    "p": CommandRange(0.0, (0.0, 0.4), (0.0, 0.4)),
+    "w": CommandRange(0.0, (-1.0, 1.0), (-1.0, 1.0)),
+}
+# The paper's appendix on hopping: only velocities and height are commanded, the rest stays at its default.
+_HOPPING = {
+    **_GENERAL,
+    **{name: CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)) for name in VELOCITY_NAMES},
+    **{name: dataclasses.replace(_GENERAL[name], initial=(d, d), finishing=(d, d))
+       for name in ("f", "l", "p", "w") for d in (_GENERAL[name].default,)},
+}  # fmt: skip
+_STANDING = {
+    **_GENERAL,
+    **{name: CommandRange(0.0, (0.0, 0.0), (0.0, 0.0)) for name in VELOCITY_NAMES},
+}
+
+
+def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
+    """Ranges of the eight commands under a gait, by name. Standing admits zero velocity only."""
+    if gait is Gait.STANDING:
+        return _STANDING
+    if gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
+        return _HOPPING
+    return _GENERAL
+
+
+@dataclasses.dataclass(frozen=True)
+class Command:
+    """What both controllers are asked to do.
+
+    Attributes:
+        v_x, v_y: velocity of the pelvis in the heading frame (yaw only) [m/s].
+        omega: yaw rate about gravity [rad/s].
+        f: stride frequency, from touch-down to touch-down of one foot [Hz].
+        l: highest sole clearance of a swing [m].
+        h: pelvis height above the ground below it, minus the nominal 0.98 m [m].
+        p: pelvis pitch, forward positive [rad].
+        w: waist yaw, the angle of the torso joint [rad].
+        gait: one of the gaits.
+    """
+
+    v_x: float = 0.0
+    v_y: float = 0.0
+    omega: float = 0.0
+    f: float = 2.0
+    l: float = 0.15  # noqa: E741  the paper's symbol
+    h: float = 0.0
+    p: float = 0.0
+    w: float = 0.0
+    gait: Gait = Gait.STANDING
+
+    def array(self) -> np.ndarray:
+        """The eight numbers in the order of `COMMAND_NAMES`, shape (8,)."""
+        return np.array([getattr(self, name) for name in COMMAND_NAMES], dtype=float)
+
+    @classmethod
+    def from_array(cls, values: np.ndarray, gait: Gait) -> "Command":
+        """The command with the eight numbers of `values`, in the order of `COMMAND_NAMES`."""
+        return cls(**dict(zip(COMMAND_NAMES, map(float, values), strict=True)), gait=gait)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, float], gait: Gait) -> "Command":
+        """The default command of a gait with some values replaced.
+
+        Raises:
+            UnknownNameError: if a key is no command.
+        """
+        for name in values:
+            if name not in COMMAND_NAMES:
+                raise UnknownNameError("command", name, COMMAND_NAMES)
+        return cls(**values, gait=gait)
+
+    def validate(self) -> "Command":
+        """This command, if every value is finite and within the gait's finishing range.
+
+        Raises:
+            CommandError: naming the first value that is not, the valid range and the remedy.
+        """
+        for name, limits in command_ranges(self.gait).items():
+            value = getattr(self, name)
+            low, high = limits.finishing
+            unit = COMMAND_UNITS[name]
+            if not math.isfinite(value):
+                raise CommandError(f"command {name} is {value}; give a finite number from {low} to {high} {unit}")
+            if not low <= value <= high:
+                raise CommandError(
+                    f"command {name} = {value:g} {unit} is out of range for the {self.gait.label} gait; "
+                    f"valid: {low:g} to {high:g} {unit}. Choose a value in the range, or call clamp()"
+                )
+        return self
+
+    def clamp(self) -> tuple["Command", tuple[str, ...]]:
+        """The nearest valid command, and a report of what was changed; NaN becomes the default.
+
+        Control loops call this instead of `validate`: nothing raises inside a loop.
+
+        Returns:
+            The command, and one line for each value that was changed.
+        """
+        changes: dict[str, float] = {}
+        report: list[str] = []
+        for name, limits in command_ranges(self.gait).items():
+            value = getattr(self, name)
+            low, high = limits.finishing
+            valid = limits.default if math.isnan(value) else min(max(value, low), high)
+            if valid != value:
+                changes[name] = valid
+                report.append(f"{name} = {value:g} is outside {low:g} to {high:g}: using {valid:g}")
+        return (dataclasses.replace(self, **changes), tuple(report)) if changes else (self, ())
+
+
+def default_command(gait: Gait) -> Command:
+    """The command of a gait with every value at the paper's default."""
+    return Command(gait=gait)
+
+
+def sample_single(name: str, gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
+    """Commands with one value drawn uniformly over its finishing range and the others at default, shape (size, 8).
+
+    Raises:
+        UnknownNameError: if `name` is no command.
+    """
+    if name not in COMMAND_NAMES:
+        raise UnknownNameError("command", name, COMMAND_NAMES)
+    values = np.tile(default_command(gait).array(), (size, 1))
+    values[:, COMMAND_NAMES.index(name)] = rng.uniform(*command_ranges(gait)[name].finishing, size)
+    return values
+
+
+def sample_all(gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
+    """Commands with all eight values drawn independently over their finishing ranges, shape (size, 8)."""
+    low, high = np.array([limits.finishing for limits in command_ranges(gait).values()]).T
+    return rng.uniform(low, high, (size, len(COMMAND_NAMES)))

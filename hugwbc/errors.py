@@ -1,0 +1,38 @@
+"""Errors that a user can act on: each message says what was wrong, what is valid, and what to do."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class HugwbcError(Exception):
+    """Base of every error that hugwbc raises on bad input; the command line prints it and exits with code 2."""
+
+
+class UnknownNameError(HugwbcError):
+    """A joint, gait, command, script, controller or policy name that does not exist."""
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+        names = list(valid)
+        close = difflib.get_close_matches(str(name), names, n=1)
+        hint = f" Did you mean '{close[0]}'?" if close else ""
+        super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names)}.")
+
+
+class CommandError(HugwbcError):
+    """A command that is not finite, or lies outside the range of its gait."""
+
+
+class TargetError(HugwbcError):
+    """A hand or arm target that is not finite or has the wrong shape."""
+
+
+class PolicyFileError(HugwbcError):
+    """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
+
+
+class ModelError(HugwbcError):
+    """A robot description that is missing or inconsistent."""
+
+
+class ConfigError(HugwbcError):
+    """A configuration value outside its valid range."""

@@ -1,0 +1,160 @@
+"""Gaits: phases of both feet, homogenised phase, clock signals, expected contact and the quintic swing profile.
+
+Functions of arrays take NumPy arrays or torch tensors and return the same kind, so that the training environment, the
+model-based controller and the evaluation share one definition. The last axis of a phase array is (left, right).
+"""
+
+import enum
+import math
+from typing import Any
+
+import numpy as np
+
+from hugwbc.errors import UnknownNameError
+
+# Standard deviation of the switching intervals of the expected contact, in units of the homogenised phase.
+CONTACT_SIGMA = 0.05
+STANDING_PHASE = 0.25  # middle of stance: expected contact 1, clock +1
+FLYING_PHASE = 0.75  # middle of swing: expected contact 0, clock -1
+DEFAULT_DUTY = 0.5
+
+Array = Any  # a NumPy array or a torch tensor
+
+
+class Gait(enum.IntEnum):
+    """The paper's gaits; hopping is told apart by the leg that hops."""
+
+    STANDING = 0
+    WALKING = 1
+    JUMPING = 2
+    HOPPING_LEFT = 3
+    HOPPING_RIGHT = 4
+
+    @property
+    def label(self) -> str:
+        """Lower-case name, as on the command line."""
+        return self.name.lower()
+
+    @property
+    def phase_offset(self) -> float:
+        """The paper's psi: phase of one foot relative to the other (0.5 walking, 0 otherwise)."""
+        return 0.5 if self is Gait.WALKING else 0.0
+
+    @classmethod
+    def parse(cls, label: str) -> "Gait":
+        """The gait of that label.
+
+        Raises:
+            UnknownNameError: if there is none.
+        """
+        try:
+            return cls[label.upper()]
+        except (KeyError, AttributeError):
+            raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
+
+    def mirrored(self) -> "Gait":
+        """The gait seen in a mirror: hopping changes legs, the others stay."""
+        return {Gait.HOPPING_LEFT: Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT: Gait.HOPPING_LEFT}.get(self, self)
+
+
+def _xp(array: Array) -> Any:  # noqa: ANN401  the array's own namespace
+    if type(array).__module__.startswith("torch"):
+        import torch
+
+        return torch
+    return np
+
+
+def _normal_cdf(x: Array) -> Array:
+    xp = _xp(x)
+    if xp is np:
+        return 0.5 * (1.0 + _erf(np.asarray(x) / math.sqrt(2.0)))
+    return xp.special.ndtr(x)
+
+
+_erf = np.vectorize(math.erf, otypes=[float])
+
+
+def advance_phase(phase: Array, frequency: Array, dt: float) -> Array:
+    """The gait's common phase after `dt` seconds: (phi + f dt) mod 1 (the paper's phase equation, with the modulo)."""
+    return (phase + frequency * dt) % 1.0
+
+
+def foot_phases(phase: Array, gait: Array) -> Array:
+    """Phases of the left and right foot.
+
+    The paper's phase equation, with the constants of its gait section: both feet at 0.25 standing, the flying leg at
+    0.75 hopping, an offset of psi = 0.5 between the feet walking and 0 jumping. The offset is on the left foot, so
+    that a walk that starts at phase 0 begins with the left foot in swing.
+
+    Args:
+        phase: common phase in [0, 1), shape (...).
+        gait: values of `Gait`, same shape.
+
+    Returns:
+        Phases in [0, 1), shape (..., 2).
+    """
+    xp = _xp(phase)
+    phase = np.asarray(phase, dtype=float) if xp is np else phase
+    gait = np.asarray(gait) if xp is np else gait
+    offset = xp.where(gait == Gait.WALKING, 0.5, 0.0)
+    left, right = (phase + offset) % 1.0, phase
+    standing = gait == Gait.STANDING
+    left = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_RIGHT, FLYING_PHASE, left))
+    right = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_LEFT, FLYING_PHASE, right))
+    return xp.stack((left, right), -1)
+
+
+def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
+    """Phase with stance stretched to [0, 0.5) and swing to [0.5, 1) (the paper's bar phi).
+
+    Args:
+        phase: phase in [0, 1).
+        duty: the paper's phi_stance, the fraction of a cycle in stance, in (0, 1).
+    """
+    xp = _xp(phase)
+    stance = 0.5 * phase / duty
+    swing = 0.5 + 0.5 * (phase - duty) / (1.0 - duty)
+    return xp.where(phase < duty, stance, swing)
+
+
+def clock(homogenised: Array) -> Array:
+    """Clock signals sin(2 pi bar phi), positive in stance (the paper's Cl_L, Cl_R)."""
+    return _xp(homogenised).sin(2.0 * math.pi * homogenised)
+
+
+def expected_contact(homogenised: Array, sigma: float = CONTACT_SIGMA) -> Array:
+    """Expected contact probability C of a foot (the paper's equation of C), in [0, 1].
+
+    Args:
+        homogenised: homogenised phase in [0, 1].
+        sigma: standard deviation of the switching intervals, in units of the phase.
+    """
+
+    def cdf(offset: float) -> Array:
+        return _normal_cdf((homogenised - offset) / sigma)
+
+    return cdf(0.0) * (1.0 - cdf(0.5)) + cdf(1.0) * (1.0 - cdf(1.5))
+
+
+def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Array = 0.0) -> Array:
+    """Target sole clearance of a foot [m]: zero in stance, a piecewise quintic through the apex in swing.
+
+    Rise: start + (height - start) s(u), u = (bar phi - 0.5) / 0.25; fall: end + (height - end) s(u),
+    u = (1 - bar phi) / 0.25; s(u) = 10 u^3 - 15 u^4 + 6 u^5. Velocity and acceleration vanish at lift-off, apex and
+    touch-down. Corrected from the paper's appendix, whose printed coefficients miss its own boundary conditions (signs
+    of the u^4 and u^3 terms in the rise; sign and constant in the fall); the boundary systems that it prints are right
+    and give the form used here.
+
+    Args:
+        homogenised: homogenised phase in [0, 1].
+        height: commanded apex l [m].
+        start, end: ground heights at lift-off and touch-down [m].
+    """
+    xp = _xp(homogenised)
+    rising = homogenised < 0.75
+    u = xp.clip(xp.where(rising, homogenised - 0.5, 1.0 - homogenised) / 0.25, 0.0, 1.0)
+    base = xp.where(rising, start, end)
+    smooth = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return xp.where(homogenised < 0.5, 0.0, base + (height - base) * smooth)
+

@@ -1,0 +1,121 @@
+"""Pinocchio kinematics and dynamics of the H1, and the measured quantities that score both controllers.
+
+Conventions: MuJoCo's free joint has the linear velocity in the world and the angular velocity in the body, quaternion
+(w, x, y, z); Pinocchio has both velocities in the body, quaternion (x, y, z, w). `Kinematics.update` converts.
+"""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pinocchio as pin
+
+from hugwbc import rotations
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """The commanded quantities as the robot executes them; units as in `Command`.
+
+    Attributes:
+        v_x, v_y: pelvis velocity in the heading frame [m/s].
+        omega: yaw rate about gravity [rad/s].
+        h: pelvis height above the ground below it, minus the nominal height [m].
+        p: pelvis pitch [rad].
+        w: waist angle [rad].
+        clearance: height of both soles' centres above the ground [m].
+    """
+
+    v_x: float
+    v_y: float
+    omega: float
+    h: float
+    p: float
+    w: float
+    clearance: tuple[float, float]
+
+
+@functools.cache
+def pinocchio_model() -> pin.Model:
+    """The free-floating H1, with the table's rotor inertia in every joint. Shared; do not modify."""
+    robot = load_robot()
+    model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
+    model.armature[6:] = robot.armature
+    return model
+
+
+class Kinematics:
+    """Frames, centre of mass and measured commands at one state.
+
+    `update` computes everything once; the other methods read it. Frames are those of h1.urdf: every link, and
+    `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
+    """
+
+    def __init__(self) -> None:
+        self.robot = load_robot()
+        self.model = pinocchio_model()
+        self.data = self.model.createData()
+        # The model's joints may come in another order than the robot's table: columns of each by name.
+        self.columns = np.array([self.model.joints[self.model.getJointId(n)].idx_v for n in self.robot.joint_names])
+        self.q = pin.neutral(self.model)
+        self.v = np.zeros(self.model.nv)
+        self._state: RobotState | None = None
+
+    def update(self, state: RobotState) -> None:
+        """Set the configuration and compute frames and centre of mass. A missing position or velocity counts as 0."""
+        self._state = state
+        self.q[:3] = 0.0 if state.position is None else state.position
+        self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
+        self.q[self.columns + 1] = state.q
+        velocity = np.zeros(3) if state.velocity is None else state.velocity
+        self.v[:3] = rotations.rotate_inverse(state.orientation, velocity)
+        self.v[3:6] = state.angular_velocity
+        self.v[self.columns] = state.dq
+        pin.forwardKinematics(self.model, self.data, self.q, self.v, np.zeros(self.model.nv))
+        pin.updateFramePlacements(self.model, self.data)
+
+    def frame_id(self, name: str) -> int:
+        """Pinocchio's index of a frame."""
+        return self.model.getFrameId(name)
+
+    def position(self, frame: str) -> np.ndarray:
+        """Origin of a frame in the world [m], shape (3,)."""
+        return self.data.oMf[self.frame_id(frame)].translation.copy()
+
+    def rotation(self, frame: str) -> np.ndarray:
+        """Axes of a frame in the world, shape (3, 3)."""
+        return self.data.oMf[self.frame_id(frame)].rotation.copy()
+
+    def velocity(self, frame: str) -> np.ndarray:
+        """Velocity of a frame's origin, then its angular velocity, in world axes [m/s, rad/s], shape (6,)."""
+        return pin.getFrameVelocity(
+            self.model, self.data, self.frame_id(frame), pin.LOCAL_WORLD_ALIGNED
+        ).vector.copy()
+
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass in the world [m], shape (3,)."""
+        return pin.centerOfMass(self.model, self.data, self.q).copy()
+
+    def measured(self, ground_height: float = 0.0) -> Measured:
+        """The commanded quantities at the updated state.
+
+        Args:
+            ground_height: height of the ground below the pelvis [m].
+        """
+        state = self._state
+        if state is None or state.position is None or state.velocity is None:
+            raise ValueError("measured() needs a state with position and velocity; call update() with one first")
+        velocity = rotations.rotation_z(-state.yaw) @ state.velocity
+        yaw_rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
+        soles = [self.position(f"{side}_sole")[2] - ground_height for side in SIDES]
+        return Measured(
+            v_x=float(velocity[0]),
+            v_y=float(velocity[1]),
+            omega=float(yaw_rate),
+            h=float(state.position[2] - ground_height - self.robot.nominal_height),
+            p=float(rotations.pitch_of(state.orientation)),
+            w=float(state.q[self.robot.waist]),
+            clearance=(float(soles[0]), float(soles[1])),
+        )

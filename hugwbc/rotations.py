@@ -1,0 +1,75 @@
+"""Quaternions (w, x, y, z) and the few rotations that everything shares. NumPy only."""
+
+import numpy as np
+
+
+def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """The vector turned by the quaternion: from the body's frame to the world's; shapes (..., 4) and (..., 3)."""
+    w, u = quaternion[..., :1], quaternion[..., 1:]
+    t = 2.0 * np.cross(u, vector)
+    return vector + w * t + np.cross(u, t)
+
+
+def rotate_inverse(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """The vector turned by the inverse quaternion: from the world's frame to the body's."""
+    return rotate(conjugate(quaternion), vector)
+
+
+def conjugate(quaternion: np.ndarray) -> np.ndarray:
+    """The inverse of a unit quaternion."""
+    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton product a b: the rotation b followed by a."""
+    aw, bw, au, bu = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
+    w = aw * bw - np.sum(au * bu, axis=-1, keepdims=True)
+    return np.concatenate((w, aw * bu + bw * au + np.cross(au, bu)), axis=-1)
+
+
+def from_axis_angle(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Unit quaternion of a turn by `angle` [rad] about the unit vector `axis`."""
+    return np.concatenate(([np.cos(angle / 2.0)], np.sin(angle / 2.0) * np.asarray(axis)))
+
+
+def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
+    """Quaternion of a turn about z, then the new y, then the new x [rad]."""
+    z = from_axis_angle(np.array([0.0, 0.0, 1.0]), yaw)
+    y = from_axis_angle(np.array([0.0, 1.0, 0.0]), pitch)
+    x = from_axis_angle(np.array([1.0, 0.0, 0.0]), roll)
+    return multiply(multiply(z, y), x)
+
+
+def to_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrix, shape (..., 3, 3): its columns are the body's axes in the world."""
+    columns = [rotate(quaternion, np.broadcast_to(e, (*quaternion.shape[:-1], 3))) for e in np.eye(3)]
+    return np.stack(columns, axis=-1)
+
+
+def yaw_of(quaternion: np.ndarray) -> np.ndarray:
+    """Heading: angle of the body's x axis about gravity [rad]."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def pitch_of(quaternion: np.ndarray) -> np.ndarray:
+    """Pitch, forward positive: minus the elevation of the body's x axis [rad]."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
+
+
+def roll_of(quaternion: np.ndarray) -> np.ndarray:
+    """Roll about the body's x axis, right side down positive [rad]."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+
+
+def rotation_z(angle: float) -> np.ndarray:
+    """Rotation matrix of a turn about z [rad], shape (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def wrap_angle(angle: np.ndarray | float) -> np.ndarray | float:
+    """The same angle in [-pi, pi) [rad]."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,69 @@
+"""What sensors (or, in simulation, the truth) tell a controller about the robot."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc import rotations
+
+GRAVITY = 9.81  # [m/s^2]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RobotState:
+    """One reading of the robot. Joint vectors follow `Robot.joint_names`; quaternions are (w, x, y, z).
+
+    Attributes:
+        q, dq: joint positions [rad] and velocities [rad/s], shape (19,).
+        orientation: pelvis to world, unit quaternion, shape (4,).
+        angular_velocity: of the pelvis, in the pelvis frame [rad/s], shape (3,).
+        position: pelvis origin in the world [m], shape (3,), or None without an estimator.
+        velocity: of the pelvis origin, in the world frame [m/s], shape (3,), or None without an estimator.
+        foot_force: ground reaction on the left and right foot, in the world frame [N], shape (2, 3), or None.
+        time: [s].
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    orientation: np.ndarray
+    angular_velocity: np.ndarray
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    foot_force: np.ndarray | None = None
+    time: float = 0.0
+
+    @property
+    def projected_gravity(self) -> np.ndarray:
+        """Unit vector of gravity in the pelvis frame, shape (3,)."""
+        return rotations.rotate_inverse(self.orientation, np.array([0.0, 0.0, -1.0]))
+
+    @property
+    def yaw(self) -> float:
+        """Heading of the pelvis [rad]."""
+        return float(rotations.yaw_of(self.orientation))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether every field that is present holds finite numbers only."""
+        fields = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return all(np.all(np.isfinite(value)) for value in fields if value is not None)
+
+
+def pelvis_from_torso_imu(
+    orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pelvis orientation and angular velocity from the IMU, which sits on the torso above the waist joint.
+
+    Args:
+        orientation: torso to world, shape (4,).
+        gyro: angular velocity of the torso in its own frame [rad/s], shape (3,).
+        waist: angle of the waist joint [rad].
+        waist_rate: its velocity [rad/s].
+
+    Returns:
+        Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).
+    """
+    torso_in_pelvis = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), waist)
+    pelvis = rotations.multiply(orientation, rotations.conjugate(torso_in_pelvis))
+    rate = rotations.rotate(torso_in_pelvis, gyro) - np.array([0.0, 0.0, waist_rate])
+    return pelvis, rate
