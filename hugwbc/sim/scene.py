@@ -1,0 +1,46 @@
+"""The MuJoCo model of the robot on its ground."""
+
+import mujoco
+
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.sim.terrain import HeightField
+
+TRAINING_TIMESTEP = 0.005  # [s], the paper's
+SIMULATION_TIMESTEP = 0.002  # [s], fine enough for a 500 Hz torque controller
+
+
+def load_model(timestep: float, terrain: HeightField | None = None) -> mujoco.MjModel:
+    """The H1 of `models/h1/h1.xml` on a plane, or on a height field.
+
+    Args:
+        timestep: of the physics [s].
+        terrain: the ground; None for a plane at z = 0.
+
+    Raises:
+        ConfigError: if the time step is not in (0, 0.01] s.
+    """
+    if not 0.0 < timestep <= 0.01:
+        raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
+    spec = mujoco.MjSpec.from_file(str(load_robot().xml_path))
+    spec.option.timestep = timestep
+    if terrain is not None:
+        _replace_floor(spec, terrain)
+    return spec.compile()
+
+
+def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:
+    low, high = float(terrain.heights.min()), float(terrain.heights.max())
+    elevation = max(high - low, 1e-6)
+    rows, columns = terrain.heights.shape
+    spec.add_hfield(
+        name="terrain",
+        size=[terrain.size[0] / 2, terrain.size[1] / 2, elevation, 0.1],
+        nrow=rows,
+        ncol=columns,
+        userdata=((terrain.heights - low) / elevation).ravel(),
+    )
+    floor = spec.geom("floor")
+    floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
+    floor.hfieldname = "terrain"
+    floor.pos = [0.0, 0.0, low]

@@ -1,0 +1,53 @@
+"""Ground as a height field: a grid of heights with bilinear look-up, and a generator of rough ground."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.errors import ConfigError
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights on a regular grid centred on the world's origin.
+
+    Attributes:
+        heights: ground height at the grid points [m], shape (rows along y, columns along x).
+        size: extent in x and in y [m].
+    """
+
+    heights: np.ndarray
+    size: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if self.heights.ndim != 2 or min(self.heights.shape) < 2 or not np.all(np.isfinite(self.heights)):
+            raise ConfigError(
+                f"a height field needs at least 2 x 2 finite heights; the given array has shape {self.heights.shape}"
+            )
+
+    def height_at(self, xy: np.ndarray) -> np.ndarray:
+        """Bilinear height [m] at points (..., 2); beyond the edge, the height of the edge."""
+        rows, columns = self.heights.shape
+        column = np.clip((xy[..., 0] / self.size[0] + 0.5) * (columns - 1), 0, columns - 1)
+        row = np.clip((xy[..., 1] / self.size[1] + 0.5) * (rows - 1), 0, rows - 1)
+        c0 = np.minimum(column.astype(int), columns - 2)
+        r0 = np.minimum(row.astype(int), rows - 2)
+        u, v = column - c0, row - r0
+        h = self.heights
+        low = h[r0, c0] * (1 - u) + h[r0, c0 + 1] * u
+        high = h[r0 + 1, c0] * (1 - u) + h[r0 + 1, c0 + 1] * u
+        return low * (1 - v) + high * v
+
+
+def rough_terrain(
+    amplitude: float, rng: np.random.Generator, size: float = 16.0, spacing: float = 0.2
+) -> HeightField:
+    """Uniformly random heights within plus or minus `amplitude` [m] on a grid of the given spacing [m].
+
+    Raises:
+        ConfigError: if the amplitude is negative or not finite.
+    """
+    if not 0.0 <= amplitude < 1.0:
+        raise ConfigError(f"terrain amplitude is {amplitude}; give a height from 0 to 1 m")
+    points = round(size / spacing) + 1
+    return HeightField(rng.uniform(-amplitude, amplitude, (points, points)), (size, size))
