@@ -3,6 +3,8 @@
 Run `make models` after a change of h1.yaml; a test compares the committed files with what this script writes.
 """
 
+import itertools
+import math
 import pathlib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -14,6 +16,7 @@ HERE = pathlib.Path(__file__).parent
 SIDES = ("left", "right")
 # Corner spheres of the sole: small, so that their lowest points are the corners of the sole to within 5 mm in x and y.
 SOLE_SPHERE_RADIUS = 0.005
+RING_SEGMENTS = 16
 # Floor friction is low and every foot sets its own: MuJoCo takes the larger of the two, so the feet decide.
 FLOOR_FRICTION = "0.3 0.005 0.0001"
 FOOT_FRICTION = "0.8 0.005 0.0001"
@@ -35,6 +38,33 @@ def _corners(sole: dict[str, Any]) -> list[tuple[str, float, float]]:
 
 def _sole_centre(sole: dict[str, Any]) -> list[float]:
     return [sum(sole["x"]) / 2, sum(sole["y"]) / 2, sole["z"]]
+
+
+def _ring(shape: dict[str, Any]) -> list[dict[str, Any]]:
+    """An upright oval loop as capsules from point to point of the oval."""
+    (half_y, half_z, tube), (x, y, z) = shape["size"], shape["pos"]
+    angles = [2 * math.pi * k / RING_SEGMENTS for k in range(RING_SEGMENTS + 1)]
+    points = [(y + half_y * math.sin(angle), z + half_z * math.cos(angle)) for angle in angles]
+    capsules = []
+    for (y0, z0), (y1, z1) in itertools.pairwise(points):
+        half_length = round(math.hypot(y1 - y0, z1 - z0) / 2, 5)
+        pos = [x, round((y0 + y1) / 2, 5), round((z0 + z1) / 2, 5)]
+        roll = round(math.atan2(y0 - y1, z1 - z0), 5)
+        capsules.append({**shape, "type": "capsule", "size": [tube, half_length], "pos": pos, "rpy": [roll, 0, 0]})
+    return capsules
+
+
+def _mirrored(shape: dict[str, Any]) -> dict[str, Any]:
+    (x, y, z), (roll, pitch, yaw) = shape["pos"], shape.get("rpy", (0, 0, 0))
+    return {**shape, "pos": [x, -y, z], "rpy": [-roll, pitch, -yaw]}
+
+
+def _visuals(table: dict[str, Any], link: str) -> list[dict[str, Any]]:
+    """Shapes of a link for the eye: rings resolved into capsules, the right side mirrored from the left."""
+    if link.startswith("right_"):
+        return [_mirrored(shape) for shape in _visuals(table, link.replace("right_", "left_", 1))]
+    shapes = table["visuals"].get(link, [])
+    return [part for shape in shapes for part in (_ring(shape) if shape["type"] == "ring" else [shape])]
 
 
 def _add_inertial_mjcf(body: ET.Element, link: dict[str, Any]) -> None:
@@ -59,7 +89,7 @@ def _add_visuals_mjcf(body: ET.Element, shapes: list[dict[str, Any]]) -> None:
         size = shape["size"] if isinstance(shape["size"], list) else [shape["size"]]
         attributes = {"type": shape["type"], "size": _text(size), "pos": _text(shape["pos"])}
         attributes["material"] = shape["colour"]
-        if "rpy" in shape:
+        if any(shape.get("rpy", ())):
             attributes["euler"] = _text(shape["rpy"])
         ET.SubElement(body, "geom", {"class": "visual", **attributes})
 
@@ -74,7 +104,7 @@ def _add_body_mjcf(parent: ET.Element, table: dict[str, Any], name: str, joint: 
         ET.SubElement(body, "freejoint", name="root")
     else:
         ET.SubElement(body, "joint", name=joint["name"], axis=_text(joint["axis"]), range=_text(joint["range"]))
-    _add_visuals_mjcf(body, table["visuals"].get(name, []))
+    _add_visuals_mjcf(body, _visuals(table, name))
     if box := link.get("collision_box"):
         size = _text(value / 2 for value in box["size"])
         ET.SubElement(body, "geom", {"class": "link"}, name=name, size=size, pos=_text(box["center"]))
@@ -93,8 +123,8 @@ def _add_sensors_mjcf(root: ET.Element, table: dict[str, Any]) -> None:
     sensors = ET.SubElement(root, "sensor")
     for side in SIDES:
         site = {"objtype": "site", "objname": f"{side}_sole"}
-        ET.SubElement(sensors, "framepos", name=f"{side}_sole_position", **site)
-        ET.SubElement(sensors, "framelinvel", name=f"{side}_sole_velocity", **site)
+        ET.SubElement(sensors, "framepos", {"name": f"{side}_sole_position", **site})
+        ET.SubElement(sensors, "framelinvel", {"name": f"{side}_sole_velocity", **site})
     for side in SIDES:
         ET.SubElement(sensors, "framepos", name=f"{side}_hand_position", objtype="site", objname=f"{side}_hand")
     ET.SubElement(sensors, "framequat", name="imu_orientation", objtype="site", objname="imu")
@@ -102,9 +132,9 @@ def _add_sensors_mjcf(root: ET.Element, table: dict[str, Any]) -> None:
     ET.SubElement(sensors, "accelerometer", name="imu_accelerometer", site="imu")
     net = {"num": "1", "data": "force", "reduce": "netforce"}
     for side in SIDES:
-        ET.SubElement(sensors, "contact", name=f"{side}_foot_force", body1=f"{side}_ankle_link", **net)
+        ET.SubElement(sensors, "contact", {"name": f"{side}_foot_force", "body1": f"{side}_ankle_link", **net})
     for link in table["contact_links"]:
-        ET.SubElement(sensors, "contact", name=f"{link}_force", body1=link, **net)
+        ET.SubElement(sensors, "contact", {"name": f"{link}_force", "body1": link, **net})
 
 
 def mjcf(table: dict[str, Any]) -> str:
@@ -143,7 +173,7 @@ def mjcf(table: dict[str, Any]) -> str:
         ET.SubElement(actuators, "position", gains, name=joint["name"], joint=joint["name"])
     _add_sensors_mjcf(root, table)
     nominal = [joint["nominal"] for joint in table["joints"]]
-    # 1 mm above the height at which the soles touch, so that the start is free of penetration.
+    # 3 mm above the height at which the soles touch (0.979 m), so that the start is free of penetration.
     qpos = _text([0, 0, table["nominal_height"] + 0.002, 1, 0, 0, 0, *nominal])
     keyframe = ET.SubElement(root, "keyframe")
     ET.SubElement(keyframe, "key", name="nominal", qpos=qpos, ctrl=_text(nominal))
@@ -188,7 +218,7 @@ def urdf(table: dict[str, Any]) -> str:
         ET.SubElement(inertial, "origin", xyz=_text(entry["com"]), rpy="0 0 0")
         ET.SubElement(inertial, "mass", value=str(entry["mass"]))
         ET.SubElement(inertial, "inertia", {key: str(entry[key]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")})
-        for shape in table["visuals"].get(entry["name"], []):
+        for shape in _visuals(table, entry["name"]):
             _add_shape_urdf(link, "visual", shape)
         if box := entry.get("collision_box"):
             half = [value / 2 for value in box["size"]]
