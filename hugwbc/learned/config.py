@@ -1,0 +1,219 @@
+"""Every number of the training, each with its meaning; all of them are flags of `hugwbc train`."""
+
+import dataclasses
+import math
+import pathlib
+from typing import Literal
+
+from hugwbc.errors import ConfigError
+
+
+def _require(condition: bool, name: str, value: object, valid: str) -> None:
+    if not condition:
+        raise ConfigError(f"{name} = {value}; valid: {valid}. Change the flag or the field of that name")
+
+
+@dataclasses.dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the paper's reward table, one per row; each is multiplied by the control period."""
+
+    linear_velocity_tracking: float = 2.0
+    angular_velocity_tracking: float = 2.0
+    body_height_tracking: float = -40.0
+    body_pitch_tracking: float = -10.0
+    waist_yaw_tracking: float = -2.0
+    foot_swing_tracking: float = -30.0
+    contact_swing_tracking: float = -2.0
+    roll_pitch_angular_velocity: float = -0.5
+    vertical_body_movement: float = -0.1
+    feet_slip: float = -0.2
+    action_rate: float = -0.01
+    action_smoothness: float = -0.01
+    joint_torque: float = -5e-6
+    joint_acceleration: float = -2.5e-7
+    upper_joint_deviation: float = -0.5
+    hip_joint_deviation: float = -2.0
+    feet_symmetry: float = -5.0
+    termination: float = -200.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ExtraWeights:
+    """Weights of terms that the paper's table lacks; zero switches a term off. Reasons in docs/learned.md."""
+
+    alive: float = 1.0
+    """Constant while not terminated; keeps early returns positive, so that falling never pays."""
+    body_roll_tracking: float = -10.0
+    """Squared roll; the authors' code has it inside their pitch term."""
+    joint_limits: float = -5.0
+    """Radians of the legs and waist beyond 95 % of the joint range."""
+    yaw_rate_precision: float = 0.0
+    """exp(-|e| / 0.25) on the yaw rate: keeps a slope near zero error, where the squared exponential is flat."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CommandConfig:
+    """How commands are drawn in training."""
+
+    standing_fraction: float = 0.2
+    walking_fraction: float = 0.55
+    default_fraction: float = 0.4
+    """Probability, for each of f, l, h, p, w, to be at its default instead of drawn from its range."""
+    zero_velocity_fraction: float = 0.1
+    """Probability of stepping in place."""
+    resample_steps: int = 500
+    """Control steps after which a new command is drawn."""
+
+    def __post_init__(self) -> None:
+        """Check the fractions."""
+        for name in ("standing_fraction", "walking_fraction", "default_fraction", "zero_velocity_fraction"):
+            value = getattr(self, name)
+            _require(0.0 <= value <= 1.0, f"command.{name}", value, "0 to 1")
+        total = self.standing_fraction + self.walking_fraction
+        _require(total <= 1.0, "command.standing_fraction + command.walking_fraction", total, "at most 1")
+        _require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomizationConfig:
+    """Per-robot model parameters, drawn once, and disturbances. Ranges of factors are relative to the table's value."""
+
+    friction: tuple[float, float] = (0.4, 1.5)
+    """Sliding friction of the robot's shapes."""
+    torso_mass: tuple[float, float] = (-2.0, 4.0)
+    """Added to the torso [kg]."""
+    torso_centre: float = 0.03
+    """Half-width of the shift of the torso's centre of mass along each axis [m]."""
+    gains: tuple[float, float] = (0.9, 1.1)
+    """Factor on each joint's stiffness and, independently, damping."""
+    push_velocity: float = 0.5
+    """Half-width of a push: change of the horizontal pelvis velocity [m/s]."""
+    push_interval: int = 400
+    """Mean control steps between two pushes of a robot."""
+    noise: float = 0.2
+    """Scale of the observation noise relative to the paper's (1: angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CurriculumConfig:
+    """Penalty scale, external arm noise and speed; each gate compares tracking rewards relative to their maximum."""
+
+    warm_up_iterations: int = 300
+    """Iterations before any of the three moves."""
+    penalty_start: float = 0.2
+    """Initial factor on the regularisation rewards."""
+    penalty_growth: float = 1.001
+    """Factor on the penalty scale per iteration, up to 1."""
+    linear_threshold: float = 0.7
+    angular_threshold: float = 0.5
+    """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
+    alpha_step: float = 0.01
+    """Change of the noise level (the paper's)."""
+    alpha_interval: int = 10
+    """Iterations between two decisions on alpha, so that the averages reflect the level."""
+    speed_step: float = 0.02
+    """Growth of the largest forward speed of the agile group [m/s]."""
+    speed_interval: int = 20
+    """Iterations between two decisions on the speed."""
+    agile_fraction: float = 0.5
+    """Fraction of robots in the agile group: higher speeds, no intervention."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvConfig:
+    """The training environment."""
+
+    count: int = 1024
+    """Robots simulated at once."""
+    substeps: int = 4
+    """Physics steps of 5 ms in a control step."""
+    episode_steps: int = 1000
+    action_scale: float = 0.25
+    """Radians of joint target per unit of action."""
+    flip_probability: float = 0.005
+    """Probability per step that the intervention indicator flips."""
+    noise_interval: int = 90
+    """Control steps between two draws of the intervention's arm targets."""
+    command: CommandConfig = dataclasses.field(default_factory=CommandConfig)
+    randomization: RandomizationConfig = dataclasses.field(default_factory=RandomizationConfig)
+    rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
+    extra: ExtraWeights = dataclasses.field(default_factory=ExtraWeights)
+    curriculum: CurriculumConfig = dataclasses.field(default_factory=CurriculumConfig)
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        for name in ("count", "substeps", "episode_steps", "noise_interval"):
+            value = getattr(self, name)
+            _require(value > 0, f"env.{name}", value, "a positive integer")
+        _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class PPOConfig:
+    """The learner. Weights: loss = value + policy_weight * surrogate + estimation_weight * L_est + beta * L_sym."""
+
+    horizon: int = 24
+    """Control steps per iteration."""
+    epochs: int = 3
+    minibatches: int = 4
+    gamma: float = 0.99
+    lam: float = 0.95
+    clip: float = 0.2
+    policy_weight: float = 1.0
+    estimation_weight: float = 1.0
+    beta: float = 0.5
+    """Weight of the symmetry loss (the paper's beta)."""
+    entropy_weight: float = 0.002
+    learning_rate: float = 3e-4
+    learning_rate_range: tuple[float, float] = (1e-5, 1e-3)
+    target_kl: float = 0.01
+    max_grad_norm: float = 1.0
+    std_initial: float = 0.8
+    std_final: float = 0.25
+    std_steps: float = 60e6
+    """Environment steps over which the largest exploration std falls, geometrically, from initial to final."""
+    std_min: float = 0.05
+    yaw_std_factor: float = 0.4
+    """Factor on the exploration std of hip yaw and waist: stiff joints on a small yaw inertia, whose noise would
+    otherwise drown the yaw rate that the reward is to see."""
+    mixed_precision: bool = True
+    """bfloat16 in the critic and in the mirrored branch of the symmetry loss; never in the actor."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("horizon", "epochs", "minibatches"):
+            _require(getattr(self, name) > 0, f"ppo.{name}", getattr(self, name), "a positive integer")
+        for name in ("gamma", "lam", "clip"):
+            _require(0.0 < getattr(self, name) <= 1.0, f"ppo.{name}", getattr(self, name), "above 0, up to 1")
+        for name in ("learning_rate", "std_initial", "std_final", "std_min", "target_kl", "max_grad_norm"):
+            value = getattr(self, name)
+            _require(math.isfinite(value) and value > 0.0, f"ppo.{name}", value, "a positive number")
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """A training run."""
+
+    out: pathlib.Path = pathlib.Path("runs/h1")
+    """Folder of checkpoints and logs."""
+    resume: bool = False
+    """Continue from the latest checkpoint in `out`."""
+    steps: float = 50e6
+    """Stop after this many environment steps in all."""
+    hours: float = 24.0
+    """Stop after this much wall-clock time."""
+    seed: int = 1
+    threads: int = 2
+    """Threads of the simulation and of torch; 1 leaves the other cores alone."""
+    save_interval: int = 50
+    """Iterations between two checkpoints."""
+    device: Literal["cpu"] = "cpu"
+    env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
+    ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        _require(self.steps > 0, "steps", self.steps, "a positive number")
+        _require(self.hours > 0, "hours", self.hours, "a positive number")
+        _require(self.threads > 0, "threads", self.threads, "a positive integer")
+        _require(self.save_interval > 0, "save_interval", self.save_interval, "a positive integer")

@@ -1,0 +1,93 @@
+"""Curricula of the training: penalty scale, intervention noise level, speed of the agile group.
+
+Every gate says why it is closed. All state is in `state_dict`.
+"""
+
+import dataclasses
+
+from hugwbc.learned.config import CurriculumConfig
+
+MAX_SPEED = (0.6, 2.0)  # [m/s], the paper's initial and finishing range of v_x
+MAX_YAW_RATE = (0.6, 1.0)  # [rad/s], likewise of omega
+
+
+@dataclasses.dataclass
+class Curriculum:
+    """Levels that move once per iteration.
+
+    Attributes:
+        config: thresholds and steps.
+        iteration: iterations seen.
+        penalty_scale: factor on the regularisation rewards.
+        alpha: noise level of the intervention.
+        max_speed: largest v_x of the agile group [m/s].
+        gates: for each curriculum, what its gate decided last, in words.
+    """
+
+    config: CurriculumConfig
+    iteration: int = 0
+    penalty_scale: float = dataclasses.field(init=False)
+    alpha: float = 0.0
+    max_speed: float = MAX_SPEED[0]
+    gates: dict[str, str] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Start at the configured penalty."""
+        self.penalty_scale = self.config.penalty_start
+
+    @property
+    def max_yaw_rate(self) -> float:
+        """Largest |omega| of the agile group [rad/s]: grows in proportion with the speed."""
+        progress = (self.max_speed - MAX_SPEED[0]) / (MAX_SPEED[1] - MAX_SPEED[0])
+        return MAX_YAW_RATE[0] + progress * (MAX_YAW_RATE[1] - MAX_YAW_RATE[0])
+
+    def update(self, agile: tuple[float, float], intervened: tuple[float, float]) -> None:
+        """Move the levels after an iteration.
+
+        Args:
+            agile: mean linear and angular tracking reward of the agile group, relative to their maxima.
+            intervened: the same of the robots under intervention.
+        """
+        self.iteration += 1
+        if self.iteration <= self.config.warm_up_iterations:
+            self.gates = dict.fromkeys(("penalty", "alpha", "speed"), f"warm-up until {self.config.warm_up_iterations}")
+            return
+        self.penalty_scale = min(1.0, self.penalty_scale * self.config.penalty_growth)
+        self.gates["penalty"] = f"{self.penalty_scale:.3f}"
+        if self.iteration % self.config.alpha_interval == 0:
+            self._update_alpha(*intervened)
+        if self.iteration % self.config.speed_interval == 0:
+            self._update_speed(agile[0])
+
+    def _update_alpha(self, linear: float, angular: float) -> None:
+        """The paper's rule: up when both rewards exceed their thresholds, down below two thirds of either."""
+        thresholds = {"linear": self.config.linear_threshold, "angular": self.config.angular_threshold}
+        values = {"linear": linear, "angular": angular}
+        short = [f"{n} velocity reward {values[n]:.2f} < {thresholds[n]:.2f}" for n in values if values[n] < thresholds[n]]
+        if not short:
+            self.alpha = min(1.0, self.alpha + self.config.alpha_step)
+            self.gates["alpha"] = "open"
+        elif any(values[n] < 2.0 / 3.0 * thresholds[n] for n in values):
+            self.alpha = max(0.0, self.alpha - self.config.alpha_step)
+            self.gates["alpha"] = "falling: " + ", ".join(short)
+        else:
+            self.gates["alpha"] = "closed: " + ", ".join(short)
+
+    def _update_speed(self, linear: float) -> None:
+        threshold = self.config.linear_threshold
+        if linear >= threshold:
+            self.max_speed = min(MAX_SPEED[1], self.max_speed + self.config.speed_step)
+            self.gates["speed"] = "open"
+        else:
+            self.gates["speed"] = f"closed: linear velocity reward {linear:.2f} < {threshold:.2f}"
+
+    def state_dict(self) -> dict[str, float]:
+        """The levels."""
+        return {name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")}
+
+    def load_state_dict(self, state: dict[str, float]) -> None:
+        """Restore the levels."""
+        self.iteration = int(state["iteration"])
+        self.penalty_scale, self.alpha, self.max_speed = (
+            float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
+        )

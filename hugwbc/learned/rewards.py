@@ -1,0 +1,281 @@
+"""The paper's reward table, one pure function per row, and the few terms that the table lacks.
+
+Every function maps a `Transition` to one number per robot, shape (n,); weights are in `hugwbc.learned.config`. The
+function's name is the row's; the docstring has the formula and says what was corrected.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import torch
+
+TRACKING_SIGMA = 0.2
+CONTACT_FORCE_SIGMA = 50.0  # [N^2]
+CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
+LIMIT_FRACTION = 0.95
+YAW_PRECISION = 0.25  # [rad/s]
+CONTACT_THRESHOLD = 5.0  # [N]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transition:
+    """What the rewards read after a control step; n robots, SI units.
+
+    Attributes:
+        command: in the order of `COMMAND_NAMES`, shape (n, 8).
+        velocity: of the pelvis in the heading frame, shape (n, 3).
+        angular_velocity: of the pelvis in its own frame, shape (n, 3).
+        yaw_rate: about gravity, shape (n,).
+        height, pitch, roll: pelvis height minus nominal, pelvis pitch and roll, shape (n,).
+        q, dq, previous_dq: joint positions and velocities, shape (n, 19).
+        torque: joint torques, shape (n, 19).
+        action, previous_action, older_action: policy outputs, newest first, shape (n, 19).
+        clearance: of both soles above the ground, shape (n, 2).
+        foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
+        foot_offset: left minus right sole in the heading frame, shape (n, 3).
+        target_clearance: the swing profile of both feet, shape (n, 2).
+        contact: expected contact C of both feet, shape (n, 2).
+        in_phase: whether both feet have the same homogenised phase, shape (n,), bool.
+        intervention: the paper's I(t), shape (n,), bool.
+        fallen: early termination, shape (n,), bool.
+    """
+
+    command: torch.Tensor
+    velocity: torch.Tensor
+    angular_velocity: torch.Tensor
+    yaw_rate: torch.Tensor
+    height: torch.Tensor
+    pitch: torch.Tensor
+    roll: torch.Tensor
+    q: torch.Tensor
+    dq: torch.Tensor
+    previous_dq: torch.Tensor
+    torque: torch.Tensor
+    action: torch.Tensor
+    previous_action: torch.Tensor
+    older_action: torch.Tensor
+    clearance: torch.Tensor
+    foot_velocity: torch.Tensor
+    foot_force: torch.Tensor
+    foot_offset: torch.Tensor
+    target_clearance: torch.Tensor
+    contact: torch.Tensor
+    in_phase: torch.Tensor
+    intervention: torch.Tensor
+    fallen: torch.Tensor
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Body:
+    """Constants of the robot that the rewards read, as tensors.
+
+    Attributes:
+        nominal, lower, upper: joint positions and limits [rad], shape (19,).
+        arms, hips, waist_and_legs: joint indices.
+        waist: index of the waist joint.
+        dt: control period [s].
+    """
+
+    nominal: torch.Tensor
+    lower: torch.Tensor
+    upper: torch.Tensor
+    arms: torch.Tensor
+    hips: torch.Tensor
+    waist_and_legs: torch.Tensor
+    waist: int
+    dt: float
+
+
+Term = Callable[[Transition, Body], torch.Tensor]
+
+
+def linear_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-|v_xy_target - v_xy|^2 / 0.2)."""
+    return torch.exp(-(t.command[:, :2] - t.velocity[:, :2]).square().sum(1) / TRACKING_SIGMA)
+
+
+def angular_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-(omega_target - omega_z)^2 / 0.2)."""
+    return torch.exp(-(t.command[:, 2] - t.yaw_rate).square() / TRACKING_SIGMA)
+
+
+def body_height_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """(h_target - h)^2."""
+    return (t.command[:, 5] - t.height).square()
+
+
+def body_pitch_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """(p_target - p)^2."""
+    return (t.command[:, 6] - t.pitch).square()
+
+
+def waist_yaw_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """(w_target - w)^2."""
+    return (t.command[:, 7] - t.q[:, body.waist]).square()
+
+
+def foot_swing_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i (1 - C_i) (l_target_i - l_i)^2, with the corrected quintic profile."""
+    return ((1.0 - t.contact) * (t.target_clearance - t.clearance).square()).sum(1)
+
+
+def contact_swing_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i (1 - C_i) (1 - exp(-|f_i|^2 / 50)) + C_i (1 - exp(-|v_xy_i|^2 / 5)).
+
+    Corrected: the paper prints positive exponents and a leading minus; the two sign errors cancel in direction, but
+    the printed form is unbounded.
+    """
+    force = 1.0 - torch.exp(-t.foot_force.square().sum(2) / CONTACT_FORCE_SIGMA)
+    speed = 1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2) / CONTACT_VELOCITY_SIGMA)
+    return ((1.0 - t.contact) * force + t.contact * speed).sum(1)
+
+
+def roll_pitch_angular_velocity(t: Transition, body: Body) -> torch.Tensor:
+    """|omega_xy|^2."""
+    return t.angular_velocity[:, :2].square().sum(1)
+
+
+def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
+    """v_z^2."""
+    return t.velocity[:, 2].square()
+
+
+def feet_slip(t: Transition, body: Body) -> torch.Tensor:
+    """sum over feet on the ground of 1 - exp(-|v_xy_i|^2).
+
+    Corrected: the printed 1 - sum_i exp(-v_i^2) rewards rest with a bonus and also judges the swing foot.
+    """
+    on_ground = t.foot_force.square().sum(2) > CONTACT_THRESHOLD**2
+    return (on_ground * (1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2)))).sum(1)
+
+
+def _upper_mask(t: Transition, body: Body) -> torch.Tensor:
+    """1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    mask = torch.ones_like(t.action)
+    mask[:, body.arms] = (~t.intervention).to(mask.dtype)[:, None]
+    return mask
+
+
+def action_rate(t: Transition, body: Body) -> torch.Tensor:
+    """|a_t - a_{t-1}|^2, without the arms under intervention."""
+    return (_upper_mask(t, body) * (t.action - t.previous_action).square()).sum(1)
+
+
+def action_smoothness(t: Transition, body: Body) -> torch.Tensor:
+    """|a_{t-2} - 2 a_{t-1} + a_t|^2, without the arms under intervention."""
+    return (_upper_mask(t, body) * (t.older_action - 2.0 * t.previous_action + t.action).square()).sum(1)
+
+
+def joint_torque(t: Transition, body: Body) -> torch.Tensor:
+    """|tau|^2, without the arms under intervention."""
+    return (_upper_mask(t, body) * t.torque.square()).sum(1)
+
+
+def joint_acceleration(t: Transition, body: Body) -> torch.Tensor:
+    """|ddq|^2 from the velocities one control step apart, without the arms under intervention."""
+    return (_upper_mask(t, body) * ((t.dq - t.previous_dq) / body.dt).square()).sum(1)
+
+
+def upper_joint_deviation(t: Transition, body: Body) -> torch.Tensor:
+    """|q_upper - q_upper_nominal|^2, masked while I = 1."""
+    deviation = (t.q - body.nominal)[:, body.arms].square().sum(1)
+    return deviation * ~t.intervention
+
+
+def hip_joint_deviation(t: Transition, body: Body) -> torch.Tensor:
+    """Squared deviation of hip yaw and hip roll from nominal (the paper's hip x and z)."""
+    return (t.q - body.nominal)[:, body.hips].square().sum(1)
+
+
+def feet_symmetry(t: Transition, body: Body) -> torch.Tensor:
+    """1[bar phi_1 = bar phi_2] |p_xz of foot 0 - p_xz of foot 1|^2, in the heading frame."""
+    return t.in_phase * (t.foot_offset[:, 0].square() + t.foot_offset[:, 2].square())
+
+
+def termination(t: Transition, body: Body) -> torch.Tensor:
+    """1 at an early termination."""
+    return t.fallen.to(t.command.dtype)
+
+
+def alive(t: Transition, body: Body) -> torch.Tensor:
+    """1 while not terminated (not in the paper)."""
+    return (~t.fallen).to(t.command.dtype)
+
+
+def body_roll_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """roll^2 (not in the paper's table; part of the authors' pitch term)."""
+    return t.roll.square()
+
+
+def joint_limits(t: Transition, body: Body) -> torch.Tensor:
+    """Radians beyond 95 % of the range, summed over legs and waist (not in the paper)."""
+    centre, half = (body.upper + body.lower) / 2.0, (body.upper - body.lower) / 2.0
+    excess = ((t.q - centre).abs() - LIMIT_FRACTION * half).clamp(min=0.0)
+    return excess[:, body.waist_and_legs].sum(1)
+
+
+def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-|omega_target - omega_z| / 0.25) (not in the paper)."""
+    return torch.exp(-(t.command[:, 2] - t.yaw_rate).abs() / YAW_PRECISION)
+
+
+PAPER_TERMS: dict[str, Term] = {
+    term.__name__: term
+    for term in (
+        linear_velocity_tracking,
+        angular_velocity_tracking,
+        body_height_tracking,
+        body_pitch_tracking,
+        waist_yaw_tracking,
+        foot_swing_tracking,
+        contact_swing_tracking,
+        roll_pitch_angular_velocity,
+        vertical_body_movement,
+        feet_slip,
+        action_rate,
+        action_smoothness,
+        joint_torque,
+        joint_acceleration,
+        upper_joint_deviation,
+        hip_joint_deviation,
+        feet_symmetry,
+        termination,
+    )
+}
+EXTRA_TERMS: dict[str, Term] = {
+    term.__name__: term for term in (alive, body_roll_tracking, joint_limits, yaw_rate_precision)
+}
+# The paper's regularisation group: grows with the penalty curriculum. Termination does not.
+REGULARISATION = frozenset(PAPER_TERMS) - {
+    "linear_velocity_tracking",
+    "angular_velocity_tracking",
+    "body_height_tracking",
+    "body_pitch_tracking",
+    "waist_yaw_tracking",
+    "foot_swing_tracking",
+    "contact_swing_tracking",
+    "termination",
+} | {"joint_limits"}
+
+
+def evaluate_terms(
+    transition: Transition, body: Body, weights: dict[str, float], penalty_scale: float
+) -> dict[str, torch.Tensor]:
+    """Weighted rewards of one control step, by term; terms of weight zero are left out.
+
+    Args:
+        transition: the step.
+        body: the robot's constants.
+        weights: by term name, paper's and extra.
+        penalty_scale: the curriculum's factor on the regularisation group.
+
+    Returns:
+        Term to shape (n,), already multiplied by the control period.
+    """
+    terms = PAPER_TERMS | EXTRA_TERMS
+    rewards = {}
+    for name, weight in weights.items():
+        if weight != 0.0:
+            scale = penalty_scale if name in REGULARISATION else 1.0
+            rewards[name] = weight * scale * body.dt * terms[name](transition, body)
+    return rewards

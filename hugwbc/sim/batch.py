@@ -1,0 +1,104 @@
+"""Many H1s at once on `mujoco.batch`: live state arrays, per-robot model parameters, guarded stepping."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.terrain import HeightField
+
+_FAULTS = [
+    int(warning)
+    for warning in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+        mujoco.mjtWarning.mjWARN_BADCTRL,
+    )
+]
+_WARNING_COUNT = 1  # second column of MuJoCo's warning table: how often; the first says where
+
+
+class BatchSimulation:
+    """`count` robots on the same ground. All arrays are live: reading gives the state after the last step.
+
+    Attributes:
+        qpos, qvel: state, shapes (count, 26) and (count, 25); writable, followed by `forward`.
+        ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
+        torque: joint torques of the last physics step [N*m], shape (count, 19).
+    """
+
+    def __init__(
+        self,
+        count: int,
+        *,
+        timestep: float = TRAINING_TIMESTEP,
+        terrain: HeightField | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Build the batch.
+
+        Args:
+            count: number of robots.
+            timestep: of the physics [s].
+            terrain: the ground; None for a plane.
+            threads: of the simulation; 0 for all processors.
+        """
+        self.robot = load_robot()
+        self.model = load_model(timestep, terrain)
+        self.terrain = terrain
+        # Persistent data let a step continue from the position and velocity stages that the last step already made.
+        self.batch = Batch(self.model, count, threads, persistent=True)
+        self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self.ctrl = self.batch.bind("ctrl")
+        self.torque = self.batch.bind("actuator_force")
+        self._sensors = self.batch.bind("sensordata")
+        self._columns = {
+            self.model.sensor(i).name: slice(int(adr), int(adr + dim))
+            for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
+        }
+        self._both_feet = {
+            kind: np.concatenate([np.r_[self._columns[f"{side}_{kind}"]] for side in SIDES])
+            for kind in ("sole_position", "sole_velocity", "foot_force")
+        }
+        self._link_forces = np.concatenate([np.r_[self._columns[f"{n}_force"]] for n in self.robot.contact_links])
+        self.batch.reset(keyframe=0)
+
+    @property
+    def count(self) -> int:
+        """Number of robots."""
+        return self.batch.nsim
+
+    def step(self, substeps: int) -> np.ndarray:
+        """Advance all robots; positions, velocities and their sensors are current afterwards.
+
+        MuJoCo silently restarts a simulation that diverges; its warning counters tell, and are cleared first.
+
+        Returns:
+            Which robots diverged, shape (count,), bool.
+        """
+        self.batch.warning[:] = 0
+        self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        return self.batch.warning[:, _FAULTS, _WARNING_COUNT].any(axis=1)
+
+    def forward(self, ids: np.ndarray) -> None:
+        """Bring the derived quantities of some robots up to date after a write to their state."""
+        self.batch.forward(ids=ids)
+
+    def sole_position(self) -> np.ndarray:
+        """Centres of both soles in the world [m], shape (count, 2, 3)."""
+        return self._sensors[:, self._both_feet["sole_position"]].reshape(-1, 2, 3)
+
+    def sole_velocity(self) -> np.ndarray:
+        """Velocities of both sole centres in the world [m/s], shape (count, 2, 3)."""
+        return self._sensors[:, self._both_feet["sole_velocity"]].reshape(-1, 2, 3)
+
+    def foot_force(self) -> np.ndarray:
+        """Ground reaction on both feet in the world [N], shape (count, 2, 3)."""
+        # The sensor gives the force of the link on its surroundings; the reaction is its opposite.
+        return -self._sensors[:, self._both_feet["foot_force"]].reshape(-1, 2, 3)
+
+    def link_force(self) -> np.ndarray:
+        """Contact force magnitude on each of `Robot.contact_links` [N], shape (count, 11)."""
+        return np.linalg.norm(self._sensors[:, self._link_forces].reshape(self.count, -1, 3), axis=2)
