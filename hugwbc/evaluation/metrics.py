@@ -1,0 +1,131 @@
+"""Tracking errors as the paper defines them, hand errors and timings, from the record of a run.
+
+The paper reports the mean L1 error of every command: foot commands (f, l) over complete gait cycles, the others over
+control steps. It does not say whether the start of an episode counts. Here episodes start from a stand, and the first
+`SETTLE_S` seconds, in which the robot gets going, are left out.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.evaluation.rollout import Trace
+from hugwbc.gait import Gait
+
+SETTLE_S = 1.0  # [s]
+TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # columns of Trace.measured
+_TRACKED_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
+_F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
+
+
+def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
+    """Mean absolute error of v_x, v_y, omega, h, p and w over the control steps after `settle` [s].
+
+    NaN for every name if the robot did not last that long.
+    """
+    kept = trace.time >= settle
+    if not kept.any():
+        return dict.fromkeys(TRACKED, float("nan"))
+    errors = np.abs(trace.command[kept][:, _TRACKED_COLUMNS] - trace.measured[kept])
+    return dict(zip(TRACKED, errors.mean(axis=0).tolist(), strict=True))
+
+
+def stepping_feet(gait: Gait) -> tuple[int, ...]:
+    """Which feet (0 left, 1 right) step in a gait; the flying leg of a hop does not."""
+    return {Gait.STANDING: (), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}.get(gait, (0, 1))
+
+
+def touch_downs(trace: Trace, foot: int, settle: float = SETTLE_S) -> np.ndarray:
+    """Times of touch-down of a foot after `settle` [s], shape (number of steps,)."""
+    times = trace.touch_downs[foot]
+    return times[(times >= settle) & (times <= trace.survived_s)]
+
+
+def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
+    """E_f: mean over complete gait cycles of both feet of |f - 1 / (time from touch-down to touch-down)| [Hz].
+
+    A foot without a complete cycle, though its gait steps, has frequency 0. NaN if no foot should step.
+    """
+    errors: list[float] = []
+    for foot in _stepping(trace, settle):
+        downs = touch_downs(trace, foot, settle)
+        commanded = _at(trace, downs[1:], _F) if downs.size > 1 else trace.command[-1:, _F]
+        measured = 1.0 / np.diff(downs) if downs.size > 1 else np.zeros(1)
+        errors.extend(np.abs(commanded - measured))
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
+    """E_l: mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle| [m].
+
+    A foot without a complete cycle, though its gait steps, is judged by its highest clearance of all.
+    """
+    errors: list[float] = []
+    for foot in _stepping(trace, settle):
+        downs = touch_downs(trace, foot, settle)
+        if downs.size < 2:
+            kept = trace.time >= settle
+            errors.append(abs(float(trace.command[-1, _L] - trace.clearance[kept, foot].max())))
+        for begin, end in itertools.pairwise(downs):
+            cycle = (trace.time >= begin) & (trace.time <= end)
+            errors.append(abs(float(_at(trace, np.array([end]), _L)[0] - trace.clearance[cycle, foot].max())))
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
+    """The feet that should step after `settle`; none if the robot did not last that long."""
+    if not np.any(trace.time >= settle):
+        return ()
+    return stepping_feet(Gait(int(trace.gait[-1])))
+
+
+def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
+    index = np.clip(np.searchsorted(trace.time, times, side="right") - 1, 0, trace.time.size - 1)
+    return trace.command[index, column]
+
+
+@dataclasses.dataclass(frozen=True)
+class HandErrors:
+    """Distance of the hands to their reachable targets [m]; None where there was no such target.
+
+    Attributes:
+        mean: of both hands.
+        p95: 95th percentile of both hands.
+        left, right: mean of each hand.
+        reachable_fraction: part of all targets that could be reached.
+    """
+
+    mean: float | None
+    p95: float | None
+    left: float | None
+    right: float | None
+    reachable_fraction: float | None
+
+
+def hand_errors(trace: Trace) -> HandErrors:
+    """Hand errors of a run, over all samples with a reachable target, take-over included."""
+    wanted = np.isfinite(trace.hand_target_world).all(axis=2)
+    error = trace.hand_error
+    known = error[np.isfinite(error)]
+    left, right = (_mean(error[np.isfinite(error[:, side]), side]) for side in (0, 1))
+    return HandErrors(
+        mean=_mean(known),
+        p95=float(np.percentile(known, 95)) if known.size else None,
+        left=left,
+        right=right,
+        reachable_fraction=_mean(trace.reachable[wanted].astype(float)),
+    )
+
+
+def _mean(values: np.ndarray) -> float | None:
+    return float(values.mean()) if values.size else None
+
+
+def percentiles(milliseconds: np.ndarray) -> dict[str, float]:
+    """Median and 99th percentile of the times of calls [ms]; zeros if there was no call."""
+    if not milliseconds.size:
+        return {"p50": 0.0, "p99": 0.0}
+    p50, p99 = np.percentile(milliseconds, (50, 99)).tolist()
+    return {"p50": p50, "p99": p99}
