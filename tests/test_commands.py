@@ -1,0 +1,140 @@
+"""Commands: the paper's ranges, validation messages, clamping and sampling."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hugwbc.commands import (
+    COMMAND_NAMES,
+    Command,
+    command_ranges,
+    default_command,
+    sample_all,
+    sample_single,
+)
+from hugwbc.errors import CommandError, UnknownNameError
+from hugwbc.gait import Gait
+
+# The paper's table of commands, typed in from the paper: default, initial range, finishing range.
+PAPER = {
+    "v_x": (0.0, (-0.6, 0.6), (-0.6, 2.0)),
+    "v_y": (0.0, (-0.6, 0.6), (-0.6, 0.6)),
+    "omega": (0.0, (-0.6, 0.6), (-1.0, 1.0)),
+    "f": (2.0, (1.5, 3.5), (1.5, 3.5)),
+    "l": (0.15, (0.1, 0.35), (0.1, 0.35)),
+    "h": (0.0, (-0.3, 0.0), (-0.3, 0.0)),
+    "p": (0.0, (0.0, 0.4), (0.0, 0.4)),
+    "w": (0.0, (-1.0, 1.0), (-1.0, 1.0)),
+}
+
+
+@pytest.mark.parametrize("gait", [Gait.WALKING, Gait.JUMPING])
+def test_general_ranges_are_the_papers(gait: Gait) -> None:
+    ranges = command_ranges(gait)
+    assert {n: (r.default, r.initial, r.finishing) for n, r in ranges.items()} == PAPER
+    assert tuple(ranges) == COMMAND_NAMES == ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
+
+
+@pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
+def test_hopping_commands_velocities_and_height_only(gait: Gait) -> None:
+    ranges = command_ranges(gait)
+    assert [ranges[n].finishing for n in ("v_x", "v_y", "omega", "h")] == [(-0.6, 0.6)] * 3 + [(-0.3, 0.0)]
+    assert [ranges[n].finishing for n in ("f", "l", "p", "w")] == [(2.0, 2.0), (0.15, 0.15), (0.0, 0.0), (0.0, 0.0)]
+
+
+def test_standing_admits_no_velocity() -> None:
+    ranges = command_ranges(Gait.STANDING)
+    assert [ranges[n].finishing for n in ("v_x", "v_y", "omega")] == [(0.0, 0.0)] * 3
+    assert ranges["p"].finishing == (0.0, 0.4)
+
+
+def test_default_command_is_valid_for_every_gait() -> None:
+    for gait in Gait:
+        command = default_command(gait).validate()
+        np.testing.assert_array_equal(command.array(), [0, 0, 0, 2.0, 0.15, 0, 0, 0])
+
+
+def test_array_round_trip() -> None:
+    command = Command(v_x=0.5, v_y=-0.1, omega=0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=-0.4, gait=Gait.WALKING)
+    np.testing.assert_array_equal(command.array(), [0.5, -0.1, 0.2, 2.5, 0.2, -0.1, 0.3, -0.4])
+    assert Command.from_array(command.array(), Gait.WALKING) == command
+    with pytest.raises(ValueError, match="zip"):
+        Command.from_array(np.zeros(7), Gait.WALKING)
+
+
+def test_from_mapping_fills_in_defaults_and_refuses_unknown_names() -> None:
+    assert Command.from_mapping({"v_x": 0.3}, Gait.WALKING) == Command(v_x=0.3, gait=Gait.WALKING)
+    with pytest.raises(UnknownNameError, match=r"unknown command 'vx'.*Did you mean 'v_x'.*Valid: v_x, v_y, omega"):
+        Command.from_mapping({"vx": 0.3}, Gait.WALKING)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_validate_refuses_what_is_not_finite(value: float) -> None:
+    with pytest.raises(CommandError, match=r"command h is (nan|inf|-inf); give a finite number from -0.3 to 0.0 m"):
+        Command(h=value).validate()
+
+
+def test_validate_says_what_is_wrong_what_is_valid_and_what_to_do() -> None:
+    with pytest.raises(CommandError) as caught:
+        Command(v_x=2.5, gait=Gait.WALKING).validate()
+    message = str(caught.value)
+    assert "v_x = 2.5 m/s is out of range for the walking gait" in message
+    assert "valid: -0.6 to 2 m/s" in message
+    assert "clamp()" in message
+    with pytest.raises(CommandError, match="standing gait; valid: 0 to 0 m/s"):
+        Command(v_x=0.1, gait=Gait.STANDING).validate()
+
+
+def test_clamp_leaves_a_valid_command_alone() -> None:
+    command = Command(v_x=0.5, gait=Gait.WALKING)
+    clamped, report = command.clamp()
+    assert clamped is command
+    assert report == ()
+
+
+def test_clamp_moves_to_the_nearest_bound_and_nan_to_the_default() -> None:
+    clamped, report = Command(v_x=9.0, omega=-5.0, f=math.nan, h=-math.inf, gait=Gait.WALKING).clamp()
+    assert clamped == Command(v_x=2.0, omega=-1.0, f=2.0, h=-0.3, gait=Gait.WALKING)
+    assert len(report) == 4
+    assert report[0] == "v_x = 9 is outside -0.6 to 2: using 2"
+
+
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8), st.sampled_from(list(Gait)))
+def test_clamp_always_gives_a_valid_command(values: list[float], gait: Gait) -> None:
+    clamped, report = Command.from_array(np.array(values), gait).clamp()
+    clamped.validate()
+    assert clamped.clamp() == (clamped, ())
+    assert bool(report) == (clamped.array().tolist() != values)
+
+
+@pytest.mark.parametrize("name", COMMAND_NAMES)
+def test_sample_single_varies_one_command_over_its_range(name: str) -> None:
+    values = sample_single(name, Gait.WALKING, np.random.default_rng(0), 4000)
+    column = COMMAND_NAMES.index(name)
+    low, high = PAPER[name][2]
+    assert values.shape == (4000, 8)
+    assert low <= values[:, column].min() < low + 0.01 * (high - low)
+    assert high >= values[:, column].max() > high - 0.01 * (high - low)
+    others = np.delete(values, column, axis=1)
+    np.testing.assert_array_equal(others, np.tile(np.delete([PAPER[n][0] for n in COMMAND_NAMES], column), (4000, 1)))
+
+
+def test_sample_single_refuses_an_unknown_name() -> None:
+    with pytest.raises(UnknownNameError, match="unknown command 'speed'"):
+        sample_single("speed", Gait.WALKING, np.random.default_rng(0), 1)
+
+
+def test_sample_all_is_valid_uniform_independent_and_seeded() -> None:
+    for gait in Gait:
+        for row in sample_all(gait, np.random.default_rng(1), 50):
+            Command.from_array(row, gait).validate()
+    values = sample_all(Gait.WALKING, np.random.default_rng(1), 20_000)
+    np.testing.assert_array_equal(values, sample_all(Gait.WALKING, np.random.default_rng(1), 20_000))
+    low, high = np.array([PAPER[n][2] for n in COMMAND_NAMES]).T
+    # The mean of 20,000 uniform draws: standard error 0.29 / 141 = 0.2 % of the range; 1 % is five of them.
+    np.testing.assert_allclose((values.mean(0) - low) / (high - low), 0.5, atol=0.01)
+    off_diagonal = np.corrcoef(values.T) - np.eye(8)
+    assert np.abs(off_diagonal).max() < 0.04

@@ -1,0 +1,181 @@
+"""Gait phases, clocks, expected contact and swing profile against hand-computed values and independent solutions."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hugwbc.errors import UnknownNameError
+from hugwbc.gait import (
+    Gait,
+    advance_phase,
+    clock,
+    expected_contact,
+    foot_phases,
+    homogenised_phase,
+    swing_height,
+)
+
+
+def test_labels_round_trip() -> None:
+    assert [Gait.parse(gait.label) for gait in Gait] == list(Gait)
+    assert Gait.parse("hopping_left") is Gait.HOPPING_LEFT
+
+
+@pytest.mark.parametrize("label", ["wlaking", "", None])
+def test_unknown_gait_names_the_valid_ones(label: str) -> None:
+    with pytest.raises(UnknownNameError, match="standing, walking, jumping, hopping_left, hopping_right"):
+        Gait.parse(label)
+
+
+def test_mirrored_gait_swaps_the_hopping_leg() -> None:
+    assert Gait.HOPPING_LEFT.mirrored() is Gait.HOPPING_RIGHT
+    assert all(gait.mirrored().mirrored() is gait for gait in Gait)
+    assert Gait.WALKING.mirrored() is Gait.WALKING
+
+
+def test_phase_advances_by_frequency_times_time_and_wraps() -> None:
+    # 2 Hz for 0.02 s is 0.04 of a cycle; 0.99 + 0.04 wraps to 0.03.
+    np.testing.assert_allclose(advance_phase(np.array([0.0, 0.5, 0.99]), 2.0, 0.02), [0.04, 0.54, 0.03], atol=1e-12)
+
+
+def test_one_cycle_takes_one_over_f() -> None:
+    phase = np.array(0.3)
+    for _ in range(40):  # 40 ticks of 0.02 s at 2.5 Hz are 2 cycles
+        phase = advance_phase(phase, 2.5, 0.02)
+    assert phase == pytest.approx(0.3, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gait", "left", "right"),
+    [
+        (Gait.STANDING, 0.25, 0.25),
+        (Gait.WALKING, 0.6, 0.1),
+        (Gait.JUMPING, 0.1, 0.1),
+        (Gait.HOPPING_LEFT, 0.1, 0.75),
+        (Gait.HOPPING_RIGHT, 0.75, 0.1),
+    ],
+)
+def test_foot_phases_of_each_gait(gait: Gait, left: float, right: float) -> None:
+    np.testing.assert_allclose(foot_phases(np.array(0.1), np.array(gait)), [left, right], atol=1e-12)
+
+
+def test_walking_feet_are_half_a_cycle_apart_across_the_wrap() -> None:
+    phases = foot_phases(np.array([0.7]), np.array([Gait.WALKING]))
+    np.testing.assert_allclose(phases, [[0.2, 0.7]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("phase", "duty", "expected"),
+    [
+        (0.0, 0.5, 0.0),
+        (0.3, 0.5, 0.3),
+        (0.8, 0.5, 0.8),
+        (0.3, 0.6, 0.25),  # middle of a stance of 0.6
+        (0.6, 0.6, 0.5),  # lift-off
+        (0.8, 0.6, 0.75),  # middle of a swing of 0.4
+        (0.1, 0.2, 0.25),
+        (0.6, 0.2, 0.75),
+    ],
+)
+def test_homogenised_phase(phase: float, duty: float, expected: float) -> None:
+    assert float(homogenised_phase(np.array(phase), duty)) == pytest.approx(expected, abs=1e-12)
+
+
+@given(st.floats(0, 1, exclude_max=True), st.floats(0.05, 0.95))
+def test_homogenised_phase_keeps_stance_below_a_half_and_does_not_touch_its_input(phase: float, duty: float) -> None:
+    given_phase = np.array([phase])
+    homogenised = float(homogenised_phase(given_phase, duty)[0])
+    assert given_phase[0] == phase
+    assert 0.0 <= homogenised <= 1.0
+    assert (homogenised < 0.5) == (phase < duty) or homogenised == pytest.approx(0.5)
+
+
+def test_clock_is_plus_one_in_mid_stance_and_minus_one_in_mid_swing() -> None:
+    np.testing.assert_allclose(clock(np.array([0.0, 0.25, 0.5, 0.75])), [0, 1, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("phase", "expected"),
+    # C(0) = 1/2; sigma = 0.05, so 0.05 and 0.1 are one and two standard deviations into stance.
+    [(0.0, 0.5), (0.05, 0.841344746), (0.1, 0.977249868), (0.25, 1.0), (0.5, 0.5), (0.55, 0.158655254), (0.75, 0.0)],
+)
+def test_expected_contact_values(phase: float, expected: float) -> None:
+    assert float(expected_contact(np.array(phase))) == pytest.approx(expected, abs=1e-6)
+
+
+def test_expected_contact_is_periodic() -> None:
+    near = np.array([1e-9, 0.01, 0.04])
+    # Just before the end of the cycle the next stance begins: the same as just before its start, by symmetry 1 - C.
+    np.testing.assert_allclose(expected_contact(1.0 - near), 1.0 - expected_contact(near), atol=1e-9)
+    assert float(expected_contact(np.array(1.0))) == pytest.approx(float(expected_contact(np.array(0.0))), abs=1e-9)
+
+
+def test_expected_contact_of_a_wider_switch() -> None:
+    # One standard deviation of 0.1 into stance, four before its end: 0.841345 * (1 - 3.167e-5).
+    assert float(expected_contact(np.array(0.1), sigma=0.1)) == pytest.approx(0.841318100, abs=1e-7)
+
+
+def _boundary_quintic(x0: float, y0: float, x1: float, y1: float) -> np.polynomial.Polynomial:
+    """The quintic with values y0, y1 and zero first and second derivatives at x0, x1, by solving for its coefficients."""
+    rows = []
+    for x in (x0, x1):
+        rows.append([x**k for k in range(6)])
+        rows.append([k * x ** (k - 1) if k >= 1 else 0.0 for k in range(6)])
+        rows.append([k * (k - 1) * x ** (k - 2) if k >= 2 else 0.0 for k in range(6)])
+    return np.polynomial.Polynomial(np.linalg.solve(np.array(rows), np.array([y0, 0, 0, y1, 0, 0])))
+
+
+@pytest.mark.parametrize(("height", "start", "end"), [(0.15, 0.0, 0.0), (0.3, 0.02, -0.01)])
+def test_swing_profile_solves_the_boundary_systems(height: float, start: float, end: float) -> None:
+    rise = _boundary_quintic(0.5, start, 0.75, height)
+    fall = _boundary_quintic(0.75, height, 1.0, end)
+    up, down = np.linspace(0.5, 0.75, 51), np.linspace(0.75, 1.0, 51)
+    np.testing.assert_allclose(swing_height(up, height, start, end), rise(up), atol=1e-9)
+    np.testing.assert_allclose(swing_height(down, height, start, end), fall(down), atol=1e-9)
+
+
+def test_swing_profile_values_by_hand() -> None:
+    # Half way up, s(1/2) = 10/8 - 15/16 + 6/32 = 1/2; at a fifth, s = 0.08 - 0.024 + 0.00192 = 0.05792.
+    phases = np.array([0.0, 0.3, 0.5, 0.55, 0.625, 0.75, 0.875, 1.0])
+    np.testing.assert_allclose(swing_height(phases, 0.2), [0, 0, 0, 0.2 * 0.05792, 0.1, 0.2, 0.1, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("knot", [0.5, 0.75, 1.0])
+def test_swing_profile_is_twice_continuously_differentiable(knot: float) -> None:
+    """One-sided second differences vanish on both sides of every knot; stance, at zero, continues beyond 0.5 and 1."""
+    for step in (1e-3, -1e-3):
+        x = knot + step * np.arange(3)
+        y = swing_height(x % 1.0 if knot == 1.0 and step > 0 else np.clip(x, 0, 1), 0.3)
+        velocity, acceleration = (y[1] - y[0]) / step, (y[2] - 2 * y[1] + y[0]) / step**2
+        # A quintic with triple root: velocity is O(step^2), acceleration O(step): 0.3 * 60 / 0.25^3 * 1e-3 = 1.2.
+        assert abs(velocity) < 0.01
+        assert abs(acceleration) < 1.5
+
+
+def test_torch_and_numpy_agree() -> None:
+    rng = np.random.default_rng(0)
+    phase, height = rng.uniform(0, 1, 500), rng.uniform(0.1, 0.35, 500)
+    gait = rng.integers(0, len(Gait), 500)
+    tensors = torch.from_numpy(phase), torch.from_numpy(gait), torch.from_numpy(height)
+    for duty in (0.5, 0.35):
+        feet = homogenised_phase(foot_phases(phase, gait), duty)
+        torch_feet = homogenised_phase(foot_phases(tensors[0], tensors[1]), duty)
+        assert torch_feet.dtype == torch.float64
+        np.testing.assert_allclose(torch_feet.numpy(), feet, atol=1e-12)
+        np.testing.assert_allclose(clock(torch_feet).numpy(), clock(feet), atol=1e-12)
+        np.testing.assert_allclose(expected_contact(torch_feet).numpy(), expected_contact(feet), atol=1e-12)
+        np.testing.assert_allclose(
+            swing_height(torch_feet, tensors[2][:, None]).numpy(), swing_height(feet, height[:, None]), atol=1e-12
+        )
+
+
+def test_stance_and_swing_share_the_cycle_by_the_duty() -> None:
+    """Over one cycle the expected contact averages the duty cycle's half-half in homogenised phase."""
+    phases = (np.arange(1000) + 0.5) / 1000
+    assert float(np.mean(expected_contact(phases))) == pytest.approx(0.5, abs=1e-6)
+    assert float(np.mean(homogenised_phase(phases, 0.7) < 0.5)) == pytest.approx(0.7, abs=1e-9)
+    assert math.isclose(float(np.mean(clock(phases))), 0.0, abs_tol=1e-12)
