@@ -1,0 +1,80 @@
+"""Checkpoints: one safetensors file with tensors, a JSON header and a checksum; written atomically, never pickled."""
+
+import hashlib
+import json
+import os
+import pathlib
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+
+from hugwbc.errors import PolicyFileError
+
+FORMAT = "hugwbc-1"
+
+
+def _digest(tensors: dict[str, torch.Tensor]) -> str:
+    """SHA-256 over names, types, shapes and bytes, independent of order."""
+    sha = hashlib.sha256()
+    for name in sorted(tensors):
+        tensor = tensors[name].detach().contiguous()
+        sha.update(f"{name}|{tensor.dtype}|{tuple(tensor.shape)}|".encode())
+        sha.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return sha.hexdigest()
+
+
+def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, metadata: dict[str, Any]) -> None:
+    """Write tensors and metadata to a file, so that the file is always either the old or the new one.
+
+    Args:
+        path: of the file; its folder is made.
+        tensors: by name.
+        kind: what the file is ("policy" or "checkpoint"); loading asks for it.
+        metadata: anything JSON can hold.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tensors = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+    header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors), "metadata": json.dumps(metadata)}
+    temporary = path.with_name(path.name + ".partial")
+    with temporary.open("wb") as file:
+        file.write(save(tensors, header))
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+
+
+def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Read what `save_file` wrote.
+
+    Raises:
+        PolicyFileError: if the file is missing, truncated, corrupted, of another program, another kind or a newer
+            version.
+    """
+    try:
+        data = pathlib.Path(path).read_bytes()
+    except OSError as error:
+        raise PolicyFileError(f"cannot read {path}: {error.strerror}; give the path of a {kind} file") from error
+    try:
+        tensors = load(data)
+        header = _header(data)
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise PolicyFileError(
+            f"{path} is not a readable safetensors file ({error}); it is truncated or of another kind. "
+            "Copy it again, or train a new one with 'hugwbc train'"
+        ) from error
+    if header.get("format") != FORMAT:
+        found = header.get("format", "no format mark")
+        raise PolicyFileError(f"{path} has {found}, this version reads {FORMAT}; use a file written by this hugwbc")
+    if header.get("kind") != kind:
+        raise PolicyFileError(f"{path} is a {header.get('kind')} file; a {kind} file is needed here")
+    if header.get("sha256") != _digest(tensors):
+        raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
+    return tensors, json.loads(header["metadata"])
+
+
+def _header(data: bytes) -> dict[str, str]:
+    """The metadata of a safetensors file: an 8-byte length and a JSON header precede the tensors."""
+    length = int.from_bytes(data[:8], "little")
+    return json.loads(data[8 : 8 + length]).get("__metadata__", {})

@@ -1,0 +1,221 @@
+"""The training loop: collect, learn, move curricula, log, save; stops and resumes cleanly."""
+
+import csv
+import dataclasses
+import json
+import os
+import pathlib
+import platform
+import signal
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import torch
+
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned import checkpoint
+from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.policy import policy_metadata
+from hugwbc.learned.ppo import PPO
+
+CHECKPOINT_NAME = "checkpoint.safetensors"
+POLICY_NAME = "policy.safetensors"
+LOG_NAME = "metrics.csv"
+
+Report = Callable[[dict[str, float], dict[str, str]], None]
+
+
+def versions() -> dict[str, str]:
+    """Versions that a result depends on."""
+    return {
+        "python": platform.python_version(),
+        "mujoco": mujoco.__version__,
+        "torch": torch.__version__,
+        "machine": platform.machine(),
+    }
+
+
+class Trainer:
+    """A training run: environment, learner, counters.
+
+    Attributes:
+        iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions.
+    """
+
+    def __init__(self, config: TrainConfig) -> None:
+        """Set up, and restore the latest checkpoint if `config.resume`."""
+        torch.set_num_threads(config.threads)
+        torch.manual_seed(config.seed)
+        self.config = config
+        self.generator = torch.Generator().manual_seed(config.seed)
+        self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
+        self.ppo = PPO(config.ppo, config.env.count, self.generator)
+        self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self.stop_requested = False
+        if config.resume:
+            self.load(config.out / CHECKPOINT_NAME)
+
+    def run(self, report: Report) -> None:
+        """Train until the limits of the configuration, or until asked to stop; saves at the end.
+
+        Args:
+            report: called after every iteration with figures and the gates' words.
+        """
+        start = time.monotonic()
+        self._log_setup()
+        while (
+            self.steps < self.config.steps
+            and time.monotonic() - start < 3600.0 * self.config.hours
+            and not self.stop_requested
+        ):
+            row = self.iterate()
+            self._append_log(row)
+            report(row, self.env.curriculum.gates)
+            if self.iteration % self.config.save_interval == 0:
+                self.save()
+        self.save()
+
+    def iterate(self) -> dict[str, float]:
+        """One iteration: collect `horizon` steps, update, move the curricula. Returns its figures."""
+        begin = time.monotonic()
+        observation = self.env.observe()
+        for t in range(self.config.ppo.horizon):
+            result = self.env.step(self.ppo.act(t, observation))
+            self.ppo.record(t, result)
+            observation = self.env.observe()
+        collected = time.monotonic()
+        losses = self.ppo.update(observation)
+        self.iteration += 1
+        self.steps += self.config.ppo.horizon * self.config.env.count
+        self.ppo.bound_std(self.steps)
+        self.env.update_curriculum()
+        elapsed = time.monotonic() - begin
+        self.seconds += elapsed
+        levels = self.env.curriculum
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "seconds": round(self.seconds, 1),
+            "steps_per_second": self.config.ppo.horizon * self.config.env.count / elapsed,
+            "collect_fraction": (collected - begin) / elapsed,
+            "reward": float(self.ppo.rollout.reward.mean()),
+            "penalty_scale": levels.penalty_scale,
+            "alpha": levels.alpha,
+            "max_speed": levels.max_speed,
+            **losses,
+            **self.env.pop_statistics(),
+        }
+
+    # Files ----------------------------------------------------------------------------------------------------------
+
+    def save(self) -> None:
+        """Write the resumable checkpoint and the policy."""
+        tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
+        tensors |= {f"env.{k}": v for k, v in self.env.state_dict().items()}
+        for index, state in self.ppo.optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
+        tensors["generator"] = self.generator.get_state()
+        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
+        actor = {k: v for k, v in self.ppo.network.actor.state_dict().items()}
+        metadata = policy_metadata() | {"training": self._metadata()}
+        checkpoint.save_file(self.config.out / POLICY_NAME, actor, "policy", metadata)
+
+    def load(self, path: pathlib.Path) -> None:
+        """Continue from a checkpoint; without optimiser moments (a slim snapshot) they start anew.
+
+        Raises:
+            PolicyFileError: if the file cannot be used, or holds another number of robots.
+        """
+        tensors, metadata = checkpoint.load_file(path, "checkpoint")
+        groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
+        for key, value in tensors.items():
+            group, _, name = key.partition(".")
+            if name:
+                groups[group][name] = value
+        try:
+            self.ppo.network.load_state_dict(groups["network"])
+        except RuntimeError as error:
+            raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
+        stored = groups["env"].get("command")
+        if stored is not None and stored.shape[0] != self.config.env.count:
+            raise PolicyFileError(
+                f"{path} holds {stored.shape[0]} robots, the configuration asks for {self.config.env.count}; "
+                f"pass --env.count {stored.shape[0]}"
+            )
+        if stored is not None:
+            self.env.load_state_dict(groups["env"])
+            self.generator.set_state(tensors["generator"])
+        else:
+            self.env.curriculum.load_state_dict(metadata["curriculum"])
+        if groups["optimiser"]:
+            self._load_optimiser(groups["optimiser"])
+        self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
+        self.seconds = float(metadata["seconds"])
+        self.ppo.learning_rate = float(metadata["learning_rate"])
+        self.ppo.skipped = int(metadata["skipped"])
+        self.ppo.bound_std(self.steps)
+
+    def _load_optimiser(self, tensors: dict[str, torch.Tensor]) -> None:
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for key, value in tensors.items():
+            index, _, name = key.partition(".")
+            state.setdefault(int(index), {})[name] = value.clone()
+        self.ppo.optimiser.load_state_dict(
+            {"state": state, "param_groups": self.ppo.optimiser.state_dict()["param_groups"]}
+        )
+
+    def save_snapshot(self, path: pathlib.Path) -> None:
+        """Write a slim resumable checkpoint: networks and levels, without optimiser moments and simulation states."""
+        tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
+        checkpoint.save_file(path, tensors, "checkpoint", self._metadata())
+
+    def _metadata(self) -> dict[str, Any]:
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "learning_rate": self.ppo.learning_rate,
+            "skipped": self.ppo.skipped,
+            "curriculum": self.env.curriculum.state_dict(),
+            "versions": versions(),
+            "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
+        }
+
+    def _log_setup(self) -> None:
+        self.config.out.mkdir(parents=True, exist_ok=True)
+        record = {"versions": versions(), "config": self._metadata()["config"], "start_iteration": self.iteration}
+        with (self.config.out / "sessions.jsonl").open("a") as file:
+            file.write(json.dumps(record) + os.linesep)
+
+    def _append_log(self, row: dict[str, float]) -> None:
+        path = self.config.out / LOG_NAME
+        new = not path.exists()
+        with path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, fieldnames=list(row))
+            if new:
+                writer.writeheader()
+            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+
+
+def train(config: TrainConfig, report: Report) -> Trainer:
+    """Train by a configuration; SIGINT and SIGTERM end the run after the current iteration, with a checkpoint.
+
+    Args:
+        config: the run.
+        report: called after every iteration with figures and the gates' words.
+    """
+    trainer = Trainer(config)
+
+    def request_stop(_signal: int, _frame: object) -> None:
+        trainer.stop_requested = True
+
+    previous = {s: signal.signal(s, request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        trainer.run(report)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    return trainer
