@@ -120,7 +120,7 @@ def test_expected_contact_of_a_wider_switch() -> None:
 
 
 def _boundary_quintic(x0: float, y0: float, x1: float, y1: float) -> np.polynomial.Polynomial:
-    """The quintic with values y0, y1 and zero first and second derivatives at x0, x1, by solving for its coefficients."""
+    """The quintic with values y0, y1 and zero first and second derivatives at x0, x1, from its 6 x 6 system."""
     rows = []
     for x in (x0, x1):
         rows.append([x**k for k in range(6)])

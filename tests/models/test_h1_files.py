@@ -1,0 +1,93 @@
+"""The robot's files: generated from the table, complete, symmetric, and inside the maker's outlines."""
+
+import importlib.util
+import types
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import load_robot
+from hugwbc.robot import model_dir
+
+MODEL = mujoco.MjModel.from_xml_path(str(load_robot().xml_path))
+
+
+def _build() -> types.ModuleType:
+    spec = importlib.util.spec_from_file_location("h1_build", model_dir() / "build.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+BUILD = _build()
+TABLE = BUILD.load_table()
+
+
+def test_committed_files_are_what_the_table_gives() -> None:
+    assert (model_dir() / "h1.xml").read_text() == BUILD.mjcf(TABLE)
+    assert (model_dir() / "h1.urdf").read_text() == BUILD.urdf(TABLE)
+
+
+def test_sizes() -> None:
+    assert (MODEL.nq, MODEL.nv, MODEL.nu) == (26, 25, 19)
+    assert MODEL.nbody == 21  # the world and 20 links
+    assert MODEL.body_mass.sum() == pytest.approx(51.65, abs=1e-3)
+
+
+def test_actuators_follow_the_joint_order_with_the_tables_gains() -> None:
+    robot = load_robot()
+    assert tuple(MODEL.actuator(i).name for i in range(19)) == robot.joint_names
+    assert tuple(MODEL.joint(i + 1).name for i in range(19)) == robot.joint_names
+    np.testing.assert_array_equal(MODEL.actuator_gainprm[:, 0], robot.kp)
+    np.testing.assert_array_equal(MODEL.actuator_biasprm[:, 1:3], -np.stack((robot.kp, robot.kd), axis=1))
+    np.testing.assert_array_equal(MODEL.actuator_forcerange[:, 1], robot.torque_limit)
+    np.testing.assert_array_equal(MODEL.actuator_forcerange[:, 0], -robot.torque_limit)
+    np.testing.assert_array_equal(MODEL.jnt_range[1:], np.stack((robot.lower, robot.upper), axis=1))
+
+
+def test_keyframe_is_the_nominal_pose_just_above_the_ground() -> None:
+    data = mujoco.MjData(MODEL)
+    mujoco.mj_resetDataKeyframe(MODEL, data, 0)
+    mujoco.mj_forward(MODEL, data)
+    np.testing.assert_array_equal(data.qpos[7:], load_robot().nominal)
+    assert data.ncon == 0
+    for side in ("left", "right"):
+        assert 0.0 < data.sensor(f"{side}_sole_position").data[2] < 0.005
+
+
+def test_visuals_are_mirror_images() -> None:
+    """In a mirror-symmetric pose, the cloud of visual shapes' centres is its own reflection."""
+    data = mujoco.MjData(MODEL)
+    mujoco.mj_resetDataKeyframe(MODEL, data, 0)
+    mujoco.mj_forward(MODEL, data)
+    visual = MODEL.geom_group == 2
+    centres = data.geom_xpos[visual]
+    sizes = MODEL.geom_size[visual]
+    cloud = np.hstack((centres, sizes))
+    for row in cloud * np.array([1, -1, 1, 1, 1, 1]):
+        assert np.abs(cloud - row).max(axis=1).min() < 1e-6
+
+
+def test_visuals_do_not_collide_and_lie_inside_the_makers_outlines() -> None:
+    boxes = {link["name"]: link["bbox"] for link in TABLE["links"]}
+    for geom in np.flatnonzero(MODEL.geom_group == 2):
+        assert MODEL.geom_contype[geom] == MODEL.geom_conaffinity[geom] == 0
+        box = boxes[MODEL.body(MODEL.geom_bodyid[geom]).name]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, MODEL.geom_quat[geom])
+        # Bounds of the shape in the link's frame, from MuJoCo's box around it.
+        extent = np.abs(rotation.reshape(3, 3)) @ MODEL.geom_aabb[geom, 3:]
+        assert np.all(MODEL.geom_pos[geom] - extent >= np.array(box["min"]) - 0.02)
+        assert np.all(MODEL.geom_pos[geom] + extent <= np.array(box["max"]) + 0.02)
+
+
+def test_every_link_is_drawn_in_both_files() -> None:
+    urdf = ET.parse(load_robot().urdf_path)
+    drawn = {link.get("name") for link in urdf.iter("link") if link.find("visual") is not None}
+    links = {link["name"] for link in TABLE["links"]}
+    assert drawn == links
+    assert {MODEL.body(MODEL.geom_bodyid[g]).name for g in np.flatnonzero(MODEL.geom_group == 2)} == links
+    assert len(links) == 20

@@ -1,0 +1,179 @@
+"""Pinocchio against MuJoCo on random states, and the measured commands against the simulator's sensors."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hugwbc import RobotState, load_robot, rotations
+from hugwbc.kinematics import Kinematics, pinocchio_model
+
+ROBOT = load_robot()
+MODEL = mujoco.MjModel.from_xml_path(str(ROBOT.xml_path))
+KINEMATICS = Kinematics()
+SITES = ("left_sole", "right_sole", "left_hand", "right_hand", "imu")
+STATES = 1000
+
+
+def _random_state(data: mujoco.MjData, rng: np.random.Generator) -> RobotState:
+    """A random configuration within the joint limits, anywhere and any way up, set in MuJoCo."""
+    data.qpos[:3] = rng.uniform(-3, 3, 3)
+    data.qpos[3:7] = rng.normal(size=4)
+    data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+    data.qpos[7:] = rng.uniform(ROBOT.lower, ROBOT.upper)
+    data.qvel[:] = rng.uniform(-3, 3, 25)
+    mujoco.mj_fwdPosition(MODEL, data)
+    mujoco.mj_fwdVelocity(MODEL, data)
+    return RobotState(
+        q=data.qpos[7:].copy(),
+        dq=data.qvel[6:].copy(),
+        orientation=data.qpos[3:7].copy(),
+        angular_velocity=data.qvel[3:6].copy(),
+        position=data.qpos[:3].copy(),
+        velocity=data.qvel[:3].copy(),
+    )
+
+
+def _velocity_map(state: RobotState) -> np.ndarray:
+    """T with v_pinocchio = T v_mujoco: world to body axes for the linear velocity, joints by name."""
+    T = np.zeros((25, 25))
+    T[:3, :3] = rotations.to_matrix(state.orientation).T
+    T[3:6, 3:6] = np.eye(3)
+    T[KINEMATICS.columns, np.arange(6, 25)] = 1.0
+    return T
+
+
+def _mass_matrix(data: mujoco.MjData) -> np.ndarray:
+    """MuJoCo's joint-space inertia, column by column: M e_i, independent of how it is stored."""
+    result = np.zeros((25, 25))
+    for column, unit in zip(result, np.eye(25), strict=True):
+        mujoco.mj_mulM(MODEL, data, column, unit)
+    return result
+
+
+def test_total_mass() -> None:
+    masses = [inertia.mass for inertia in pinocchio_model().inertias]
+    assert sum(masses) == pytest.approx(51.649896, abs=1e-9)
+    assert MODEL.body_mass.sum() == pytest.approx(51.649896, abs=1e-9)
+
+
+def test_frames_and_centre_of_mass_agree() -> None:
+    rng, data = np.random.default_rng(0), mujoco.MjData(MODEL)
+    for _ in range(STATES):
+        KINEMATICS.update(_random_state(data, rng))
+        for name in SITES:
+            site = data.site(name)
+            np.testing.assert_allclose(KINEMATICS.position(name), site.xpos, atol=1e-6)
+            np.testing.assert_allclose(KINEMATICS.rotation(name), site.xmat.reshape(3, 3), atol=1e-6)
+        np.testing.assert_allclose(KINEMATICS.centre_of_mass(), data.subtree_com[1], atol=1e-6)
+
+
+def test_mass_matrix_agrees_with_the_armature() -> None:
+    rng, data = np.random.default_rng(1), mujoco.MjData(MODEL)
+    model, pin_data = pinocchio_model(), pinocchio_model().createData()
+    for _ in range(STATES):
+        state = _random_state(data, rng)
+        KINEMATICS.update(state)
+        T = _velocity_map(state)
+        inertia = np.triu(pin.crba(model, pin_data, KINEMATICS.q))
+        inertia += np.triu(inertia, 1).T
+        np.testing.assert_allclose(T.T @ inertia @ T, _mass_matrix(data), atol=1e-6)
+
+
+def test_jacobians_agree() -> None:
+    rng, data = np.random.default_rng(2), mujoco.MjData(MODEL)
+    pin_data = KINEMATICS.model.createData()
+    linear, angular = np.zeros((3, 25)), np.zeros((3, 25))
+    for _ in range(STATES):
+        state = _random_state(data, rng)
+        KINEMATICS.update(state)
+        T = _velocity_map(state)
+        pin.computeJointJacobians(KINEMATICS.model, pin_data, KINEMATICS.q)
+        for name in SITES:
+            frame = KINEMATICS.frame_id(name)
+            jacobian = pin.getFrameJacobian(KINEMATICS.model, pin_data, frame, pin.LOCAL_WORLD_ALIGNED) @ T
+            mujoco.mj_jacSite(MODEL, data, linear, angular, MODEL.site(name).id)
+            np.testing.assert_allclose(jacobian, np.vstack((linear, angular)), atol=1e-6)
+            np.testing.assert_allclose(KINEMATICS.velocity(name), np.vstack((linear, angular)) @ data.qvel, atol=1e-6)
+
+
+def test_bias_forces_agree() -> None:
+    """h_mujoco = T' (h + M T_dot v): the time derivative of T turns the linear velocity into the body's axes."""
+    rng, data = np.random.default_rng(3), mujoco.MjData(MODEL)
+    model, pin_data = KINEMATICS.model, KINEMATICS.model.createData()
+    for _ in range(100):
+        state = _random_state(data, rng)
+        KINEMATICS.update(state)
+        T = _velocity_map(state)
+        turning = np.zeros(25)
+        turning[:3] = -np.cross(KINEMATICS.v[3:6], KINEMATICS.v[:3])
+        force = pin.rnea(model, pin_data, KINEMATICS.q, KINEMATICS.v, turning)
+        # rnea leaves the rotor inertia out, and `turning` has no joint accelerations, so nothing is missing here.
+        np.testing.assert_allclose(T.T @ force, data.qfrc_bias, atol=1e-6)
+
+
+def test_toe_and_heel_are_the_ends_of_the_sole() -> None:
+    data = mujoco.MjData(MODEL)
+    KINEMATICS.update(_random_state(data, np.random.default_rng(4)))
+    toe, heel, sole = (KINEMATICS.position(f"left_{part}") for part in ("toe", "heel", "sole"))
+    np.testing.assert_allclose((toe + heel) / 2, sole, atol=1e-12)
+    assert np.linalg.norm(toe - heel) == pytest.approx(0.30, abs=1e-12)
+
+
+def test_measured_commands_by_hand() -> None:
+    """Pelvis at 0.78 m over ground at 0.1 m, heading 90 degrees, pitched 0.3, moving along world y and turning."""
+    orientation = rotations.from_yaw_pitch_roll(np.pi / 2, 0.3, 0.0)
+    q = ROBOT.nominal.copy()
+    q[ROBOT.waist] = 0.4
+    state = RobotState(
+        q=q,
+        dq=np.zeros(19),
+        orientation=orientation,
+        angular_velocity=rotations.rotate_inverse(orientation, np.array([0.0, 0.0, 0.7])),
+        position=np.array([1.0, 2.0, 0.78]),
+        velocity=np.array([-0.2, 0.5, 0.1]),
+    )
+    KINEMATICS.update(state)
+    measured = KINEMATICS.measured(ground_height=0.1)
+    # Heading along +y: forward is +y, left is -x.
+    np.testing.assert_allclose((measured.v_x, measured.v_y, measured.omega), (0.5, 0.2, 0.7), atol=1e-12)
+    np.testing.assert_allclose((measured.h, measured.p, measured.w), (-0.30, 0.3, 0.4), atol=1e-12)
+
+
+def test_measured_needs_position_and_velocity() -> None:
+    state = RobotState(ROBOT.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    kinematics = Kinematics()
+    kinematics.update(state)
+    with pytest.raises(ValueError, match="position and velocity"):
+        kinematics.measured()
+    kinematics.update(dataclasses.replace(state, position=np.zeros(3)))
+    with pytest.raises(ValueError, match="position and velocity"):
+        kinematics.measured()
+
+
+def test_measured_commands_agree_with_the_simulators_sensors() -> None:
+    rng, data = np.random.default_rng(5), mujoco.MjData(MODEL)
+    pelvis = MODEL.body("pelvis").id
+    for _ in range(200):
+        state = _random_state(data, rng)
+        mujoco.mj_sensorPos(MODEL, data)
+        mujoco.mj_sensorVel(MODEL, data)
+        KINEMATICS.update(state)
+        measured = KINEMATICS.measured()
+        rotation = data.xmat[pelvis].reshape(3, 3)
+        assert measured.h == pytest.approx(data.xpos[pelvis, 2] - 0.98, abs=1e-6)
+        assert measured.p == pytest.approx(np.arcsin(-rotation[2, 0]), abs=1e-6)
+        assert measured.w == pytest.approx(data.joint("torso_joint").qpos[0], abs=1e-12)
+        soles = [data.sensor(f"{side}_sole_position").data[2] for side in ("left", "right")]
+        np.testing.assert_allclose(measured.clearance, soles, atol=1e-6)
+        velocity = np.zeros(6)
+        mujoco.mj_objectVelocity(MODEL, data, mujoco.mjtObj.mjOBJ_XBODY, pelvis, velocity, 0)
+        assert measured.omega == pytest.approx(velocity[2], abs=1e-6)
+        heading = rotation[:2, 0] / np.linalg.norm(rotation[:2, 0])
+        assert measured.v_x == pytest.approx(heading @ data.qvel[:2], abs=1e-6)
+        assert measured.v_y == pytest.approx(heading[0] * data.qvel[1] - heading[1] * data.qvel[0], abs=1e-6)
+        for side in ("left", "right"):
+            sole = data.sensor(f"{side}_sole_velocity").data
+            np.testing.assert_allclose(KINEMATICS.velocity(f"{side}_sole")[:3], sole, atol=1e-6)
