@@ -1,0 +1,254 @@
+"""One robot in MuJoCo: reset, PD law, pushes, forces, sensors, noise, bad commands and falls."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import JointCommand, load_robot, rotations
+from hugwbc.sim import HeightField, SensorNoise, Simulation, rough_terrain
+
+ROBOT = load_robot()
+WEIGHT = 51.649896 * 9.81
+HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
+
+
+@pytest.fixture(scope="module")
+def plane() -> Simulation:
+    return Simulation()
+
+
+def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:
+    state = plane.reset(xy=(1.0, -2.0), yaw=0.7)
+    np.testing.assert_allclose(state.position, [1.0, -2.0, 0.982], atol=1e-9)
+    assert state.yaw == pytest.approx(0.7)
+    np.testing.assert_array_equal(state.q, ROBOT.nominal)
+    assert not state.dq.any() and not state.velocity.any()
+    assert state.time == 0.0
+    assert not plane.fallen
+
+
+def test_reset_to_given_joints(plane: Simulation) -> None:
+    q = ROBOT.nominal + 0.05
+    np.testing.assert_array_equal(plane.reset(q=q).q, q)
+
+
+@pytest.mark.parametrize("xy", [(0.0, 0.0), (2.3, -1.1)])
+def test_reset_on_terrain_stands_on_the_ground_below(xy: tuple[float, float]) -> None:
+    terrain = rough_terrain(0.02, np.random.default_rng(0))
+    simulation = Simulation(terrain=terrain)
+    state = simulation.reset(xy=xy)
+    assert state.position[2] == pytest.approx(0.982 + float(terrain.height_at(np.array(xy))), abs=1e-9)
+    for _ in range(10):
+        state = simulation.step(HOLD, 0.02)
+    assert not simulation.fallen
+    assert simulation.ground_height(np.array(xy)) == pytest.approx(float(terrain.height_at(np.array(xy))))
+    assert state.foot_force[:, 2].sum() > 0.5 * WEIGHT
+
+
+def test_raised_flat_ground_behaves_as_the_plane_does(plane: Simulation) -> None:
+    raised = Simulation(terrain=HeightField(np.full((11, 11), 0.5), (4.0, 4.0)))
+    low, high = plane.reset(), raised.reset()
+    for _ in range(25):
+        low, high = plane.step(HOLD, 0.02), raised.step(HOLD, 0.02)
+    # A height field's contacts are computed on prisms, so not to the last bit.
+    np.testing.assert_allclose(high.position - [0, 0, 0.5], low.position, atol=2e-3)
+
+
+def test_feet_carry_the_weight_upwards(plane: Simulation) -> None:
+    """A hand-tuned start would be luck; the mean over the first half second of settling must be the weight."""
+    plane.reset()
+    forces = np.array([plane.step(HOLD, 0.002).foot_force for _ in range(250)])
+    assert forces[50:, :, 2].sum(1).mean() == pytest.approx(WEIGHT, rel=0.1)
+    assert np.all(forces[50:, :, 2].mean(0) > 0.3 * WEIGHT)
+
+
+def test_time_advances_by_whole_physics_steps(plane: Simulation) -> None:
+    plane.reset()
+    assert plane.step(HOLD, 0.02).time == pytest.approx(0.02)
+    assert plane.step(HOLD, 0.0001).time == pytest.approx(0.022)  # never less than one step
+
+
+def test_torque_is_the_pd_law_within_the_limits(plane: Simulation) -> None:
+    rng = np.random.default_rng(0)
+    plane.reset()
+    clamped = 0
+    for scale in (0.02, 0.3, 2.0):
+        for _ in range(5):
+            command = JointCommand(
+                q=ROBOT.nominal + scale * rng.normal(size=19),
+                dq=scale * rng.normal(size=19),
+                kp=ROBOT.kp * rng.uniform(0.5, 1.5, 19),
+                kd=ROBOT.kd * rng.uniform(0.5, 1.5, 19),
+                tau=10 * scale * rng.normal(size=19),
+            )
+            state = plane.step(command, 0.002)
+            law = command.tau + command.kp * (command.q - state.q) + command.kd * (command.dq - state.dq)
+            np.testing.assert_allclose(plane.torque, np.clip(law, -ROBOT.torque_limit, ROBOT.torque_limit), atol=1e-9)
+            clamped += int(np.sum(np.abs(law) > ROBOT.torque_limit))
+    assert clamped > 10  # the last scale does reach the limits
+
+
+def test_pure_torque_command(plane: Simulation) -> None:
+    plane.reset()
+    zero = np.zeros(19)
+    tau = np.linspace(-10, 10, 19)
+    plane.step(JointCommand(zero, zero, zero, zero, tau), 0.002)
+    np.testing.assert_allclose(plane.torque, tau, atol=1e-12)
+
+
+def test_a_command_that_is_not_finite_is_held_off_and_counted() -> None:
+    bad = dataclasses.replace(HOLD, q=np.where(np.arange(19) == 4, np.nan, ROBOT.nominal))
+    faulty, sound = Simulation(), Simulation()
+    good = dataclasses.replace(HOLD, q=ROBOT.nominal + 0.03)
+    for simulation, second in ((faulty, bad), (sound, good)):
+        simulation.reset()
+        simulation.step(good, 0.02)
+        simulation.step(second, 0.02)
+    assert (faulty.rejected_commands, sound.rejected_commands) == (1, 0)
+    np.testing.assert_array_equal(faulty.data.qpos, sound.data.qpos)
+    assert faulty.state().is_finite
+    assert not faulty.diverged
+
+
+def test_push_changes_the_velocity_at_once(plane: Simulation) -> None:
+    plane.reset()
+    plane.push(np.array([0.3, -0.2, 0.0]))
+    np.testing.assert_allclose(plane.state().velocity, [0.3, -0.2, 0.0])
+    plane.push(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.5]))
+    np.testing.assert_allclose(plane.state().velocity, [0.4, -0.2, 0.0])
+    np.testing.assert_allclose(plane.state().angular_velocity, [0, 0, 0.5])
+
+
+def test_force_acts_for_its_duration_only() -> None:
+    simulation = Simulation()
+    simulation.reset()
+    simulation.apply_force(np.array([100.0, 0.0, 0.0]), 0.1)
+    torso = simulation.model.body("torso_link").id
+    acting = []
+    for _ in range(20):
+        simulation.step(HOLD, 0.01)
+        acting.append(simulation.data.xfrc_applied[torso, 0])
+    # Still set after 0.09 s; cleared by the step that starts at 0.1 s.
+    assert acting[8] == 100.0
+    assert acting[10:] == [0.0] * 10
+
+
+def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
+    """In the air, 100 N for 0.1 s change the momentum of 51.65 kg by 10 Ns, and gravity takes 0.2 s of fall."""
+    simulation = Simulation()
+    simulation.reset()
+    simulation.data.qpos[2] += 5.0
+    simulation.apply_force(np.array([100.0, -50.0, 0.0]), 0.1, link="pelvis")
+    simulation.step(HOLD, 0.2)
+    mujoco.mj_subtreeVel(simulation.model, simulation.data)
+    momentum = simulation.data.subtree_linvel[1] * 51.649896
+    np.testing.assert_allclose(momentum, [10.0, -5.0, -WEIGHT * 0.2], rtol=0.01)
+
+
+def test_reset_forgets_forces_and_bad_states() -> None:
+    simulation = Simulation()
+    simulation.apply_force(np.array([500.0, 0, 0]), 10.0)
+    simulation.data.qpos[2] = np.nan
+    simulation.step(HOLD, 0.002)
+    assert simulation.diverged
+    assert simulation.fallen
+    simulation.reset()
+    assert not simulation.diverged
+    assert not simulation.fallen
+    simulation.step(HOLD, 0.02)
+    assert not simulation.data.xfrc_applied.any()
+
+
+def test_sense_without_noise_is_the_truth(plane: Simulation) -> None:
+    rng = np.random.default_rng(1)
+    plane.reset(yaw=1.0)
+    plane.push(np.array([0.3, 0.2, 0.0, 0.2, 0.4, -0.3]))
+    plane.step(dataclasses.replace(HOLD, q=ROBOT.nominal + rng.uniform(-0.2, 0.2, 19)), 0.1)
+    truth, sensed = plane.state(), plane.sense()
+    assert abs(sensed.orientation @ truth.orientation) == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(sensed.angular_velocity, truth.angular_velocity, atol=1e-9)
+    for name in ("q", "dq", "position", "velocity", "foot_force"):
+        np.testing.assert_array_equal(getattr(sensed, name), getattr(truth, name))
+
+
+def test_noise_stays_within_its_bounds_and_uses_them() -> None:
+    noise = SensorNoise(angular_velocity=0.2, orientation=0.05, q=0.01, dq=1.5, position=0.02, velocity=0.1)
+    simulation = Simulation(noise=noise, seed=3)
+    truth = simulation.reset(yaw=0.4)
+    readings = [simulation.sense() for _ in range(400)]
+    for name in ("angular_velocity", "q", "dq", "position", "velocity"):
+        error = np.array([getattr(r, name) for r in readings]) - getattr(truth, name)
+        bound = getattr(noise, name)
+        assert 0.95 * bound < np.abs(error).max() <= bound + 1e-9, name
+        assert abs(error.mean()) < 0.1 * bound, name
+    difference = [rotations.multiply(rotations.conjugate(truth.orientation), r.orientation) for r in readings]
+    angles = 2 * np.arcsin(np.clip(np.linalg.norm(np.array(difference)[:, 1:], axis=1), 0, 1))
+    assert 0.05 < angles.max() <= 0.05 * np.sqrt(3) + 1e-6
+    np.testing.assert_allclose([np.linalg.norm(r.orientation) for r in readings], 1.0, atol=1e-12)
+
+
+def test_noise_repeats_with_its_seed() -> None:
+    first, again, other = (Simulation(noise=SensorNoise(), seed=seed).sense().q for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("yaw", "pitch", "roll", "height", "fallen"),
+    [
+        (2.0, 0.9, 0.0, 2.0, False),
+        (2.0, 1.1, 0.0, 2.0, True),
+        (2.0, -1.1, 0.0, 2.0, True),
+        (0.0, 0.0, 0.7, 2.0, False),
+        (0.0, 0.0, -0.9, 2.0, True),
+        (0.0, 0.0, 0.0, 0.5, False),
+        (0.0, 0.0, 0.0, 0.4, True),
+    ],
+)
+def test_fallen_by_inclination_and_height(
+    plane: Simulation, yaw: float, pitch: float, roll: float, height: float, fallen: bool
+) -> None:
+    plane.reset()
+    plane.data.qpos[2] = height
+    plane.data.qpos[3:7] = rotations.from_yaw_pitch_roll(yaw, pitch, roll)
+    mujoco.mj_forward(plane.model, plane.data)
+    assert plane.fallen is fallen
+
+
+def test_limp_robot_falls_and_its_trunk_is_noticed_on_the_ground() -> None:
+    simulation = Simulation()
+    simulation.reset()
+    zero = np.zeros(19)
+    limp = JointCommand(zero, zero, zero, zero, zero)
+    simulation.push(np.array([1.0, 0.0, 0.0]))
+    fell_after = next(step for step in range(200) if (simulation.step(limp, 0.02), simulation.fallen)[1])
+    assert 0.2 < fell_after * 0.02 < 2.5
+    for _ in range(100):
+        simulation.step(limp, 0.02)
+    assert simulation.fallen
+    assert not simulation.diverged
+
+
+def test_hand_position_of_the_nominal_pose(plane: Simulation) -> None:
+    plane.reset()
+    left, right = plane.hand_position("left"), plane.hand_position("right")
+    # Arms hang, forearms point forward: 0.28 m ahead of the elbow, which sits 1.85 cm ahead of the shoulder.
+    np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-9)
+    assert left[0] == pytest.approx(0.28 + 0.0185, abs=1e-6)
+    # Heights down the arm: shoulder 0.42999, roll -0.0165 turned by 0.43633 with +0.0565 across, then the links.
+    shoulder = 0.42999 + 0.0565 * np.sin(0.43633) - 0.0165 * np.cos(0.43633)
+    assert left[2] == pytest.approx(0.982 + shoulder - 0.1343 - 0.198 - 0.015, abs=1e-6)
+
+
+def test_trunk_against_a_wall_of_ground_counts_as_fallen() -> None:
+    """Upright and high above the ground below it, but with the chest in a ridge."""
+    heights = np.zeros((41, 61))
+    heights[:, 50:] = 1.3  # a grid of 5 cm over 3 m: the ridge begins at x = 1.0 m
+    simulation = Simulation(terrain=HeightField(heights, (3.0, 2.0)))
+    simulation.reset(xy=(0.5, 0.0))
+    assert not simulation.fallen
+    simulation.reset(xy=(0.94, 0.0))
+    assert simulation.ground_height(np.array([0.94, 0.0])) == pytest.approx(0.0)
+    assert simulation.fallen

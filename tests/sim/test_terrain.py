@@ -1,0 +1,81 @@
+"""Height fields: bilinear look-up, errors, and agreement with the ground that MuJoCo collides with."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc.errors import ConfigError
+from hugwbc.sim import HeightField, rough_terrain
+from hugwbc.sim.scene import load_model
+
+
+def test_bilinear_by_hand() -> None:
+    # Two by three points over 4 m in x and 2 m in y: rows run along y, columns along x.
+    field = HeightField(np.array([[0.0, 1.0, 2.0], [10.0, 11.0, 12.0]]), (4.0, 2.0))
+    points = np.array([[-2.0, -1.0], [2.0, -1.0], [-2.0, 1.0], [0.0, 0.0], [1.0, 0.5]])
+    np.testing.assert_allclose(field.height_at(points), [0, 2, 10, 6, 1.5 + 7.5])
+    assert field.height_at(np.array([100.0, -100.0])) == 2.0  # beyond the edge, the edge's
+
+
+@pytest.mark.parametrize("heights", [np.zeros(4), np.zeros((1, 5)), np.array([[0.0, np.nan], [0.0, 0.0]])])
+def test_bad_heights_are_refused(heights: np.ndarray) -> None:
+    with pytest.raises(ConfigError, match="at least 2 x 2 finite heights"):
+        HeightField(heights, (1.0, 1.0))
+
+
+@pytest.mark.parametrize("amplitude", [-0.1, np.nan, np.inf, 1.0])
+def test_bad_amplitude_is_refused(amplitude: float) -> None:
+    with pytest.raises(ConfigError, match="terrain amplitude is .* give a height from 0 to 1 m"):
+        rough_terrain(amplitude, np.random.default_rng(0))
+
+
+def test_rough_terrain_stays_within_its_amplitude_and_is_seeded() -> None:
+    field = rough_terrain(0.05, np.random.default_rng(7), size=4.0, spacing=0.5)
+    assert field.heights.shape == (9, 9)
+    assert 0.03 < np.abs(field.heights).max() <= 0.05
+    np.testing.assert_array_equal(
+        field.heights, rough_terrain(0.05, np.random.default_rng(7), size=4.0, spacing=0.5).heights
+    )
+
+
+def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
+    """At the grid points exactly (to single precision); between them MuJoCo's ground is two triangles per cell."""
+    rng = np.random.default_rng(3)
+    field = HeightField(rng.uniform(-0.1, 0.2, (21, 31)), (6.0, 4.0))
+    model = load_model(0.005, field)
+    data = mujoco.MjData(model)
+    data.qpos[:3] = [50.0, 50.0, 5.0]  # the robot out of the way
+    mujoco.mj_forward(model, data)
+
+    def ground(x: float, y: float) -> float:
+        hit = np.array([-1], dtype=np.int32)
+        distance = mujoco.mj_ray(model, data, np.array([x, y, 2.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, hit, None)
+        assert model.geom(hit[0]).name == "floor"
+        return 2.0 - distance
+
+    for row, column in rng.integers([1, 1], [20, 30], (50, 2)):
+        x, y = column * 6.0 / 30 - 3.0, row * 4.0 / 20 - 2.0
+        assert ground(x + 1e-7, y + 1e-7) == pytest.approx(field.heights[row, column], abs=1e-5)
+    for x, y in rng.uniform([-2.9, -1.9], [2.9, 1.9], (50, 2)):
+        # Bilinear and either triangulation differ by at most a quarter of the cell's twist, here 2 * 0.3 m.
+        assert abs(ground(x, y) - field.height_at(np.array([x, y]))) <= 0.15
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.002, 0.02, np.nan])
+def test_bad_time_step_is_refused(timestep: float) -> None:
+    with pytest.raises(ConfigError, match="physics time step is .* give a value above 0 and up to 0.01 s"):
+        load_model(timestep)
+
+
+def test_model_without_visuals_has_the_same_physics() -> None:
+    full, bare = load_model(0.005), load_model(0.005, visuals=False)
+    assert bare.ngeom < full.ngeom == bare.ngeom + np.sum(full.geom_group == 2)
+    assert bare.npair == full.npair
+    states = []
+    for model in (full, bare):
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+        states.append(data.qpos.copy())
+    np.testing.assert_allclose(states[0], states[1], atol=1e-12)
