@@ -25,7 +25,7 @@ def test_bad_heights_are_refused(heights: np.ndarray) -> None:
 
 @pytest.mark.parametrize("amplitude", [-0.1, np.nan, np.inf, 1.0])
 def test_bad_amplitude_is_refused(amplitude: float) -> None:
-    with pytest.raises(ConfigError, match="terrain amplitude is .* give a height from 0 to 1 m"):
+    with pytest.raises(ConfigError, match=r"terrain amplitude is .* give a height from 0 to 1 m"):
         rough_terrain(amplitude, np.random.default_rng(0))
 
 
@@ -63,7 +63,7 @@ def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
 
 @pytest.mark.parametrize("timestep", [0.0, -0.002, 0.02, np.nan])
 def test_bad_time_step_is_refused(timestep: float) -> None:
-    with pytest.raises(ConfigError, match="physics time step is .* give a value above 0 and up to 0.01 s"):
+    with pytest.raises(ConfigError, match=r"physics time step is .* give a value above 0 and up to 0.01 s"):
         load_model(timestep)
 
 
