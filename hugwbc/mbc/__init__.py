@@ -1,0 +1,8 @@
+"""The model-based half: gait plan, footsteps, tasks and whole-body QP."""
+
+from hugwbc.mbc.controller import WholeBodyController
+from hugwbc.mbc.diagnostics import Diagnostics, Output
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.qp import QpStatus
+
+__all__ = ["ControllerParams", "Diagnostics", "Output", "QpStatus", "WholeBodyController"]

@@ -1,0 +1,107 @@
+"""Commands as the plan follows them: within their ranges, and without jumps."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.gait import Gait
+from hugwbc.mbc.gait_plan import supported
+from hugwbc.mbc.params import ControllerParams
+
+_SMOOTHED = ("h", "p", "w")
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothCommand:
+    """A command that never jumps, with the rates of its body posture.
+
+    Attributes:
+        gait: standing or walking.
+        velocity: v_x, v_y [m/s], shape (2,).
+        omega: yaw rate [rad/s].
+        f: stride frequency [Hz].
+        l: swing apex [m].
+        h, p, w: [m], [rad], [rad].
+        h_rate, p_rate, w_rate: their rates [m/s], [rad/s].
+    """
+
+    gait: Gait
+    velocity: np.ndarray
+    omega: float
+    f: float
+    l: float  # noqa: E741  the paper's symbol
+    h: float
+    p: float
+    w: float
+    h_rate: float
+    p_rate: float
+    w_rate: float
+
+
+class CommandFilter:
+    """Clamps commands to their ranges and limits their rates, so that a step command does not topple the robot."""
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._params = params
+        self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
+        self.reset(0.0, 0.0, 0.0)
+
+    def reset(self, h: float, p: float, w: float) -> None:
+        """Start at rest from a posture [m, rad, rad]."""
+        self._velocity = np.zeros(3)
+        self._frequency: float | None = None
+        self._posture = np.array([h, p, w])
+        self._rate = np.zeros(3)
+
+    def update(self, command: Command, dt: float) -> tuple[SmoothCommand, tuple[str, ...]]:
+        """The command to follow now, and a report of what could not be followed as asked.
+
+        Args:
+            command: as given; NaN and values out of range are replaced and reported.
+            dt: since the last call [s].
+        """
+        gait, report = supported(command.gait)
+        command, clamped = dataclasses.replace(command, gait=gait).clamp()
+        report += clamped
+        params = self._params
+        wanted = np.array([command.v_x, command.v_y, command.omega])
+        step = np.array(params.velocity_rate) * dt
+        self._velocity += np.clip(wanted - self._velocity, -step, step)
+        if self._frequency is None:
+            self._frequency = command.f
+        step = params.frequency_rate * dt
+        self._frequency += float(np.clip(command.f - self._frequency, -step, step))
+
+        low = params.min_walking_height if gait is Gait.WALKING else -np.inf
+        h = max(command.h, low)
+        if h > command.h:
+            report += (f"h = {command.h:g} m leaves no room to lift a foot: walking at {h:g} m",)
+        h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
+        self._follow(np.array([h, command.p, command.w]), dt)
+        apex = max(params.min_clearance, min(command.l, params.clearance_at_nominal + self._posture[0]))
+        if gait is Gait.WALKING and apex < command.l - 0.005:
+            report += (f"l = {command.l:g} m is beyond the leg's reach at this height: using {apex:.2f} m",)
+        return (
+            SmoothCommand(
+                gait,
+                self._velocity[:2].copy(),
+                float(self._velocity[2]),
+                self._frequency,
+                apex,
+                *map(float, self._posture),
+                *map(float, self._rate),
+            ),
+            report,
+        )
+
+    def _follow(self, target: np.ndarray, dt: float) -> None:
+        """Move the posture towards a target with bounded rate and bounded rate of the rate."""
+        fastest, quickest = np.array(self._limits).T
+        gap = target - self._posture
+        # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its linear tangent.
+        wanted = np.sign(gap) * np.minimum(
+            np.minimum(np.sqrt(quickest * np.abs(gap)), np.abs(gap) * 2.0 * quickest / fastest), fastest
+        )
+        self._rate += np.clip(wanted - self._rate, -quickest * dt, quickest * dt)
+        self._posture += self._rate * dt

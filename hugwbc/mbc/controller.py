@@ -1,0 +1,186 @@
+"""The model-based whole-body controller: gait plan, tasks and QP behind the interface of every controller."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
+from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.locomotion import Locomotion
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
+from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, Task, TaskTerms
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
+
+_LARGEST_REASONABLE = 1e6  # of any state value: beyond, products overflow
+
+
+class WholeBodyController:
+    """Walks and stands by inverse dynamics.
+
+    Attributes:
+        name: "qp".
+        period: time between two calls of `act` [s].
+        params: gains, weights and limits.
+        dynamics: the robot model at the last state.
+        diagnostics: of the last tick.
+    """
+
+    name = "qp"
+
+    def __init__(
+        self, params: ControllerParams | None = None, *, period: float = 0.002, dynamics: Dynamics | None = None
+    ) -> None:
+        """Set up.
+
+        Args:
+            params: gains, weights and limits.
+            period: time between two calls of `act` [s]; 0.002 to 0.01, and 0.02 with reduced tracking.
+            dynamics: a robot model other than the shared one.
+        """
+        self.params = params or ControllerParams()
+        self.period = period
+        self.dynamics = dynamics or Dynamics()
+        self.diagnostics = Diagnostics()
+        self._robot = load_robot()
+        self._filter = CommandFilter(self.params)
+        self._locomotion = Locomotion(self.params)
+        self._momentum = AngularMomentumTask(self.params)
+        self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
+        self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
+        self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._fallbacks = 0
+        self._relaxed = 0
+        self._held = 0
+        self._last: JointCommand | None = None
+        self._started = False
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past and start from this state, standing."""
+        self._clear()
+        self._qp.reset()
+        self.diagnostics = Diagnostics()
+        if _usable(state):
+            self._start(state)
+
+    def _start(self, state: RobotState) -> None:
+        self.dynamics.update(state)
+        self._locomotion.reset(self.dynamics)
+        ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
+        pelvis = self.dynamics.frame("pelvis")
+        height = float(pelvis.position[2] - ground - self._robot.nominal_height)
+        pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
+        self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
+        self._started = True
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """The joint command for the next period; never raises on bad numbers, never returns NaN.
+
+        Unusable states and unsolved QPs are counted; the last good command is held for a while, then the joints are
+        damped. `diagnostics` tells.
+        """
+        if not _usable(state):
+            return self._fall_back(state, None, ("the state is not finite",))
+        if not self._started:
+            self._start(state)
+        self.dynamics.update(state)
+        smooth, report = self._filter.update(command, self.period)
+        self._locomotion.update(self.dynamics, smooth, self.period)
+        report += self._set_posture(smooth, upper_body)
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms, self._momentum]
+        terms = [task.evaluate(self.dynamics) for task in tasks]
+        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact)
+        if solution.status is QpStatus.FAILED:
+            return self._fall_back(state, solution, report)
+        self._relaxed += solution.status is QpStatus.RELAXED
+        self._held = 0
+        self._last = self._joint_command(state, solution)
+        self._record(Output.SOLUTION, solution, report, tasks, terms)
+        return self._last
+
+    def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
+        """Targets of waist and arms; arms under external control are prescribed motion."""
+        params, robot = self.params, self._robot
+        self._waist.target[:], self._waist.rate[:] = command.w, command.w_rate
+        self._waist.stiffness[:], self._waist.damping[:] = params.waist_gains
+        self._waist.weight[:] = params.waist_weight
+        mask = upper_body.mask & np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
+        report = () if np.array_equal(mask, upper_body.mask) else ("arm targets that are not finite are ignored",)
+        low, high = robot.lower[robot.arms], robot.upper[robot.arms]
+        self._arms.target[:] = np.where(mask, np.clip(upper_body.q, low, high), robot.nominal[robot.arms])
+        self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
+        self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
+        # Sampled at the control period, a servo must stay well below the sampling frequency.
+        stiffness = min(params.takeover_gains[0], (0.4 / self.period) ** 2)
+        damping = min(params.takeover_gains[1], 0.8 / self.period)
+        self._arms.stiffness[:] = np.where(mask, stiffness, params.arm_gains[0])
+        self._arms.damping[:] = np.where(mask, damping, params.arm_gains[1])
+        return report
+
+    def _joint_command(self, state: RobotState, solution: QpSolution) -> JointCommand:
+        """Feed-forward torque, and a weak PD about the motion that it should cause.
+
+        The PD's targets are those of the middle of the period, so that along the predicted motion its torque averages
+        to zero, while it damps what departs from it between two ticks.
+        """
+        robot, half = self._robot, 0.5 * self.period
+        acceleration = solution.acceleration[self.dynamics.columns]
+        limit = robot.torque_limit * self.params.torque_fraction
+        return JointCommand(
+            q=state.q + half * state.dq,
+            dq=state.dq + half * acceleration,
+            kp=self.params.joint_stiffness * robot.kp,
+            kd=self.params.joint_damping * robot.kd,
+            tau=np.clip(solution.torque, -limit, limit),
+        )
+
+    def _fall_back(self, state: RobotState, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
+        self._fallbacks += 1
+        self._held += 1
+        if self._last is not None and self._held * self.period <= self.params.hold_time:
+            self._record(Output.HELD, solution, report, [], [])
+            return self._last
+        self._record(Output.DAMPING, solution, report, [], [])
+        zero = np.zeros_like(self._robot.kp)
+        return JointCommand(
+            q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
+        )
+
+    def _record(
+        self,
+        output: Output,
+        solution: QpSolution | None,
+        report: tuple[str, ...],
+        tasks: list[Task],
+        terms: list[TaskTerms],
+    ) -> None:
+        plan = self._locomotion.plan
+        record = Diagnostics(
+            output=output,
+            mode=plan.mode,
+            swing=None if plan.swing is None else SIDES[plan.swing],
+            task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
+            next_foothold=self._locomotion.foothold if self._started else None,
+            fallbacks=self._fallbacks,
+            relaxed=self._relaxed,
+            report=report,
+        )
+        if solution is not None:
+            record = dataclasses.replace(record, status=solution.status, iterations=solution.iterations)
+            if solution.status is not QpStatus.FAILED:
+                forces = dict(zip(CONTACT_POINTS, solution.forces, strict=True))
+                record = dataclasses.replace(record, contact_forces=forces)
+        self.diagnostics = record
+
+
+def _usable(state: RobotState) -> bool:
+    fields = (getattr(state, field.name) for field in dataclasses.fields(state))
+    # A NaN compares as false.
+    return all(bool(np.all(np.abs(value) < _LARGEST_REASONABLE)) for value in fields if value is not None)

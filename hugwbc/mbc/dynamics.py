@@ -1,0 +1,104 @@
+"""Dynamics of the free-floating H1 at one state: what the tasks and the QP read."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from hugwbc.kinematics import Kinematics
+from hugwbc.state import RobotState
+
+
+class FrameMotion(NamedTuple):
+    """A frame and its motion, in world axes.
+
+    Attributes:
+        position: origin [m], shape (3,).
+        rotation: axes in the world, shape (3, 3).
+        jacobian: of linear, then angular velocity, shape (6, nv).
+        velocity: linear [m/s], then angular [rad/s], shape (6,).
+        drift: acceleration at zero generalised acceleration, dJ/dt v [m/s^2, rad/s^2], shape (6,).
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    jacobian: np.ndarray
+    velocity: np.ndarray
+    drift: np.ndarray
+
+
+class Dynamics(Kinematics):
+    """Mass matrix, bias, centroidal quantities and frame Jacobians, all computed by one `update`.
+
+    Generalised velocities v follow Pinocchio: base linear and angular velocity in the base frame, then the joints.
+    Equation of motion: M dv/dt + bias = S^T tau + sum J^T f.
+
+    Attributes:
+        mass: [kg].
+        M: mass matrix with rotor inertia, shape (nv, nv).
+        bias: Coriolis, centrifugal, gravity and joint friction, shape (nv,).
+        com, com_velocity: centre of mass in the world [m], [m/s], shape (3,).
+        com_jacobian, com_drift: with d(com_velocity)/dt = com_jacobian dv/dt + com_drift; shapes (3, nv), (3,).
+        momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
+        momentum_jacobian, momentum_drift: likewise for the angular momentum.
+    """
+
+    def __init__(self, model: pin.Model | None = None) -> None:
+        """Use the shared H1, or another model with the same joints and frames."""
+        super().__init__()
+        if model is not None:
+            self.model = model
+            self.data = model.createData()
+        self.mass = float(pin.computeTotalMass(self.model))
+        self._damping = np.zeros(self.model.nv)
+        self._damping[self.columns] = self.robot.damping
+        self._ids: dict[str, int] = {}
+
+    @property
+    def nv(self) -> int:
+        """Number of generalised velocities."""
+        return self.model.nv
+
+    def update(self, state: RobotState) -> None:
+        """Compute everything at a state. A missing position or velocity counts as 0."""
+        super().update(state)
+        model, data = self.model, self.data
+        pin.computeJointJacobians(model, data)
+        pin.crba(model, data, self.q)
+        pin.nonLinearEffects(model, data, self.q, self.v)
+        pin.dccrba(model, data, self.q, self.v)
+        # crba of Pinocchio 3.8 fills both triangles; earlier ones only the upper.
+        upper = np.triu(data.M)
+        self.M = upper + np.triu(upper, 1).T
+        self.bias = data.nle + self._damping * self.v
+        self.com = data.com[0].copy()
+        self.com_velocity = data.vcom[0].copy()
+        self.com_jacobian = data.Ag[:3] / self.mass
+        drift = data.dAg @ self.v
+        self.com_drift = drift[:3] / self.mass
+        self.momentum = data.hg.angular.copy()
+        self.momentum_jacobian = data.Ag[3:].copy()
+        self.momentum_drift = drift[3:]
+        # The frames must be read before another call overwrites the accelerations of forwardKinematics(q, v, 0).
+        pin.forwardKinematics(model, data, self.q, self.v, np.zeros(model.nv))
+        self._frames: dict[str, FrameMotion] = {}
+
+    def frame(self, name: str) -> FrameMotion:
+        """A frame and its motion; computed once per update.
+
+        The drift is the classical acceleration: the spatial one lacks angular velocity x velocity.
+        """
+        motion = self._frames.get(name)
+        if motion is None:
+            index = self._ids.setdefault(name, self.model.getFrameId(name))
+            world = pin.LOCAL_WORLD_ALIGNED
+            placement = self.data.oMf[index]
+            motion = FrameMotion(
+                placement.translation.copy(),
+                placement.rotation.copy(),
+                pin.getFrameJacobian(self.model, self.data, index, world),
+                pin.getFrameVelocity(self.model, self.data, index, world).vector.copy(),
+                pin.getFrameClassicalAcceleration(self.model, self.data, index, world).vector.copy(),
+            )
+            self._frames[name] = motion
+        return motion

@@ -1,0 +1,224 @@
+"""From a smooth command to task targets and contacts: standing, shifting weight and walking."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.mbc.command_filter import SmoothCommand
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.footsteps import Pendulum, StepPlan, nominal_offset, plan_step
+from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.swing import SwingTrajectory
+from hugwbc.mbc.tasks import (
+    CentreOfMassTask,
+    PelvisHeightTask,
+    PelvisOrientationTask,
+    StanceContactTask,
+    SwingFootTask,
+    Task,
+)
+from hugwbc.mbc.velocity_trim import VelocityTrim
+from hugwbc.robot import SIDES
+
+_MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
+_YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
+_GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
+_SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
+_STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.08  # [m/s], [rad/s], [m]
+_SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m]
+_LEVEL_ANKLE = 0.84  # [rad], thigh angle of a symmetrically bent leg beyond which the ankle cannot keep the sole level
+_LEG = 0.8  # [m], hip to ankle with a straight knee
+
+
+class Locomotion:
+    """Owns the gait plan, the foot trajectories and the targets of the tasks that depend on them.
+
+    Attributes:
+        plan: the gait clock.
+        contact: whether the left and the right foot may push, shape (2,), bool.
+        foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
+        height, orientation, com, stance, swing: tasks.
+        clipped: number of ticks with a foothold out of reach.
+    """
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._params = params
+        self.plan = GaitPlan()
+        self.height = PelvisHeightTask(params)
+        self.orientation = PelvisOrientationTask(params)
+        self.com = CentreOfMassTask(params)
+        self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
+        self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
+        self._trajectory = SwingTrajectory(params)
+        self._trim = VelocityTrim(params)
+
+    def reset(self, dynamics: Dynamics) -> None:
+        """Stand where the robot is."""
+        self.plan.reset()
+        self._trim.reset()
+        self.contact = np.ones(2, dtype=bool)
+        self.foothold: np.ndarray | None = None
+        self.clipped = 0
+        self._landed = False
+        self._shifted = False
+        self._yaw = self._measured_yaw(dynamics)
+        self._ground = min(dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
+
+    def tasks(self) -> list[Task]:
+        """The tasks that count at this tick."""
+        tasks: list[Task] = [self.height, self.orientation, self.com]
+        for foot in range(2):
+            tasks.append(self.stance[foot] if self.contact[foot] else self.swing[foot])
+        return tasks
+
+    def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
+        """Advance the plan by one tick and set every target."""
+        lift_off = self.plan.advance(
+            command.gait,
+            command.f,
+            dt,
+            may_start=self._shifted,
+            may_stop=self._may_stop(dynamics, command),
+        )
+        self._update_references(dynamics, command, dt)
+        if self.plan.mode is Mode.WALKING:
+            self._walk(dynamics, command, dt, lift_off)
+        else:
+            self.contact[:] = True
+            self.foothold = None
+            self._trim.reset()
+            self._stand(dynamics, command)
+        for foot in np.flatnonzero(self.contact):
+            self.stance[foot].settle = self._settle_speed(dynamics, foot)
+
+    def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
+        soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
+        ground = soles.mean() if self.plan.stance is None else soles[self.plan.stance]
+        self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
+        yaw = self._measured_yaw(dynamics)
+        if self.plan.mode is Mode.WALKING:
+            self._yaw += command.omega * dt
+        else:
+            back = rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)
+            self._yaw += float(np.clip(back, -_YAW_RETURN * dt, _YAW_RETURN * dt))
+        lead = float(np.clip(rotations.wrap_angle(self._yaw - yaw), -_MAX_YAW_LEAD, _MAX_YAW_LEAD))
+        self._yaw = yaw + lead
+        self.height.target = self._ground + dynamics.robot.nominal_height + command.h
+        self.height.rate = command.h_rate
+        self.orientation.yaw = self.com.heading = self._yaw
+        self.orientation.yaw_rate = command.omega if self.plan.mode is Mode.WALKING else 0.0
+        self.orientation.pitch, self.orientation.pitch_rate = command.p, command.p_rate
+
+    def _stand(self, dynamics: Dynamics, command: SmoothCommand) -> None:
+        """Centre of mass between the feet; before the first step, across to where that step needs it."""
+        params = self._params
+        high, low = params.com_ahead
+        ahead = high + (low - high) * min(max(command.h / -0.3, 0.0), 1.0)
+        pivots = [self._pivot(dynamics, foot, ahead) for foot in range(2)]
+        middle = 0.5 * (pivots[0] + pivots[1])
+        self.com.target = middle[:2]
+        self.com.feedforward = np.zeros(2)
+        self.com.servo = np.ones(2)
+        self.com.active = np.ones(2)
+        if self.plan.mode is not Mode.SHIFTING:
+            self._shifted = False
+            return
+        pendulum = Pendulum.about(middle, dynamics)
+        to_heading = rotations.rotation_z(-self._yaw)[:2, :2]
+        left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
+        width = max(params.step_width, params.min_foot_distance)
+        wanted = right + nominal_offset(np.zeros(2), 0.0, self.plan.step_time, pendulum.omega, width, 1)[1]
+        dcm, com = (to_heading @ pendulum.dcm)[1], (to_heading @ pendulum.com)[1]
+        growth = np.exp(pendulum.omega * max(params.shift_time - self.plan.elapsed, 0.05))
+        cop = np.clip((wanted - growth * dcm) / (1.0 - growth), right + _SHIFT_MARGIN, left - _SHIFT_MARGIN)
+        self.com.feedforward[1] = pendulum.omega**2 * (com - cop)
+        self.com.servo[1] = 0.0
+        arrived = self.plan.elapsed >= params.shift_time and abs(dcm - wanted) < _SHIFT_TOLERANCE
+        self._shifted = bool(arrived or self.plan.elapsed >= params.max_shift_time)
+
+    def _walk(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
+        plan = self.plan
+        swing, stance = plan.swing, plan.stance
+        assert swing is not None and stance is not None
+        sole = dynamics.frame(f"{SIDES[swing]}_sole")
+        self._trim.measure(rotations.rotation_z(-self._yaw)[:2, :2] @ dynamics.frame("pelvis").velocity[:2],
+                           command.velocity, dt)  # fmt: skip
+        if lift_off:
+            self._trajectory.start(sole.position)
+            self._landed = False
+            self._trim.end_step()
+        step = self._plan_step(dynamics, command, swing, stance)
+        self.clipped += step.clipped
+        landing_yaw = self._yaw + command.omega * plan.remaining
+        ahead = np.mean(dynamics.robot.sole_x) - self._params.pivot_x
+        self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
+        elapsed = plan.step_time - plan.remaining
+        ground = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
+        self._trajectory.advance(self.foothold, command.l, ground, elapsed, plan.remaining, dt)
+        if elapsed > self._params.early_contact_phase * plan.step_time:
+            self._landed |= self._lowest(dynamics, swing) - ground < self._params.early_contact_height
+        self.contact[stance], self.contact[swing] = True, self._landed
+
+        task = self.swing[swing]
+        task.position, task.velocity = self._trajectory.position, self._trajectory.velocity
+        task.acceleration = self._trajectory.acceleration
+        task.yaw = landing_yaw
+        task.pitch = self._toe_down(dynamics, swing)
+        heading = rotations.rotation_z(-self._yaw)[:2, :2]
+        pendulum = Pendulum.about(self._pivot(dynamics, stance, self._params.pivot_x), dynamics)
+        self.com.feedforward = pendulum.omega**2 * (heading @ (dynamics.com[:2] - step.cop))
+        self.com.target = dynamics.com[:2]
+        self.com.servo = np.zeros(2)
+        self.com.active = np.array([1.0, 0.0])
+
+    def _plan_step(self, dynamics: Dynamics, command: SmoothCommand, swing: int, stance: int) -> StepPlan:
+        pendulum = Pendulum.about(self._pivot(dynamics, stance, self._params.pivot_x), dynamics)
+        return plan_step(
+            self._params,
+            pendulum,
+            command.velocity + self._trim.value,
+            command.omega,
+            self._yaw,
+            swing,
+            self.plan.step_time,
+            self.plan.remaining,
+        )
+
+    def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
+        if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
+            return False
+        gap = dynamics.frame("left_sole").position - dynamics.frame("right_sole").position
+        return abs((rotations.rotation_z(-self._yaw) @ gap)[0]) < _STOP_STRIDE
+
+    def _pivot(self, dynamics: Dynamics, foot: int, ahead: float) -> np.ndarray:
+        """Point on the ground, `ahead` of a foot's ankle [m], in the world [m], shape (3,)."""
+        sole = dynamics.frame(f"{SIDES[foot]}_sole")
+        forward = sole.rotation[:2, 0] / max(float(np.linalg.norm(sole.rotation[:2, 0])), 1e-6)
+        point = sole.position.copy()
+        point[:2] += forward * (ahead - np.mean(dynamics.robot.sole_x))
+        return point
+
+    def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
+        height = self._lowest(dynamics, foot) - self._ground
+        return 0.0 if height < _SETTLE_HEIGHT else min(_SETTLE_GAIN * height, _SETTLE_SPEED)
+
+    @staticmethod
+    def _lowest(dynamics: Dynamics, foot: int) -> float:
+        return min(dynamics.frame(f"{SIDES[foot]}_{end}").position[2] for end in ("heel", "toe"))
+
+    def _toe_down(self, dynamics: Dynamics, foot: int) -> float:
+        """Pitch of a lifted sole [rad]: level, until the ankle's range forces the toe down."""
+        hip = dynamics.frame(f"{SIDES[foot]}_hip_pitch_link").position
+        ankle = self._trajectory.position + np.array([0.0, 0.0, 0.07])
+        length = min(float(np.linalg.norm(hip - ankle)), _LEG)
+        return max(float(np.arccos(length / _LEG)) - _LEVEL_ANKLE, 0.0)
+
+    @staticmethod
+    def _measured_yaw(dynamics: Dynamics) -> float:
+        forward = dynamics.frame("pelvis").rotation[:2, 0]
+        return float(np.arctan2(forward[1], forward[0]))
+
+    @staticmethod
+    def _feet_yaw(dynamics: Dynamics) -> float:
+        forward = sum(dynamics.frame(f"{side}_sole").rotation[:2, 0] for side in SIDES)
+        return float(np.arctan2(forward[1], forward[0]))

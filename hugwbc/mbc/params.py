@@ -1,0 +1,128 @@
+"""Every gain, weight and limit of the model-based controller, in one place."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class ControllerParams:
+    """Numbers of the whole-body controller.
+
+    A task's cost is weight * (acceleration error)^2, so weights of tasks with the same unit compare directly. Gains are
+    natural: stiffness in 1/s^2, damping in 1/s, and multiply errors, not torques.
+    """
+
+    # --- whole-body QP
+    friction: float = 0.7
+    """Friction coefficient that the contact forces respect; below the soles' 0.8, for margin."""
+    torque_fraction: float = 0.95
+    """Share of every joint's torque limit that the QP may use."""
+    max_normal_force: float = 2000.0
+    """Largest normal force of one contact point [N]."""
+    joint_margin: float = 0.02
+    """Distance to a joint's position limit that is kept [rad]."""
+    joint_brake: float = 250.0
+    """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
+    joint_horizon: float = 0.02
+    """Time in which a joint speed above the admissible one is taken back [s]."""
+    acceleration_regularisation: float = 1e-3
+    """Weight on every generalised acceleration."""
+    force_regularisation: float = 1e-5
+    """Weight on every contact force component [1/kg^2]."""
+    qp_tolerance: float = 1e-5
+    """Absolute residual at which the QP counts as solved."""
+    qp_max_iterations: int = 100
+    """Bound on outer iterations of one solve."""
+
+    # --- tasks: weights, stiffness [1/s^2], damping [1/s]
+    contact_weight: float = 2000.0
+    contact_damping: float = 30.0
+    contact_pitch_stiffness: float = 100.0
+    height_weight: float = 300.0
+    """Dominates, so that the QP never raises the pelvis to buy normal force for a fast swing."""
+    height_gains: tuple[float, float] = (120.0, 22.0)
+    orientation_weight: tuple[float, float, float] = (4.0, 20.0, 10.0)
+    """Roll, pitch and yaw. Low roll: the line-shaped feet cannot hold it while a leg swings fast."""
+    orientation_gains: tuple[float, float] = (300.0, 30.0)
+    com_weight: float = 10.0
+    com_gains: tuple[float, float] = (30.0, 11.0)
+    swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
+    swing_gains: tuple[float, float] = (700.0, 50.0)
+    swing_rotation_weight: float = 10.0
+    swing_rotation_gains: tuple[float, float] = (300.0, 30.0)
+    waist_weight: float = 2.0
+    waist_gains: tuple[float, float] = (100.0, 20.0)
+    arm_weight: float = 0.5
+    arm_gains: tuple[float, float] = (100.0, 20.0)
+    takeover_weight: float = 20.0
+    """Weight of arm joints under external control: prescribed motion, which the rest of the body balances."""
+    takeover_gains: tuple[float, float] = (1600.0, 80.0)
+    takeover_speed: float = 8.0
+    """Largest speed with which an arm joint closes a gap to an external target [rad/s]."""
+    momentum_weight: tuple[float, float, float] = (0.002, 0.002, 0.002)
+    """Angular momentum about the centre of mass: roll, pitch, yaw [1/(kg m^2)^2]."""
+    momentum_damping: float = 5.0
+
+    # --- walking
+    step_width: float = 0.28
+    """Distance between the two feet's centre lines when walking in place [m]."""
+    min_foot_distance: float = 0.14
+    """Smallest lateral distance between the feet [m]."""
+    max_foot_distance: float = 0.60
+    max_step: tuple[float, float] = (-0.60, 0.75)
+    """Reach of a step along the heading, from the stance foot [m]."""
+    pivot_x: float = 0.02
+    """Nominal centre of pressure, forward of the ankle [m]: in the middle of what 38 N*m at the ankle can reach."""
+    max_cop_shift: float = 0.06
+    """Largest sagittal shift of the centre of pressure from the pivot [m]."""
+    cop_gain: float = 1.5
+    """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 it converges."""
+    landing_height: float = -0.001
+    """Height below the ground at which a swing ends, so that it ends on it [m]."""
+    landing_speed: float = 0.05
+    """Downward speed at which a swing ends [m/s]."""
+    early_contact_phase: float = 0.6
+    """Share of the swing after which touching the ground counts as landing."""
+    early_contact_height: float = 0.0005
+    """Height of heel or toe below which a descending foot counts as landed [m]."""
+    shift_time: float = 0.22
+    """Shortest weight shift in double support before the first step [s]."""
+    max_shift_time: float = 0.6
+    """Longest weight shift [s]."""
+    velocity_integral: float = 0.25
+    """Share of the velocity error of a stride that is added to the velocity plan at each step."""
+    max_velocity_trim: float = 0.3
+    """Bound on that correction [m/s]."""
+
+    # --- posture
+    com_ahead: tuple[float, float] = (0.03, -0.015)
+    """Centre of mass forward of the ankles when standing, at h = 0 and at h = -0.3 [m]."""
+    speed_lowering: float = 0.05
+    """Lowering of the pelvis per m/s of forward speed above `lowering_from` [m / (m/s)]."""
+    lowering_from: float = 0.9
+    """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
+    clearance_at_nominal: float = 0.31
+    """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
+    min_clearance: float = 0.04
+    """Lowest swing apex [m]; it is kept even where the height command leaves less."""
+    min_walking_height: float = -0.27
+    """Lowest h while walking [m]: below, the knee leaves no room to lift a foot."""
+
+    # --- command filter: largest rate and largest rate of the rate
+    velocity_rate: tuple[float, float, float] = (1.0, 1.0, 2.0)
+    """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
+    frequency_rate: float = 2.0
+    """Change of f [Hz/s]."""
+    height_rate: tuple[float, float] = (0.5, 2.0)
+    """Change of h [m/s], [m/s^2]."""
+    pitch_rate: tuple[float, float] = (0.8, 4.0)
+    """Change of p [rad/s], [rad/s^2]."""
+    waist_rate: tuple[float, float] = (2.0, 10.0)
+    """Change of w [rad/s], [rad/s^2]."""
+
+    # --- output
+    joint_stiffness: float = 0.1
+    """Stiffness of the joint PD between two ticks, as a share of the robot's nominal kp."""
+    joint_damping: float = 0.3
+    """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
+    hold_time: float = 0.06
+    """How long the last good command is held when no new one can be found, before the joints are only damped [s]."""

@@ -1,0 +1,80 @@
+"""Trajectory of the swing foot: a quintic, re-planned at every tick from its own state to a moving target."""
+
+import numpy as np
+
+from hugwbc.mbc.params import ControllerParams
+
+_SHORTEST = 0.02  # [s], below which a quintic to a moving target would ask for unbounded accelerations
+
+
+def quintic_advance(
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    target: tuple[np.ndarray, np.ndarray, np.ndarray],
+    duration: np.ndarray,
+    dt: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and acceleration after `dt` on the quintic from a state to a target.
+
+    Args:
+        state: position, velocity and acceleration now, each of shape (k,).
+        target: position, velocity and acceleration after `duration`, each of shape (k,).
+        duration: [s], positive, shape (k,).
+        dt: [s]; beyond the end of the quintic, its end.
+    """
+    x, v, a = state
+    T = duration
+    position = target[0] - (x + v * T + 0.5 * a * T**2)
+    velocity = target[1] - (v + a * T)
+    acceleration = target[2] - a
+    c3 = (10.0 * position - 4.0 * velocity * T + 0.5 * acceleration * T**2) / T**3
+    c4 = (-15.0 * position + 7.0 * velocity * T - acceleration * T**2) / T**4
+    c5 = (6.0 * position - 3.0 * velocity * T + 0.5 * acceleration * T**2) / T**5
+    t = np.minimum(dt, T)
+    return (
+        x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5)))),
+        v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
+        a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+    )
+
+
+class SwingTrajectory:
+    """Sole of one foot from lift-off through the apex to the foothold.
+
+    Attributes:
+        position, velocity, acceleration: of the plan, in the world [m], [m/s], [m/s^2], shape (3,).
+    """
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._params = params
+        self.start(np.zeros(3))
+
+    def start(self, position: np.ndarray) -> None:
+        """Begin a swing at rest."""
+        self.position = np.array(position, dtype=float)
+        self.velocity = np.zeros(3)
+        self.acceleration = np.zeros(3)
+
+    def advance(
+        self, foothold: np.ndarray, apex: float, ground: float, elapsed: float, remaining: float, dt: float
+    ) -> None:
+        """Move the plan on by `dt`.
+
+        Args:
+            foothold: where the sole's centre is to land, world x and y [m], shape (2,).
+            apex: sole height above the ground half way [m].
+            ground: height of the ground [m].
+            elapsed: since lift-off [s].
+            remaining: until touch-down [s].
+            dt: [s].
+        """
+        to_apex = 0.5 * (elapsed + remaining) - elapsed
+        if to_apex > 0.0:
+            height, speed, until = ground + apex, 0.0, to_apex
+        else:
+            height, speed, until = ground + self._params.landing_height, -self._params.landing_speed, remaining
+        self.position, self.velocity, self.acceleration = quintic_advance(
+            (self.position, self.velocity, self.acceleration),
+            (np.array([*foothold, height]), np.array([0.0, 0.0, speed]), np.zeros(3)),
+            np.maximum([remaining, remaining, until], _SHORTEST),
+            dt,
+        )

@@ -1,0 +1,50 @@
+"""Joints that have a target of their own: waist and arms."""
+
+from typing import Literal
+
+import numpy as np
+
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.tasks.task import TaskTerms
+
+
+class PostureTask:
+    r"""Joint positions.
+
+    .. math:: \ddot q^* = \ddot q_d + k_d (\mathrm{sat}(\dot q_d + \tfrac{k_p}{k_d} (q_d - q)) - \dot q)
+
+    which is PD with a bound on the speed at which a gap is closed, so that a jump of the target stays harmless [rad].
+
+    Attributes:
+        target, rate, feedforward: q_d [rad], its velocity [rad/s] and acceleration [rad/s^2], shape (k,).
+        stiffness, damping: k_p [1/s^2], k_d [1/s], shape (k,).
+        weight: shape (k,).
+        speed: bound on the closing speed [rad/s].
+    """
+
+    unit = "rad"
+    level: Literal["position", "velocity"] = "position"
+
+    def __init__(self, name: str, joints: np.ndarray, speed: float) -> None:
+        """A task on some joints, given as indices of the robot's joint vectors."""
+        self.name = name
+        self.target = np.zeros(joints.size)
+        self.rate = np.zeros(joints.size)
+        self.feedforward = np.zeros(joints.size)
+        self.stiffness = np.ones(joints.size)
+        self.damping = np.ones(joints.size)
+        self.weight = np.ones(joints.size)
+        self.speed = speed
+        self._joints = joints
+        self._jacobian: np.ndarray | None = None
+
+    def evaluate(self, dynamics: Dynamics) -> TaskTerms:
+        """One row per joint."""
+        columns = dynamics.columns[self._joints]
+        if self._jacobian is None:
+            self._jacobian = np.zeros((columns.size, dynamics.nv))
+            self._jacobian[np.arange(columns.size), columns] = 1.0
+        error = self.target - dynamics.q[columns + 1]
+        closing = np.clip(self.rate + self.stiffness / self.damping * error, -self.speed, self.speed)
+        acceleration = self.feedforward + self.damping * (closing - dynamics.v[columns])
+        return TaskTerms(self._jacobian, np.zeros(columns.size), acceleration, self.weight, error)

@@ -1,0 +1,46 @@
+"""Integral correction of the walking velocity, once per step."""
+
+import numpy as np
+
+from hugwbc.mbc.params import ControllerParams
+
+
+class VelocityTrim:
+    """Adds to the velocity plan what the last stride fell short of the command.
+
+    The pelvis sways within a step, hence the error is averaged over two steps before it is integrated.
+
+    Attributes:
+        value: correction of v_x, v_y, heading frame [m/s], shape (2,).
+    """
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._gain = params.velocity_integral
+        self._limit = params.max_velocity_trim
+        self.reset()
+
+    def reset(self) -> None:
+        """No correction."""
+        self.value = np.zeros(2)
+        self._previous: np.ndarray | None = None
+        self._clear()
+
+    def _clear(self) -> None:
+        self._sum = np.zeros(2)
+        self._time = 0.0
+
+    def measure(self, velocity: np.ndarray, wanted: np.ndarray, dt: float) -> None:
+        """Record one tick: measured and commanded velocity, heading frame [m/s], shape (2,)."""
+        self._sum += (wanted - velocity) * dt
+        self._time += dt
+
+    def end_step(self) -> None:
+        """Correct by the mean error of the last two steps."""
+        if self._time <= 0.0:
+            return
+        error = self._sum / self._time
+        if self._previous is not None:
+            step = self._gain * 0.5 * (error + self._previous)
+            self.value = np.clip(self.value + step, -self._limit, self._limit)
+        self._previous = error
+        self._clear()
