@@ -1,0 +1,45 @@
+"""The figures printed in the HugWBC paper (Xue et al., RSS 2025), kept in `paper_tables.yaml`."""
+
+import functools
+import pathlib
+from collections.abc import Mapping
+
+import yaml
+
+from hugwbc.gait import Gait
+
+# The paper's names of tracking errors, in the order of its table, and their units.
+ERROR_UNITS = {
+    "E_vx_low": "m/s",
+    "E_vx_high": "m/s",
+    "E_vy": "m/s",
+    "E_omega": "rad/s",
+    "E_f": "Hz",
+    "E_l": "m",
+    "E_h": "m",
+    "E_p": "rad",
+    "E_w": "rad",
+}
+ERROR_NAMES = tuple(ERROR_UNITS)
+HIGH_SPEED = 1.0  # [m/s]; v_x above this counts towards E_vx_high
+
+
+@functools.cache
+def _tables() -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+    return yaml.safe_load((pathlib.Path(__file__).parent / "paper_tables.yaml").read_text())
+
+
+def single_command_errors(gait: Gait) -> Mapping[str, float]:
+    """The paper's single-command tracking errors of a gait, by name; errors that it does not report are missing.
+
+    The paper has one column for hopping, without telling the legs apart.
+    """
+    row = "hopping" if gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT) else gait.label
+    return _tables()["single_command_tracking"][row]
+
+
+def error_name(command: str, value: float) -> str:
+    """Name of the error that an episode with one sampled command counts towards: E_vx is split by speed."""
+    if command == "v_x":
+        return "E_vx_high" if value > HIGH_SPEED else "E_vx_low"
+    return f"E_{command.replace('_', '')}"

@@ -1,0 +1,113 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, JointCommand
+from hugwbc.commands import command_ranges
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.controllers import ControllerSpec, HoldController
+from hugwbc.evaluation.paper import ERROR_NAMES
+from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
+from hugwbc.evaluation.protocols.single_command import sample_episodes, sampled_commands
+
+WALKING_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
+
+
+def test_the_commands_that_each_gait_samples_are_the_papers():
+    assert sampled_commands(Gait.STANDING) == ("h", "p", "w")
+    assert sampled_commands(Gait.WALKING) == sampled_commands(Gait.JUMPING) == WALKING_NAMES
+    assert sampled_commands(Gait.HOPPING_LEFT) == ("v_x", "v_y", "omega", "h")
+
+
+def test_samples_cover_each_range_evenly_and_follow_the_seed():
+    config = SingleCommandConfig(Gait.WALKING, episodes=35, seed=3)
+    samples = sample_episodes(config)
+    assert samples == sample_episodes(config) != sample_episodes(dataclasses.replace(config, seed=4))
+    counts = {name: sum(n == name for n, _ in samples) for name in WALKING_NAMES}
+    assert counts == {"v_x": 5, "v_y": 5, "omega": 5, "f": 4, "l": 4, "h": 4, "p": 4, "w": 4}
+    for name in WALKING_NAMES:
+        low, high = command_ranges(Gait.WALKING)[name].finishing
+        values = np.array([value for n, value in samples if n == name])
+        part = np.floor((values - low) / (high - low) * counts[name]).astype(int)
+        assert part.tolist() == list(range(counts[name])), "one sample in each equal part"
+
+
+class Recorder(HoldController):
+    """Stands on stiff legs and remembers the commands of each episode."""
+
+    def __init__(self):
+        super().__init__()
+        self.episodes: list[set[Command]] = []
+
+    def reset(self, state):
+        self.episodes.append(set())
+
+    def act(self, state, command, upper_body):
+        self.episodes[-1].add(command)
+        return super().act(state, command, upper_body)
+
+
+def test_every_episode_varies_one_command_and_holds_it():
+    recorder = Recorder()
+    config = SingleCommandConfig(Gait.STANDING, episodes=6, seed=1, duration=0.2, settle=0.1)
+    rows = []
+    result = run_single_command(lambda: recorder, config, rows.append)
+    assert [len(commands) for commands in recorder.episodes] == [1] * 6
+    for commands, row in zip(recorder.episodes, rows, strict=True):
+        (command,) = commands
+        assert getattr(command, row.command) == row.value
+        assert dataclasses.replace(command, **{row.command: 0.0}) == Command(gait=Gait.STANDING)
+    assert [row.command for row in rows] == ["h", "h", "p", "p", "w", "w"]
+    assert result.rows == tuple(rows) and result.falls == 0 and result.episodes == 6
+
+
+def test_errors_are_the_means_of_the_episodes_of_their_command():
+    config = SingleCommandConfig(Gait.STANDING, episodes=6, seed=1, duration=0.3, settle=0.1)
+    result = run_single_command(HoldController, config)
+    for name, key in (("E_h", "h"), ("E_p", "p"), ("E_w", "w")):
+        errors = [row.error for row in result.rows if row.command == key]
+        assert result.errors[name] == pytest.approx(np.mean(errors))
+    # the baseline ignores h and p: it is off by about the command, on average over the two samples
+    heights = [abs(row.value) for row in result.rows if row.command == "h"]
+    assert result.errors["E_h"] == pytest.approx(np.mean(heights), abs=0.03)
+    assert [name for name in ERROR_NAMES if result.errors[name] is not None] == ["E_h", "E_p", "E_w"]
+    assert result.paper == {"E_h": 0.035, "E_p": 0.047, "E_w": 0.022}
+    assert json.loads(json.dumps(dataclasses.asdict(result)))["errors"]["E_vx_low"] is None
+
+
+class Limp(HoldController):
+    def act(self, state, command, upper_body):
+        output = super().act(state, command, upper_body)
+        return JointCommand(output.q, output.dq, 0 * output.kp, 0 * output.kd, output.tau)
+
+
+def test_falls_are_counted_and_fast_episodes_kept_apart():
+    result = run_single_command(Limp, SingleCommandConfig(Gait.WALKING, episodes=16, duration=3.0))
+    assert result.falls == result.episodes == 16
+    # v_x is sampled twice: once in the slow half of -0.6 to 2 m/s and once from 0.7 m/s up
+    assert result.episodes_slow == result.falls_slow and result.fall_rate_slow == 1.0
+    assert result.episodes_slow == 16 - sum(abs(row.value) > 0.6 for row in result.rows if row.command == "v_x") < 16
+
+
+def test_two_workers_give_the_result_of_one():
+    config = SingleCommandConfig(Gait.STANDING, episodes=3, duration=0.2, settle=0.1)
+    factory = ControllerSpec("hold").build
+    alone = run_single_command(factory, config)
+    assert run_single_command(factory, dataclasses.replace(config, workers=2)) == alone
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"episodes": 7}, "needs at least 8"),
+        ({"duration": 0.5}, "give 0 <= settle < duration"),
+        ({"duration": float("nan")}, "give 0 <= settle < duration"),
+        ({"workers": 0}, "give 1 or more"),
+        ({"seed": -1}, "give 0 or more"),
+    ],
+)
+def test_bad_settings_are_refused(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        SingleCommandConfig(Gait.WALKING, **changes)

@@ -1,0 +1,106 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.evaluation import metrics
+
+
+def test_a_perfect_run_has_no_error(synthetic_trace):
+    trace = synthetic_trace(Command(v_x=0.4, h=-0.1, gait=Gait.WALKING))
+    assert all(error == pytest.approx(0.0, abs=1e-12) for error in metrics.tracking_errors(trace).values())
+    assert metrics.frequency_error(trace) == pytest.approx(0.0, abs=1e-9)
+    assert metrics.swing_height_error(trace) < 0.15 * 0.02  # the apex falls between samples
+
+
+def test_a_bias_is_the_error_whatever_its_sign(synthetic_trace):
+    trace = synthetic_trace(bias={"v_x": -0.1, "v_y": 0.02, "omega": 0.3, "h": -0.04, "p": 0.05, "w": -0.06})
+    expected = {"v_x": 0.1, "v_y": 0.02, "omega": 0.3, "h": 0.04, "p": 0.05, "w": 0.06}
+    assert metrics.tracking_errors(trace) == pytest.approx(expected)
+
+
+def test_zero_mean_noise_has_the_mean_of_its_absolute_value_as_error(synthetic_trace):
+    trace = synthetic_trace(duration=400.0)
+    noisy = trace.measured + np.random.default_rng(1).normal(0.0, 0.1, trace.measured.shape)
+    errors = metrics.tracking_errors(dataclasses.replace(trace, measured=noisy))
+    for error in errors.values():
+        assert error == pytest.approx(0.1 * math.sqrt(2.0 / math.pi), rel=0.03)  # E|x| of a normal
+
+
+def test_the_start_is_left_out(synthetic_trace):
+    trace = synthetic_trace()
+    measured = trace.measured.copy()
+    measured[trace.time < 1.0] = 100.0
+    late_start = dataclasses.replace(trace, measured=measured)
+    assert metrics.tracking_errors(late_start)["v_x"] == pytest.approx(0.0)
+    # 50 of 500 samples are off by 100
+    assert metrics.tracking_errors(late_start, settle=0.0)["v_x"] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(("commanded", "stepped", "error"), [(2.0, 2.2, 0.2), (3.5, 3.0, 0.5), (1.5, 1.5, 0.0)])
+def test_frequency_offset(commanded, stepped, error, synthetic_trace):
+    trace = synthetic_trace(Command(f=commanded, gait=Gait.WALKING), frequency=stepped)
+    assert metrics.frequency_error(trace) == pytest.approx(error, abs=1e-9)
+
+
+def test_alternating_long_and_short_cycles_do_not_cancel(synthetic_trace):
+    down = np.cumsum([0.4, 0.6] * 10)  # 2.5 Hz and 1.667 Hz around 2 Hz
+    trace = synthetic_trace(Command(f=2.0, gait=Gait.WALKING), touch_downs=(down, down))
+    assert metrics.frequency_error(trace) == pytest.approx((0.5 + 2.0 - 1.0 / 0.6) / 2.0, rel=0.03)
+
+
+def test_apex_overshoot_and_undershoot(synthetic_trace):
+    for apex in (0.2, 0.1):
+        trace = synthetic_trace(Command(l=0.15, f=1.5, gait=Gait.WALKING), apex=apex)
+        assert metrics.swing_height_error(trace) == pytest.approx(0.05, abs=0.002)
+
+
+def test_a_foot_that_never_steps_counts_as_frequency_and_height_zero(synthetic_trace):
+    trace = synthetic_trace(Command(gait=Gait.WALKING))
+    still = dataclasses.replace(trace, touch_downs=(np.array([]), np.array([])), clearance=0 * trace.clearance)
+    assert metrics.frequency_error(still) == pytest.approx(2.0)
+    assert metrics.swing_height_error(still) == pytest.approx(0.15)
+
+
+def test_only_the_feet_that_should_step_are_judged(synthetic_trace):
+    assert metrics.stepping_feet(Gait.WALKING) == metrics.stepping_feet(Gait.JUMPING) == (0, 1)
+    assert metrics.stepping_feet(Gait.HOPPING_LEFT) == (0,)
+    assert metrics.stepping_feet(Gait.HOPPING_RIGHT) == (1,)
+    standing = synthetic_trace(Command(gait=Gait.STANDING))
+    assert math.isnan(metrics.frequency_error(standing)) and math.isnan(metrics.swing_height_error(standing))
+
+
+def test_a_run_that_ended_in_the_settling_time_has_no_errors(synthetic_trace):
+    trace = synthetic_trace(duration=0.5)
+    assert all(math.isnan(error) for error in metrics.tracking_errors(trace).values())
+    assert math.isnan(metrics.frequency_error(trace)) and math.isnan(metrics.swing_height_error(trace))
+
+
+def test_hand_errors_are_those_of_reachable_targets(synthetic_trace):
+    trace = synthetic_trace(duration=2.0)
+    n = trace.time.size
+    target = np.full((n, 2, 3), np.nan)
+    target[50:] = 0.3
+    reachable = np.zeros((n, 2), dtype=bool)
+    reachable[50:, 0], reachable[75:, 1] = True, True
+    error = np.where(reachable, [0.02, 0.04], np.nan)
+    hands = metrics.hand_errors(
+        dataclasses.replace(trace, hand_target_world=target, reachable=reachable, hand_error=error)
+    )
+    assert (hands.left, hands.right) == pytest.approx((0.02, 0.04))
+    assert hands.mean == pytest.approx((50 * 0.02 + 25 * 0.04) / 75)
+    assert hands.p95 == pytest.approx(0.04)
+    assert hands.reachable_fraction == pytest.approx(0.75)
+
+
+def test_without_hand_targets_there_are_no_hand_errors(synthetic_trace):
+    assert dataclasses.asdict(metrics.hand_errors(synthetic_trace())) == dict.fromkeys(
+        ("mean", "p95", "left", "right", "reachable_fraction")
+    )
+
+
+def test_percentiles_of_call_times():
+    assert metrics.percentiles(np.arange(101.0)) == {"p50": 50.0, "p99": 99.0}
+    assert metrics.percentiles(np.array([])) == {"p50": 0.0, "p99": 0.0}

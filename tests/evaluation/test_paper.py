@@ -1,0 +1,21 @@
+import pytest
+
+from hugwbc import Gait
+from hugwbc.evaluation import paper
+
+
+def test_figures_of_the_table():
+    walking = paper.single_command_errors(Gait.WALKING)
+    assert walking["E_vx_low"] == 0.030 and walking["E_l"] == 0.011
+    assert tuple(walking) == paper.ERROR_NAMES
+    assert set(paper.single_command_errors(Gait.STANDING)) == {"E_h", "E_p", "E_w"}
+    assert paper.single_command_errors(Gait.HOPPING_LEFT) == paper.single_command_errors(Gait.HOPPING_RIGHT)
+
+
+@pytest.mark.parametrize(
+    ("command", "value", "name"),
+    [("v_x", 1.0, "E_vx_low"), ("v_x", 1.01, "E_vx_high"), ("v_x", -0.6, "E_vx_low"), ("v_y", 0.5, "E_vy"),
+     ("omega", 1.0, "E_omega"), ("f", 3.0, "E_f"), ("w", 1.0, "E_w")],
+)  # fmt: skip
+def test_names_of_errors(command, value, name):
+    assert paper.error_name(command, value) == name
