@@ -1,19 +1,17 @@
 """One run of a controller in simulation, and the record of it that metrics, plots and replays read."""
 
 import dataclasses
-import time
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import Command
-from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.safety import SafetyFilter, SafetyReport
+from hugwbc.safety import SafetyReport
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -21,50 +19,6 @@ from hugwbc.targets import HandTargets
 RECORD_PERIOD = 0.02  # [s]
 CONTACT_FORCE = 1.0  # [N] above which a foot counts as on the ground
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for less has bounced, not stepped
-
-
-class UpperBodySource(Protocol):
-    """What turns hand targets into arm joint targets (`hugwbc.upper_ik`)."""
-
-    @property
-    def reachable(self) -> np.ndarray:
-        """Whether the last left and right target could be reached, shape (2,), bool."""
-        ...
-
-    def reset(self, state: RobotState) -> None:
-        """Start from this state, with the arms under the controller's control."""
-        ...
-
-    def update(self, state: RobotState, hands: HandTargets | None, dt: float) -> UpperBody:
-        """Arm targets for the next `dt` seconds; None hands the arms back."""
-        ...
-
-
-class CommandSource(Protocol):
-    """What gives commands and hand targets over time: a `hugwbc.script.Script`, or a `Constant`."""
-
-    def command_at(self, t: float) -> Command:
-        """The command at time t [s]."""
-        ...
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """The hand targets at time t [s]; None leaves the arms to the controller."""
-        ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Constant:
-    """The same command at all times, arms left to the controller."""
-
-    command: Command
-
-    def command_at(self, t: float) -> Command:
-        """The command."""
-        return self.command
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """No hand targets."""
-        return None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,8 +80,8 @@ def rollout(
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
-    The controller and the upper-body source run at the controller's period, the physics at its own time step, and the
-    record is taken every `RECORD_PERIOD`. The controller reads `Simulation.sense`, the record the true state.
+    The loop runs at the controller's period, the physics at its own time step, and the record is taken every
+    `RECORD_PERIOD`. The controller reads `Simulation.sense`, the record the true state.
 
     Args:
         controller: whatever implements `Controller`.
@@ -142,57 +96,30 @@ def rollout(
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
-    safe = SafetyFilter(controller)
-    substeps = _multiple(safe.period, simulation.timestep, f"the period of controller '{controller.name}'")
-    recorder = _Recorder(simulation, substeps)
-    simulation.reset()
-    state = simulation.sense()
-    safe.reset(state)
-    if upper_body is not None:
-        upper_body.reset(state)
-    ticks = round(duration / safe.period)
+    loop = ControlLoop(controller, source, simulation, upper_body)
+    recorder = _Recorder(loop)
+    loop.reset()
+    ticks = round(duration / loop.period)
     for tick in range(ticks):
-        t = tick * safe.period
-        hands = source.hands_at(t) if upper_body is not None else None
-        arms, ik_s = _timed_update(upper_body, state, hands, safe.period)
-        joint_command = safe.act(state, source.command_at(t), arms)
-        recorder.tick_ms.append(safe.last_tick_s * 1e3)
-        recorder.ik_ms.append(ik_s * 1e3)
+        t = tick * loop.period
+        joint_command = loop.decide(t)
+        recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
+        recorder.ik_ms.append(loop.ik_s * 1e3)
         if recorder.due(t):
-            recorder.sample(t, safe.command, hands, upper_body)
+            recorder.sample(t)
             if on_progress is not None:
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t):
-            return recorder.trace(safe, fell=True, survived_s=t, steps=tick + 1)
-        state = simulation.sense()
-    return recorder.trace(safe, fell=False, survived_s=duration, steps=ticks)
-
-
-def _multiple(period: float, timestep: float, what: str) -> int:
-    count = round(period / timestep)
-    if count < 1 or abs(count * timestep - period) > 1e-9:
-        raise ConfigError(
-            f"{what} is {period:g} s, no multiple of the physics time step {timestep:g} s; choose a time step that "
-            "divides it, such as 0.002 s"
-        )
-    return count
-
-
-def _timed_update(
-    upper_body: UpperBodySource | None, state: RobotState, hands: HandTargets | None, dt: float
-) -> tuple[UpperBody, float]:
-    if upper_body is None:
-        return UpperBody.none(), 0.0
-    begin = time.perf_counter()
-    return upper_body.update(state, hands, dt), time.perf_counter() - begin
+            return recorder.trace(fell=True, survived_s=t, steps=tick + 1)
+    return recorder.trace(fell=False, survived_s=duration, steps=ticks)
 
 
 class _Recorder:
     """Collects the samples of one run and watches the feet at every physics step."""
 
-    def __init__(self, simulation: Simulation, substeps: int) -> None:
-        self.simulation = simulation
-        self.substeps = substeps
+    def __init__(self, loop: ControlLoop) -> None:
+        self.loop = loop
+        self.simulation = loop.simulation
         self.kinematics = Kinematics()
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
@@ -209,7 +136,7 @@ class _Recorder:
     def advance(self, command: JointCommand, t: float) -> bool:
         """Step the physics through one control period, noting touch-downs; whether the robot is still up."""
         dt = self.simulation.timestep
-        for substep in range(self.substeps):
+        for substep in range(self.loop.substeps):
             now = t + (substep + 1) * dt
             self._contact = _contacts(self.simulation.step(command, dt))
             for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
@@ -217,20 +144,19 @@ class _Recorder:
             self._last_contact[self._contact] = now
         return not self.simulation.fallen
 
-    def sample(self, t: float, command: Command, hands: HandTargets | None, upper_body: UpperBodySource | None) -> None:
+    def sample(self, t: float) -> None:
         """Add one row of everything at time t."""
         self._samples += 1
         state = self.simulation.state()
         self.kinematics.update(state)
         assert state.position is not None
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]))
-        target = _world_targets(hands, state)
-        reachable = np.zeros(2, dtype=bool) if hands is None or upper_body is None else upper_body.reachable.copy()
+        target, reachable = _world_targets(self.loop.hands, state), self.loop.reachable
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         row = {
             "time": t,
-            "command": command.array(),
-            "gait": int(command.gait),
+            "command": self.loop.safe.command.array(),
+            "gait": int(self.loop.safe.command.gait),
             "measured": [getattr(measured, name) for name in ("v_x", "v_y", "omega", "h", "p", "w")],
             "clearance": measured.clearance,
             "foot_contact": self._contact.copy(),
@@ -243,11 +169,11 @@ class _Recorder:
         for name, value in row.items():
             self.rows.setdefault(name, []).append(value)
 
-    def trace(self, safe: SafetyFilter, *, fell: bool, survived_s: float, steps: int) -> Trace:
+    def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """The record of the run."""
         left, right = (np.array(times) for times in self.touch_downs)
         return Trace(
-            name=safe.name,
+            name=self.loop.safe.name,
             **{name: np.array(values) for name, values in self.rows.items()},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
@@ -255,7 +181,7 @@ class _Recorder:
             fell=fell,
             survived_s=survived_s,
             steps=steps,
-            safety=safe.report(),
+            safety=self.loop.safe.report(),
         )
 
 

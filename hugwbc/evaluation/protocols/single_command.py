@@ -18,8 +18,9 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_comm
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.loop import Constant
 from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
-from hugwbc.evaluation.rollout import Constant, Trace, rollout
+from hugwbc.evaluation.rollout import Trace, rollout
 from hugwbc.gait import Gait
 from hugwbc.sim import Simulation
 from hugwbc.sim.scene import SIMULATION_TIMESTEP

@@ -1,0 +1,124 @@
+"""The control loop of one robot in simulation: sense, upper body, controller behind the safety filter, joints."""
+
+import dataclasses
+import time
+from typing import Protocol
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.errors import ConfigError
+from hugwbc.safety import SafetyFilter
+from hugwbc.sim import Simulation
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+
+class UpperBodySource(Protocol):
+    """What turns hand targets into arm joint targets (`hugwbc.upper_ik`)."""
+
+    @property
+    def reachable(self) -> np.ndarray:
+        """Whether the last left and right target could be reached, shape (2,), bool."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start from this state, with the arms under the controller's control."""
+        ...
+
+    def update(self, state: RobotState, hands: HandTargets | None, dt: float) -> UpperBody:
+        """Arm targets for the next `dt` seconds; None hands the arms back."""
+        ...
+
+
+class CommandSource(Protocol):
+    """What gives commands and hand targets over time: a `hugwbc.script.Script`, or a `Constant`."""
+
+    def command_at(self, t: float) -> Command:
+        """The command at time t [s]."""
+        ...
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """The hand targets at time t [s]; None leaves the arms to the controller."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """The same command at all times, arms left to the controller."""
+
+    command: Command
+
+    def command_at(self, t: float) -> Command:
+        """The command."""
+        return self.command
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """No hand targets."""
+        return None
+
+
+class ControlLoop:
+    """Everything between the sensors and the joints, at the controller's period.
+
+    Attributes:
+        safe: the controller behind its safety filter.
+        simulation: the robot.
+        period: of the controller [s].
+        substeps: physics steps in a period.
+        hands: the last hand targets, None where the arms are the controller's.
+        ik_s: time that the last call of the upper-body source took [s].
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        source: CommandSource,
+        simulation: Simulation,
+        upper_body: UpperBodySource | None = None,
+    ) -> None:
+        """Connect the parts; call `reset` before the first `decide`.
+
+        Raises:
+            ConfigError: if the controller's period is no multiple of the physics time step.
+        """
+        self.safe = SafetyFilter(controller)
+        self.source = source
+        self.simulation = simulation
+        self.upper_body = upper_body
+        self.period = self.safe.period
+        self.substeps = round(self.period / simulation.timestep)
+        if self.substeps < 1 or abs(self.substeps * simulation.timestep - self.period) > 1e-9:
+            raise ConfigError(
+                f"the period of controller '{controller.name}' is {self.period:g} s, no multiple of the physics time "
+                f"step {simulation.timestep:g} s; choose a time step that divides it, such as 0.002 s"
+            )
+        self.hands: HandTargets | None = None
+        self.ik_s = 0.0
+
+    def reset(self) -> None:
+        """Stand the robot up at the origin and start all parts from there."""
+        self.simulation.reset()
+        state = self.simulation.sense()
+        self.safe.reset(state)
+        if self.upper_body is not None:
+            self.upper_body.reset(state)
+
+    def decide(self, t: float) -> JointCommand:
+        """The joint command for the next period, from what the sensors say at time t [s]."""
+        state = self.simulation.sense()
+        arms = UpperBody.none()
+        if self.upper_body is not None:
+            self.hands = self.source.hands_at(t)
+            begin = time.perf_counter()
+            arms = self.upper_body.update(state, self.hands, self.period)
+            self.ik_s = time.perf_counter() - begin
+        return self.safe.act(state, self.source.command_at(t), arms)
+
+    @property
+    def reachable(self) -> np.ndarray:
+        """Whether there is a left and a right hand target that can be reached, shape (2,), bool."""
+        if self.hands is None or self.upper_body is None:
+            return np.zeros(2, dtype=bool)
+        return np.array(self.upper_body.reachable, dtype=bool)
