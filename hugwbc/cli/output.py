@@ -1,0 +1,117 @@
+"""What the verbs share: options from a dataclass, tables, JSON files and progress."""
+
+import contextlib
+import json
+import math
+import pathlib
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
+
+import tyro
+
+from hugwbc.errors import ConfigError
+
+STDOUT = pathlib.Path("-")
+_LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
+_QUIET = 2.0  # [s]; what is over by then needs no progress
+Options = TypeVar("Options")
+
+
+def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
+    """The options of a verb from the words of the command line; exits with code 2 on an unknown or malformed one."""
+    return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
+
+
+def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """An aligned table: first column to the left, the others to the right."""
+    cells = [list(header), *([_cell(value) for value in row] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in cells
+    ]
+    return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def _cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def say(text: str, json_path: pathlib.Path | None = None) -> None:
+    """Print for people: to standard output, or to standard error when that carries the JSON."""
+    print(text, file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
+
+
+def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
+    """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null.
+
+    Raises:
+        ConfigError: if the file cannot be written.
+    """
+    if path is None:
+        return
+    text = json.dumps(_finite(content), indent=2)
+    if path == STDOUT:
+        print(text)
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+
+
+def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+@contextlib.contextmanager
+def progress(label: str) -> Iterator[Callable[[float], None]]:
+    """Show the progress of something that takes longer than two seconds, on standard error.
+
+    A bar on a terminal, plain lines elsewhere. Yields a function to call with the fraction done.
+    """
+    show = _bar if sys.stderr.isatty() else _lines
+    with show(label) as advance:
+        yield advance
+
+
+@contextlib.contextmanager
+def _bar(label: str) -> Iterator[Callable[[float], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(label, total=1.0)
+        yield lambda fraction: bars.update(task, completed=fraction)
+
+
+@contextlib.contextmanager
+def _lines(label: str) -> Iterator[Callable[[float], None]]:
+    start = last = time.monotonic()
+
+    def advance(fraction: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _LINE_INTERVAL:
+            last = now
+            print(f"{label}: {100.0 * fraction:.0f} %", file=sys.stderr, flush=True)
+
+    yield advance
+    elapsed = time.monotonic() - start
+    if elapsed >= _QUIET:
+        print(f"{label}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
