@@ -8,6 +8,7 @@ from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import highest_clearance
 
 _SMOOTHED = ("h", "p", "w")
 
@@ -79,7 +80,7 @@ class CommandFilter:
             report += (f"h = {command.h:g} m leaves no room to lift a foot: walking at {h:g} m",)
         h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
         self._follow(np.array([h, command.p, command.w]), dt)
-        apex = max(params.min_clearance, min(command.l, params.clearance_at_nominal + self._posture[0]))
+        apex = min(command.l, highest_clearance(params, float(self._posture[0])))
         if gait is Gait.WALKING and apex < command.l - 0.005:
             report += (f"l = {command.l:g} m is beyond the leg's reach at this height: using {apex:.2f} m",)
         return (

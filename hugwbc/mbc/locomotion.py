@@ -8,6 +8,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, nominal_offset, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import balance_point, toe_down
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import (
     CentreOfMassTask,
@@ -26,8 +27,6 @@ _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot t
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.08  # [m/s], [rad/s], [m]
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m]
-_LEVEL_ANKLE = 0.84  # [rad], thigh angle of a symmetrically bent leg beyond which the ankle cannot keep the sole level
-_LEG = 0.8  # [m], hip to ankle with a straight knee
 
 
 class Locomotion:
@@ -61,6 +60,7 @@ class Locomotion:
         self.clipped = 0
         self._landed = False
         self._shifted = False
+        self._balance = self._params.balance_ahead
         self._yaw = self._measured_yaw(dynamics)
         self._ground = min(dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
 
@@ -107,14 +107,13 @@ class Locomotion:
         self.height.rate = command.h_rate
         self.orientation.yaw = self.com.heading = self._yaw
         self.orientation.yaw_rate = command.omega if self.plan.mode is Mode.WALKING else 0.0
+        self._balance = balance_point(self._params, command.h, command.p)
         self.orientation.pitch, self.orientation.pitch_rate = command.p, command.p_rate
 
     def _stand(self, dynamics: Dynamics, command: SmoothCommand) -> None:
         """Centre of mass between the feet; before the first step, across to where that step needs it."""
         params = self._params
-        high, low = params.com_ahead
-        ahead = high + (low - high) * min(max(command.h / -0.3, 0.0), 1.0)
-        pivots = [self._pivot(dynamics, foot, ahead) for foot in range(2)]
+        pivots = [self._pivot(dynamics, foot) for foot in range(2)]
         middle = 0.5 * (pivots[0] + pivots[1])
         self.com.target = middle[:2]
         self.com.feedforward = np.zeros(2)
@@ -150,7 +149,7 @@ class Locomotion:
         step = self._plan_step(dynamics, command, swing, stance)
         self.clipped += step.clipped
         landing_yaw = self._yaw + command.omega * plan.remaining
-        ahead = np.mean(dynamics.robot.sole_x) - self._params.pivot_x
+        ahead = np.mean(dynamics.robot.sole_x) - self._balance
         self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
         elapsed = plan.step_time - plan.remaining
         ground = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
@@ -165,14 +164,14 @@ class Locomotion:
         task.yaw = landing_yaw
         task.pitch = self._toe_down(dynamics, swing)
         heading = rotations.rotation_z(-self._yaw)[:2, :2]
-        pendulum = Pendulum.about(self._pivot(dynamics, stance, self._params.pivot_x), dynamics)
+        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
         self.com.feedforward = pendulum.omega**2 * (heading @ (dynamics.com[:2] - step.cop))
         self.com.target = dynamics.com[:2]
         self.com.servo = np.zeros(2)
         self.com.active = np.array([1.0, 0.0])
 
     def _plan_step(self, dynamics: Dynamics, command: SmoothCommand, swing: int, stance: int) -> StepPlan:
-        pendulum = Pendulum.about(self._pivot(dynamics, stance, self._params.pivot_x), dynamics)
+        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
         return plan_step(
             self._params,
             pendulum,
@@ -190,12 +189,12 @@ class Locomotion:
         gap = dynamics.frame("left_sole").position - dynamics.frame("right_sole").position
         return abs((rotations.rotation_z(-self._yaw) @ gap)[0]) < _STOP_STRIDE
 
-    def _pivot(self, dynamics: Dynamics, foot: int, ahead: float) -> np.ndarray:
-        """Point on the ground, `ahead` of a foot's ankle [m], in the world [m], shape (3,)."""
+    def _pivot(self, dynamics: Dynamics, foot: int) -> np.ndarray:
+        """Nominal centre of pressure of a foot, in the world [m], shape (3,)."""
         sole = dynamics.frame(f"{SIDES[foot]}_sole")
         forward = sole.rotation[:2, 0] / max(float(np.linalg.norm(sole.rotation[:2, 0])), 1e-6)
         point = sole.position.copy()
-        point[:2] += forward * (ahead - np.mean(dynamics.robot.sole_x))
+        point[:2] += forward * (self._balance - np.mean(dynamics.robot.sole_x))
         return point
 
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
@@ -207,11 +206,10 @@ class Locomotion:
         return min(dynamics.frame(f"{SIDES[foot]}_{end}").position[2] for end in ("heel", "toe"))
 
     def _toe_down(self, dynamics: Dynamics, foot: int) -> float:
-        """Pitch of a lifted sole [rad]: level, until the ankle's range forces the toe down."""
+        """Pitch of the swing foot's sole [rad]."""
         hip = dynamics.frame(f"{SIDES[foot]}_hip_pitch_link").position
         ankle = self._trajectory.position + np.array([0.0, 0.0, 0.07])
-        length = min(float(np.linalg.norm(hip - ankle)), _LEG)
-        return max(float(np.arccos(length / _LEG)) - _LEVEL_ANKLE, 0.0)
+        return toe_down(float(np.linalg.norm(hip - ankle)))
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:

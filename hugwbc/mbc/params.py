@@ -20,7 +20,10 @@ class ControllerParams:
     """Largest normal force of one contact point [N]."""
     joint_margin: float = 0.02
     """Distance to a joint's position limit that is kept [rad]."""
-    joint_brake: float = 250.0
+    speed_fraction: float = 1.6
+    """Share of every joint's speed limit that may be used. Above 1: the high swings of the command range need it, and
+    the simulation, like the learned policy's, does not limit speed. Choose 1 for a machine that does."""
+    joint_brake: float = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
     joint_horizon: float = 0.02
     """Time in which a joint speed above the admissible one is taken back [s]."""
@@ -70,8 +73,6 @@ class ControllerParams:
     max_foot_distance: float = 0.60
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, from the stance foot [m]."""
-    pivot_x: float = 0.02
-    """Nominal centre of pressure, forward of the ankle [m]: in the middle of what 38 N*m at the ankle can reach."""
     max_cop_shift: float = 0.06
     """Largest sagittal shift of the centre of pressure from the pivot [m]."""
     cop_gain: float = 1.5
@@ -94,8 +95,11 @@ class ControllerParams:
     """Bound on that correction [m/s]."""
 
     # --- posture
-    com_ahead: tuple[float, float] = (0.03, -0.015)
-    """Centre of mass forward of the ankles when standing, at h = 0 and at h = -0.3 [m]."""
+    balance_ahead: float = 0.02
+    """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
+    can reach."""
+    balance_margin: float = 0.012
+    """Distance of that point from the foremost one that the ankle's range allows in a squat [m]."""
     speed_lowering: float = 0.05
     """Lowering of the pelvis per m/s of forward speed above `lowering_from` [m / (m/s)]."""
     lowering_from: float = 0.9

@@ -100,6 +100,9 @@ class WholeBodyQp:
         self._solver = proxqp.dense.QP(len(self._g), _BASE, len(self._low), True)
         self._solver.settings.eps_abs = self._params.qp_tolerance
         self._solver.settings.max_iter = self._params.qp_max_iterations
+        # The default takes feasible problems for infeasible when a contact switch leaves the warm start far away.
+        self._solver.settings.eps_primal_inf = 1e-12
+        self._solver.settings.eps_dual_inf = 1e-12
         self._solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 
@@ -169,12 +172,13 @@ class WholeBodyQp:
         braking deceleration; beyond the limit, a slow return.
         """
         params, robot = self._params, self._robot
+        fastest = params.speed_fraction * robot.velocity_limit
         q, dq = dynamics.q[self._columns + 1], dynamics.v[self._columns]
         for bound, sign, limit in ((self._box_high, 1.0, robot.upper), (self._box_low, -1.0, robot.lower)):
             left = sign * (limit - q) - params.joint_margin
             speed = np.where(left > 0.0, np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0)), 5.0 * left)
             # Close to the limit the square root falls too steeply to be followed in discrete time.
-            speed = np.minimum(np.minimum(speed, left / params.joint_horizon), robot.velocity_limit)
+            speed = np.minimum(np.minimum(speed, left / params.joint_horizon), fastest)
             bound[self._columns] = sign * (speed - sign * dq) / params.joint_horizon
 
     def _run(self) -> int:

@@ -1,0 +1,36 @@
+"""What the leg's joint ranges leave: found by inverse kinematics of the squatting robot, soles level."""
+
+import math
+
+import numpy as np
+
+from hugwbc.mbc.params import ControllerParams
+
+_LEG = 0.8  # [m], hip to ankle with a straight knee
+_LEVEL_ANKLE = 0.84  # [rad], thigh angle of a symmetrically bent leg beyond which the ankle cannot keep the sole level
+# Foremost centre of mass relative to the ankles [m] over pelvis height h [m], at zero pitch and with the ankle 0.02 rad
+# short of its limit: the shank cannot lean further, so that a deep squat sits back.
+_HEIGHTS = (-0.30, -0.25, -0.20, -0.10)
+_FOREMOST = (-0.059, -0.036, 0.007, 0.148)
+_FOREMOST_PER_PITCH = 0.20  # [m/rad], of pelvis pitch
+
+
+def balance_point(params: ControllerParams, h: float, p: float) -> float:
+    """Nominal centre of pressure, and of mass when standing, forward of the ankle [m]."""
+    foremost = float(np.interp(h, _HEIGHTS, _FOREMOST)) + _FOREMOST_PER_PITCH * p
+    return min(params.balance_ahead, foremost - params.balance_margin)
+
+
+def highest_clearance(params: ControllerParams, h: float) -> float:
+    """Highest swing apex that knee and ankle allow with the pelvis at h [m]."""
+    return max(params.min_clearance, params.clearance_at_nominal + h)
+
+
+def toe_down(hip_to_ankle: float) -> float:
+    """Pitch of a lifted sole [rad]: level, until the ankle's range forces the toe down.
+
+    Args:
+        hip_to_ankle: distance from the hip's to the ankle's axis [m].
+    """
+    thigh = math.acos(min(hip_to_ankle / _LEG, 1.0))
+    return max(thigh - _LEVEL_ANKLE, 0.0)
