@@ -1,0 +1,158 @@
+"""Robots and hand targets in a meshcat scene, live in a browser or recorded into a page."""
+
+import io
+from collections.abc import Sequence
+
+import meshcat
+import meshcat.geometry as geometry
+import mujoco
+import numpy as np
+from PIL import Image
+
+from hugwbc.robot import SIDES
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes
+from hugwbc.viz.trace import LABEL_COLOURS, lanes
+
+TARGET_RADIUS = 0.035  # [m]
+CAMERA_POSITION = (2.3, 0.45, 0.8)  # from the point looked at, in meshcat's camera axes (x, up, -y) [m]
+LOOK_AT_HEIGHT = 0.85  # [m]
+# meshcat's camera circles the origin and cannot be sent elsewhere, so the world moves under it instead.
+WORLD = "world"
+FLOOR_SIZE, TILE = 60.0, 0.5  # [m]
+_LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour in each
+
+
+def _rgb(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+
+
+def _hex(rgb: np.ndarray) -> int:
+    red, green, blue = np.round(255 * np.clip(rgb, 0, 1)).astype(int).tolist()
+    return red << 16 | green << 8 | blue
+
+
+def labelled_colour(material: str, rgb: Sequence[float], label: str) -> np.ndarray:
+    """A material's colour with the label colour mixed into the shells and the lamp, so that robots are told apart."""
+    share = _LABELLED_MATERIALS.get(material, 0.0)
+    return (1 - share) * np.asarray(rgb) + share * _rgb(label)
+
+
+class RobotView:
+    """One robot of a scene, with its two hand targets.
+
+    Attributes:
+        path: of the robot in the world; each link is a child of it by name.
+        links: names of the links that are drawn.
+        offset: added to every position, to set robots side by side [m], shape (3,).
+    """
+
+    def __init__(self, node: meshcat.Visualizer, path: str, model: mujoco.MjModel, label: str, offset: float) -> None:
+        """Put the robot's shapes into the world.
+
+        Args:
+            node: the scene's moving world.
+            path: of the robot in it.
+            model: with visual shapes.
+            label: colour of the robot, as "#rrggbb".
+            offset: sideways, to the left [m].
+        """
+        self.path = path
+        self.offset = np.array([0.0, offset, 0.0])
+        self._model, self._data = model, mujoco.MjData(model)
+        self._node = node[path]
+        shapes = visual_shapes(model)
+        self.links = tuple(dict.fromkeys(shape.link for shape in shapes))
+        self._bodies = [model.body(link).id for link in self.links]
+        for index, shape in enumerate(shapes):
+            self._add(shape, index, label)
+        for side in SIDES:
+            material = geometry.MeshPhongMaterial(color=_hex(_rgb(label)), opacity=0.75)
+            self._node[f"target_{side}"].set_object(geometry.Sphere(TARGET_RADIUS), material)
+            self._node[f"target_{side}"].set_property("visible", False)
+
+    def _add(self, shape: Shape, index: int, label: str) -> None:
+        colour = _hex(labelled_colour(shape.material, shape.colour, label))
+        node = self._node[shape.link][str(index)]
+        node.set_object(shape.primitive, geometry.MeshPhongMaterial(color=colour, shininess=40))
+        node.set_transform(shape.placement)
+
+    def placements(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions, shape (links, 3), and quaternions (w, x, y, z), shape (links, 4), of the links as they are shown.
+
+        Args:
+            qpos: pelvis position, quaternion and joint positions, shape (26,).
+        """
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data.xpos[self._bodies] + self.offset, self._data.xquat[self._bodies].copy()
+
+    def set_pose(self, qpos: np.ndarray) -> None:
+        """Show the robot at `qpos`: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,)."""
+        for link, position, quaternion in zip(self.links, *self.placements(qpos), strict=True):
+            self._node[link].set_transform(homogeneous(position, quaternion))
+
+    def set_hand_targets(self, targets: np.ndarray) -> None:
+        """Show the hand targets in the world [m], shape (2, 3); one with a NaN is hidden."""
+        for side, target in zip(SIDES, targets, strict=True):
+            node = self._node[f"target_{side}"]
+            shown = bool(np.all(np.isfinite(target)))
+            node.set_property("visible", shown)
+            if shown:
+                node.set_transform(homogeneous(target + self.offset, np.array([1.0, 0, 0, 0])))
+
+
+def _tiles() -> geometry.Material:
+    """A checkered floor: two by two tiles as an image, repeated."""
+    light, dark = 236, 222
+    pixels = np.kron(np.array([[light, dark], [dark, light]], dtype=np.uint8), np.ones((32, 32), dtype=np.uint8))
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, format="png")
+    repeat = FLOOR_SIZE / (2 * TILE)
+    repeat_wrapping = 1000  # three.js' constant
+    texture = geometry.ImageTexture(geometry.PngImage(file.getvalue()), wrap=[repeat_wrapping] * 2, repeat=[repeat] * 2)
+    return geometry.MeshLambertMaterial(map=texture)
+
+
+class Scene:
+    """Robots side by side on a tiled floor, seen from ahead and to the side.
+
+    Attributes:
+        visualizer: meshcat's root.
+        robots: the views, in the order of the names given.
+    """
+
+    def __init__(self, visualizer: meshcat.Visualizer, names: Sequence[str]) -> None:
+        """Build the scene.
+
+        Args:
+            visualizer: where to; `hugwbc.viz.server.open_visualizer` for a browser.
+            names: of the robots, the first one leftmost in the picture.
+        """
+        self.visualizer = visualizer
+        visualizer.delete()
+        visualizer["/Background"].set_property("top_color", [0.93, 0.95, 0.98])
+        visualizer["/Background"].set_property("bottom_color", [0.72, 0.77, 0.84])
+        for name in ("/Grid", "/Axes"):
+            visualizer[name].set_property("visible", False)
+        visualizer["/Lights/AmbientLight/<object>"].set_property("intensity", 0.75)
+        floor = visualizer[WORLD]["floor"]
+        floor.set_object(geometry.Box([FLOOR_SIZE, FLOOR_SIZE, 0.02]), _tiles())
+        floor.set_transform(homogeneous(np.array([0.0, 0.0, -0.01]), np.array([1.0, 0, 0, 0])))
+        visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(CAMERA_POSITION))
+        model = load_model(SIMULATION_TIMESTEP)
+        self.robots = [
+            RobotView(visualizer[WORLD], f"robot_{i}", model, LABEL_COLOURS[i % len(LABEL_COLOURS)], offset)
+            for i, offset in enumerate(lanes(len(names)))
+        ]
+        self.look_at(np.zeros(2))
+
+    def look_at(self, xy: np.ndarray) -> None:
+        """Bring a point on the ground into the middle of the picture [m], shape (2,)."""
+        self.visualizer[WORLD].set_transform(homogeneous(world_offset(xy), np.array([1.0, 0, 0, 0])))
+
+
+def world_offset(xy: np.ndarray) -> np.ndarray:
+    """Where the world's origin goes when the camera looks at points on the ground; shapes (..., 2) and (..., 3) [m]."""
+    xy = np.asarray(xy, dtype=float)
+    return -np.concatenate((xy, np.full((*xy.shape[:-1], 1), LOOK_AT_HEIGHT)), axis=-1)

@@ -1,0 +1,84 @@
+"""A meshcat server that only this machine can reach, and the visualizer that talks to it.
+
+meshcat's own server listens on every network interface; this one listens on 127.0.0.1 and answers requests for that
+host only, so that a page of another site cannot talk to it through a changed name.
+"""
+
+import atexit
+import contextlib
+import io
+import subprocess
+import sys
+from typing import Any
+
+import meshcat
+import tornado.web
+from meshcat.servers.zmqserver import VIEWER_HTML, VIEWER_ROOT, StaticFileHandlerNoCache, WebSocketHandler
+from meshcat.servers.zmqserver import ZMQWebSocketBridge as Bridge
+from tornado.httpserver import HTTPServer
+
+from hugwbc.errors import HugwbcError
+
+HOST = "127.0.0.1"
+_HOST_PATTERN = r"(127\.0\.0\.1|localhost)"
+_READY = "zmq_url="
+
+
+class _LoopbackApplication(tornado.web.Application):
+    def listen(self, port: int, address: str | None = None, **options: Any) -> HTTPServer:  # noqa: ANN401  tornado's
+        return super().listen(port, address=HOST, **options)
+
+
+class _LoopbackBridge(Bridge):
+    def make_app(self) -> tornado.web.Application:
+        application = _LoopbackApplication()
+        pages = {"path": VIEWER_ROOT, "default_filename": VIEWER_HTML}
+        application.add_handlers(
+            _HOST_PATTERN,
+            [(r"/static/(.*)", StaticFileHandlerNoCache, pages), (r"/", WebSocketHandler, {"bridge": self})],
+        )
+        return application
+
+
+def serve() -> None:
+    """Run a server until the process ends, writing its address as the first line of standard output."""
+    bridge = _LoopbackBridge(host=HOST)
+    sys.stdout.write(f"{_READY}{bridge.zmq_url}\n")
+    sys.stdout.flush()
+    bridge.run()
+
+
+def open_visualizer() -> tuple[meshcat.Visualizer, str]:
+    """Start a server in a process of its own, which ends with this one.
+
+    Returns:
+        The visualizer and the address to open in a browser.
+
+    Raises:
+        HugwbcError: if the server does not start.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hugwbc.viz.server"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    atexit.register(_stop, process)
+    assert process.stdout is not None
+    line = process.stdout.readline().strip()
+    if not line.startswith(_READY):
+        _stop(process)
+        raise HugwbcError(
+            "the viewer's server did not start; run `python -m hugwbc.viz.server` to see why, or go on without a viewer"
+        )
+    # meshcat prints the address; that is for the caller to do.
+    with contextlib.redirect_stdout(io.StringIO()):
+        visualizer = meshcat.Visualizer(zmq_url=line.removeprefix(_READY))
+    return visualizer, visualizer.url()
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.wait()
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        serve()

@@ -1,0 +1,98 @@
+"""What the pictures need to know of a run, and the colours that tell several runs apart."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from hugwbc.errors import ConfigError
+
+LANE = 1.5  # [m] between robots shown side by side
+# Readable on light and on dark ground, and told apart by people who confuse red and green.
+LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
+
+
+class Trace(Protocol):
+    """One run of one controller, T samples; `hugwbc.evaluation.rollout.Trace` has these attributes and more."""
+
+    @property
+    def name(self) -> str:
+        """Of the controller."""
+        ...
+
+    @property
+    def time(self) -> np.ndarray:
+        """Of each sample [s], shape (T,)."""
+        ...
+
+    @property
+    def command(self) -> np.ndarray:
+        """The eight commands in the order of COMMAND_NAMES, shape (T, 8)."""
+        ...
+
+    @property
+    def gait(self) -> np.ndarray:
+        """Values of `Gait`, shape (T,)."""
+        ...
+
+    @property
+    def measured(self) -> np.ndarray:
+        """v_x, v_y, omega, h, p, w as executed, shape (T, 6)."""
+        ...
+
+    @property
+    def clearance(self) -> np.ndarray:
+        """Height of both soles above the ground [m], shape (T, 2)."""
+        ...
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """Pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26)."""
+        ...
+
+    @property
+    def hand_target_world(self) -> np.ndarray:
+        """Targets of both hands [m], NaN where there is none, shape (T, 2, 3)."""
+        ...
+
+    @property
+    def hand_error(self) -> np.ndarray:
+        """Distance of each hand to its target [m], NaN where there is none, shape (T, 2)."""
+        ...
+
+    @property
+    def torque(self) -> np.ndarray:
+        """Joint torques [N*m], shape (T, 19)."""
+        ...
+
+    @property
+    def fell(self) -> bool:
+        """Whether the robot fell."""
+        ...
+
+
+def check_traces(traces: Sequence[Trace]) -> None:
+    """Refuse what cannot be drawn.
+
+    Raises:
+        ConfigError: if there is no trace, more than there are colours, or one without samples.
+    """
+    if not 1 <= len(traces) <= len(LABEL_COLOURS):
+        raise ConfigError(f"{len(traces)} runs to draw; give 1 to {len(LABEL_COLOURS)}")
+    for trace in traces:
+        if len(trace.time) == 0:
+            raise ConfigError(f"the run of '{trace.name}' has no samples; record at least one")
+
+
+def lanes(count: int) -> np.ndarray:
+    """Sideways offsets of robots side by side, the first one leftmost when seen from ahead [m], shape (count,)."""
+    return LANE * (np.arange(count) - (count - 1) / 2)
+
+
+def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
+    """Index of the last sample at or before each frame, from the first sample's time to `end` [s], `fps` a second.
+
+    A run that ended early stays at its last sample.
+    """
+    frames = time[0] + np.arange(int((end - time[0]) * fps + 1e-6) + 1) / fps
+    return np.clip(np.searchsorted(time, frames + 1e-9, side="right") - 1, 0, len(time) - 1)
