@@ -1,0 +1,198 @@
+"""Handing the arms over to external targets and back without a jump, and the source that runs IK behind it."""
+
+import dataclasses
+import enum
+
+import numpy as np
+
+from hugwbc.controller import UpperBody
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.script import smooth_step
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.gravity import GravityCompensation
+from hugwbc.upper_ik.solver import ArmIK, ArmIKConfig, IKSolution
+
+
+@dataclasses.dataclass(frozen=True)
+class TakeoverConfig:
+    """Pace of the hand-over.
+
+    Attributes:
+        take_time: of the blend from the arms' own position to the external targets [s].
+        return_time: of the blend back [s].
+        speed_fraction: of the joint velocity limits that the arm command never exceeds.
+    """
+
+    take_time: float = 0.5
+    return_time: float = 1.0
+    speed_fraction: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("take_time", "return_time"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ConfigError(f"TakeoverConfig.{name} is {getattr(self, name)} s; give a finite time above 0")
+        if not 0.0 < self.speed_fraction <= 1.0:
+            raise ConfigError(
+                f"TakeoverConfig.speed_fraction is {self.speed_fraction}; give a fraction above 0, up to 1"
+            )
+
+
+class Phase(enum.Enum):
+    """Who moves the arms."""
+
+    RELEASED = "released"  # the controller
+    TAKEN = "taken"  # external targets, blended in at first
+    RETURNING = "returning"  # on the way back to the controller's own pose
+
+
+class Takeover:
+    """Blends and rate-limits external arm targets: from IK, a motion file or noise.
+
+    The stream of arm commands that it puts out moves at most `velocity_limit * dt` from tick to tick, also at the
+    start, against the position that the caller names, and at the end, against the pose it returns to.
+
+    Attributes:
+        phase: who moves the arms.
+        velocity_limit: highest speed of the arm command [rad/s], shape (8,).
+        held: how many ticks had a target that was not finite or no positive time step; each held the last command.
+    """
+
+    def __init__(self, config: TakeoverConfig | None = None) -> None:
+        self.config = config or TakeoverConfig()
+        robot = load_robot()
+        self.velocity_limit = robot.velocity_limit[robot.arms] * self.config.speed_fraction
+        self.phase = Phase.RELEASED
+        self.held = 0
+        self._rest = robot.nominal[robot.arms]
+        self._q = self._rest.copy()
+        self._from = self._rest.copy()
+        self._elapsed = 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the arms are taken over and the blend is complete."""
+        return self.phase is Phase.TAKEN and self._elapsed >= self.config.take_time
+
+    def reset(self) -> None:
+        """Release the arms at once, for a new episode."""
+        self.phase = Phase.RELEASED
+
+    def follow(self, q: np.ndarray, dq: np.ndarray, start: np.ndarray, dt: float) -> UpperBody:
+        """One tick of external control.
+
+        Args:
+            q: target positions [rad], shape (8,).
+            dq: their velocities [rad/s], shape (8,).
+            start: where the arm command was before this tick; read only if the arms were released [rad], shape (8,).
+            dt: time since the last tick [s].
+        """
+        if self.phase is not Phase.TAKEN:
+            self._begin(Phase.TAKEN, start if self.phase is Phase.RELEASED else self._q)
+        return self._advance(q, dq, self.config.take_time, dt)
+
+    def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
+        """One tick of the way back; `UpperBody.none()` once there.
+
+        Args:
+            own: the controller's own arm positions, if known, else the arms return to the nominal ones [rad], (8,).
+            dt: time since the last tick [s].
+        """
+        goal = self._rest if own is None else own
+        if self.phase is Phase.TAKEN:
+            self._begin(Phase.RETURNING, self._q)
+        elif self.phase is Phase.RETURNING and self._arrived(goal, dt):
+            self.phase = Phase.RELEASED
+        if self.phase is Phase.RELEASED:
+            return UpperBody.none()
+        return self._advance(goal, np.zeros(8), self.config.return_time, dt)
+
+    def _begin(self, phase: Phase, start: np.ndarray) -> None:
+        self.phase = phase
+        self._q = np.array(start, dtype=float)
+        self._from = self._q.copy()
+        self._elapsed = 0.0
+
+    def _arrived(self, goal: np.ndarray, dt: float) -> bool:
+        within = bool(np.all(np.abs(goal - self._q) <= self.velocity_limit * dt))
+        return within and self._elapsed >= self.config.return_time
+
+    def _advance(self, goal: np.ndarray, goal_dq: np.ndarray, blend_time: float, dt: float) -> UpperBody:
+        if not (0.0 < dt < np.inf and np.all(np.isfinite(goal)) and np.all(np.isfinite(goal_dq))):
+            self.held += 1
+            return UpperBody(self._q.copy(), np.zeros(8), np.ones(8, dtype=bool))
+        before = smooth_step(self._elapsed / blend_time)
+        self._elapsed += dt
+        blend = smooth_step(self._elapsed / blend_time)
+        wanted = self._from + blend * (goal - self._from)
+        reach = self.velocity_limit * dt
+        q = np.clip(wanted, self._q - reach, self._q + reach)
+        # The blend's own derivative, not the difference of positions: the latter carries the noise of the sensors.
+        wanted_dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
+        dq = np.where(q == wanted, np.clip(wanted_dq, -self.velocity_limit, self.velocity_limit), (q - self._q) / dt)
+        self._q = q
+        return UpperBody(q.copy(), dq, np.ones(8, dtype=bool))
+
+
+class UpperBodySource:
+    """Hand targets in, external arm control out: what a control loop calls once in every tick.
+
+    Attributes:
+        ik: the solver, with its counts of rejected targets and failures.
+        takeover: the hand-over, with its phase.
+        solution: the solver's last answer, or None while the arms are released.
+    """
+
+    def __init__(
+        self,
+        *,
+        gravity_compensation: bool,
+        ik: ArmIKConfig | None = None,
+        takeover: TakeoverConfig | None = None,
+    ) -> None:
+        """Build the solver.
+
+        Args:
+            gravity_compensation: True where PD alone drives the arms (the learned controller), so that they reach
+                their targets against their weight; False where feed-forward torque does (the QP).
+            ik: settings of the solver.
+            takeover: settings of the hand-over.
+        """
+        self.ik = ArmIK(ik)
+        self.takeover = Takeover(takeover)
+        self.solution: IKSolution | None = None
+        self._gravity = GravityCompensation() if gravity_compensation else None
+
+    def reset(self) -> None:
+        """Release the arms at once, for a new episode."""
+        self.takeover.reset()
+        self.solution = None
+
+    def update(
+        self, state: RobotState, hands: HandTargets | None, dt: float, own: np.ndarray | None = None
+    ) -> UpperBody:
+        """External control of the arms for this tick. Never raises on bad numbers: holds, counts.
+
+        Args:
+            state: of the robot now.
+            hands: targets; None gives the arms back to the controller.
+            dt: time since the last tick [s].
+            own: the controller's own arm positions if known, shape (8,) [rad]: where a takeover starts and a hand-back
+                ends. While the arms are released, that is the arm part of the last joint command. Without it, a
+                takeover starts from the measured arms (plus what they sag, under gravity compensation), and a
+                hand-back ends in the nominal pose.
+        """
+        if own is not None and not np.all(np.isfinite(own)):
+            own = None
+        if hands is None:
+            self.solution = None
+            return self.takeover.release(own, dt)
+        if self.takeover.phase is not Phase.TAKEN:
+            self.ik.reset(state.q[self.ik.robot.arms])
+        start = self._compensated(self.ik.q, state) if own is None else own
+        self.solution = self.ik.solve(hands, state, dt)
+        return self.takeover.follow(self._compensated(self.solution.q, state), self.solution.dq, start, dt)
+
+    def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
+        return q if self._gravity is None else self._gravity(q, state)
