@@ -2,10 +2,11 @@
 
 import dataclasses
 import time
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
@@ -14,21 +15,29 @@ from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
+if TYPE_CHECKING:
+    from hugwbc.upper_ik import IKSolution
+
 
 class UpperBodySource(Protocol):
-    """What turns hand targets into arm joint targets (`hugwbc.upper_ik`)."""
+    """What turns hand targets into arm joint targets: `hugwbc.upper_ik.UpperBodySource`, or another."""
 
     @property
-    def reachable(self) -> np.ndarray:
-        """Whether the last left and right target could be reached, shape (2,), bool."""
+    def solution(self) -> "IKSolution | None":
+        """The last IK solution; None while the arms are the controller's."""
         ...
 
-    def reset(self, state: RobotState) -> None:
-        """Start from this state, with the arms under the controller's control."""
+    def reset(self) -> None:
+        """Give the arms back at once, for a new run."""
         ...
 
-    def update(self, state: RobotState, hands: HandTargets | None, dt: float) -> UpperBody:
-        """Arm targets for the next `dt` seconds; None hands the arms back."""
+    def update(
+        self, state: RobotState, hands: HandTargets | None, dt: float, own: np.ndarray | None = None
+    ) -> UpperBody:
+        """Arm targets for the next `dt` seconds; no hands gives the arms back.
+
+        `own` are the arm positions in the controller's last command, while it moves the arms [rad], shape (8,).
+        """
         ...
 
 
@@ -96,14 +105,15 @@ class ControlLoop:
             )
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
+        self._own_arms: np.ndarray | None = None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
         self.simulation.reset()
-        state = self.simulation.sense()
-        self.safe.reset(state)
+        self.safe.reset(self.simulation.sense())
+        self._own_arms = None
         if self.upper_body is not None:
-            self.upper_body.reset(state)
+            self.upper_body.reset()
 
     def decide(self, t: float) -> JointCommand:
         """The joint command for the next period, from what the sensors say at time t [s]."""
@@ -112,13 +122,24 @@ class ControlLoop:
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
-            arms = self.upper_body.update(state, self.hands, self.period)
+            arms = self.upper_body.update(state, self.hands, self.period, self._own_arms)
             self.ik_s = time.perf_counter() - begin
-        return self.safe.act(state, self.source.command_at(t), arms)
+        command = self.safe.act(state, self.source.command_at(t), arms)
+        self._own_arms = None if arms.indicator else command.q[self.simulation.robot.arms]
+        return command
 
     @property
     def reachable(self) -> np.ndarray:
         """Whether there is a left and a right hand target that can be reached, shape (2,), bool."""
-        if self.hands is None or self.upper_body is None:
-            return np.zeros(2, dtype=bool)
-        return np.array(self.upper_body.reachable, dtype=bool)
+        solution = None if self.upper_body is None else self.upper_body.solution
+        return np.zeros(2, dtype=bool) if solution is None else np.array(solution.reachable, dtype=bool)
+
+
+def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
+    """Hand targets in the world at this state [m], shape (2, 3); NaN where there is none."""
+    if hands is None:
+        return np.full((2, 3), np.nan)
+    if hands.frame == "world":
+        return hands.array()
+    assert state.position is not None
+    return state.position + rotations.rotate(state.orientation, hands.array())

@@ -5,16 +5,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource
+from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, world_targets
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.safety import SafetyReport
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
 
 RECORD_PERIOD = 0.02  # [s]
 CONTACT_FORCE = 1.0  # [N] above which a foot counts as on the ground
@@ -151,7 +149,7 @@ class _Recorder:
         self.kinematics.update(state)
         assert state.position is not None
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]))
-        target, reachable = _world_targets(self.loop.hands, state), self.loop.reachable
+        target, reachable = world_targets(self.loop.hands, state), self.loop.reachable
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         row = {
             "time": t,
@@ -188,13 +186,3 @@ class _Recorder:
 def _contacts(state: RobotState) -> np.ndarray:
     assert state.foot_force is not None
     return state.foot_force[:, 2] > CONTACT_FORCE
-
-
-def _world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
-    """Targets in the world at this state [m], shape (2, 3)."""
-    if hands is None:
-        return np.full((2, 3), np.nan)
-    if hands.frame == "world":
-        return hands.array()
-    assert state.position is not None
-    return state.position + rotations.rotate(state.orientation, hands.array())

@@ -10,6 +10,7 @@ from hugwbc.evaluation import Constant, rollout
 from hugwbc.evaluation.controllers import CONTROLLER_NAMES, ControllerSpec, HoldController
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import IKSolution
 
 ROBOT = load_robot()
 
@@ -23,16 +24,17 @@ class FixedArms:
     """An upper-body source that moves the arms to one pose and calls the left target reachable, the right one not."""
 
     def __init__(self):
-        self.reachable = np.array([True, False])
-        self.q = np.full(8, 0.1)
-        self.seen: list[HandTargets | None] = []
+        self.solution = None
+        self.own: list[np.ndarray | None] = []
 
-    def reset(self, state):
-        self.seen.clear()
+    def reset(self):
+        self.own.clear()
 
-    def update(self, state, hands, dt):
-        self.seen.append(hands)
-        return UpperBody.none() if hands is None else UpperBody.targets(self.q)
+    def update(self, state, hands, dt, own=None):
+        self.own.append(own)
+        q = np.full(8, 0.1)
+        self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
+        return UpperBody.none() if hands is None else UpperBody.targets(q)
 
 
 class Reaching:
@@ -69,7 +71,12 @@ def test_two_runs_are_equal(simulation):
 
 
 def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
-    trace = rollout(HoldController(), Reaching(), simulation, FixedArms(), duration=0.4)
+    arms = FixedArms()
+    trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.4)
+    assert arms.own[0] is None and arms.own[12] is None, "once taken, the arms are not the controller's"
+        "once taken, arms are not the controller's"
+    )
+    np.testing.assert_array_equal(arms.own[5], ROBOT.nominal[ROBOT.arms])
     assert np.isnan(trace.hand_target_world[:10]).all() and np.isfinite(trace.hand_target_world[10:]).all()
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.3, 0.2, 0.1]), trace.qpos[10, 3:7])

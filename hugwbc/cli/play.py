@@ -1,0 +1,151 @@
+"""`hugwbc play`: one controller live, in real time, in the browser."""
+
+import dataclasses
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hugwbc.cli.output import parse, say
+from hugwbc.commands import COMMAND_NAMES, Command
+from hugwbc.errors import CommandError, ConfigError
+from hugwbc.evaluation import Constant, ControlLoop
+from hugwbc.evaluation.compare import upper_body_source
+from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.loop import CommandSource, world_targets
+from hugwbc.gait import Gait
+from hugwbc.script import load_script
+from hugwbc.sim import Simulation
+
+FRAME_PERIOD = 0.04  # [s] between two pictures
+FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
+HEADLESS_DURATION = 10.0  # [s]
+
+Draw = Callable[[Simulation, np.ndarray], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayOptions:
+    """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
+
+    controller: str = "learned"
+    """learned, qp, or hold (the baseline that only holds its pose)."""
+    policy: str | None = None
+    """Name of a shipped policy, or path of a policy file, for the learned controller."""
+    script: str | None = None
+    """Play this script, with its hand targets, instead of one command."""
+    gait: str | None = None
+    """Of the command; by default walking if a velocity is given, else standing."""
+    v_x: float | None = None
+    """Forward velocity [m/s]."""
+    v_y: float | None = None
+    """Velocity to the left [m/s]."""
+    omega: float | None = None
+    """Yaw rate [rad/s]."""
+    f: float | None = None
+    """Stride frequency [Hz]."""
+    l: float | None = None  # noqa: E741  the paper's symbol
+    """Swing height [m]."""
+    h: float | None = None
+    """Pelvis height relative to nominal [m]."""
+    p: float | None = None
+    """Pelvis pitch [rad]."""
+    w: float | None = None
+    """Waist yaw [rad]."""
+    duration: float | None = None
+    """Stop after this time [s]; by default at the end of the script, or never."""
+    headless: bool = False
+    """Without browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
+    browser: bool = True
+    """Open the page; otherwise only its address is printed."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, open the viewer, run the loop."""
+    options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
+    source, duration = _source(options)
+    controller = ControllerSpec(options.controller, options.policy).build()
+    loop = ControlLoop(controller, source, Simulation(), upper_body_source(controller) if options.script else None)
+    draw = None if options.headless else _viewer(controller.name, options.browser)
+    falls, simulated = _run(loop, duration, draw)
+    say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
+    for message in loop.safe.report().messages:
+        say(f"safety: {message}")
+    return 0
+
+
+def _source(options: PlayOptions) -> tuple[CommandSource, float]:
+    """What to command, and for how long [s].
+
+    Raises:
+        CommandError: if a value is out of range, or values and a script are both given.
+        ConfigError: if the duration is not above 0.
+    """
+    values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
+    if options.duration is not None and not options.duration > 0.0:
+        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
+    if options.script is not None:
+        if values or options.gait is not None:
+            raise CommandError(f"a script and {', '.join(values) or 'a gait'} are both given; give one or the other")
+        script = load_script(options.script)
+        return script, options.duration or script.duration
+    moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
+    gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
+    command = Command.from_mapping(values, gait).validate()
+    return Constant(command), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
+
+
+def _viewer(name: str, browser: bool) -> Draw:
+    from hugwbc.viz.meshcat_scene import Scene
+    from hugwbc.viz.server import open_visualizer
+
+    visualizer, address = open_visualizer()
+    scene = Scene(visualizer, [name])
+    say(f"watch at {address}; Ctrl-C stops")
+    if browser:
+        webbrowser.open(address)
+
+    def draw(simulation: Simulation, targets: np.ndarray) -> None:
+        scene.robots[0].set_pose(simulation.data.qpos)
+        scene.robots[0].set_hand_targets(targets)
+        scene.look_at(simulation.data.qpos[:2])
+
+    return draw
+
+
+def _run(loop: ControlLoop, duration: float, draw: Draw | None) -> tuple[int, float]:
+    """Run the loop, in real time if there is a viewer; a robot that fell stands up again and the commands start anew.
+
+    Returns:
+        How often the robot fell, and the simulated time [s].
+    """
+    falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
+    loop.reset()
+    begin = time.monotonic()
+    while simulated < duration - 1e-9:
+        state = loop.simulation.step(loop.decide(t), loop.period)
+        t += loop.period
+        simulated += loop.period
+        if draw is not None and simulated >= next_frame:
+            next_frame += FRAME_PERIOD
+            draw(loop.simulation, world_targets(loop.hands, state))
+            begin = _keep_pace(begin, simulated)
+        if loop.simulation.fallen:
+            falls += 1
+            say(f"fell after {t:.1f} s; standing up again")
+            if draw is not None:
+                time.sleep(FALLEN_PAUSE)
+                begin += FALLEN_PAUSE
+            loop.reset()
+            t = 0.0
+    return falls, simulated
+
+
+def _keep_pace(begin: float, simulated: float) -> float:
+    """Wait until real time has caught up; where the computer is too slow, time is given up instead of caught up."""
+    ahead = begin + simulated - time.monotonic()
+    if ahead > 0.0:
+        time.sleep(ahead)
+        return begin
+    return begin - ahead
