@@ -118,7 +118,7 @@ class Locomotion:
         self.com.target = middle[:2]
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
-        self.com.active = np.ones(2)
+        self.com.weight = np.full(2, params.com_weight)
         if self.plan.mode is not Mode.SHIFTING:
             self._shifted = False
             return
@@ -168,7 +168,7 @@ class Locomotion:
         self.com.feedforward = pendulum.omega**2 * (heading @ (dynamics.com[:2] - step.cop))
         self.com.target = dynamics.com[:2]
         self.com.servo = np.zeros(2)
-        self.com.active = np.array([1.0, 0.0])
+        self.com.weight = np.array([self._params.com_walking_weight, 0.0])
 
     def _plan_step(self, dynamics: Dynamics, command: SmoothCommand, swing: int, stance: int) -> StepPlan:
         pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
@@ -207,9 +207,9 @@ class Locomotion:
 
     def _toe_down(self, dynamics: Dynamics, foot: int) -> float:
         """Pitch of the swing foot's sole [rad]."""
-        hip = dynamics.frame(f"{SIDES[foot]}_hip_pitch_link").position
-        ankle = self._trajectory.position + np.array([0.0, 0.0, 0.07])
-        return toe_down(float(np.linalg.norm(hip - ankle)))
+        shank = dynamics.frame(f"{SIDES[foot]}_knee_link")
+        sideways = rotations.rotation_z(self._yaw)[:, 1]
+        return toe_down(float(np.arcsin(np.clip(-shank.rotation[2, 0], -1.0, 1.0))), float(sideways @ shank.velocity[3:]))
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:

@@ -46,11 +46,14 @@ class ControllerParams:
     orientation_weight: tuple[float, float, float] = (4.0, 20.0, 10.0)
     """Roll, pitch and yaw. Low roll: the line-shaped feet cannot hold it while a leg swings fast."""
     orientation_gains: tuple[float, float] = (300.0, 30.0)
-    com_weight: float = 10.0
+    com_weight: float = 300.0
+    """Standing: balance comes before posture."""
+    com_walking_weight: float = 10.0
     com_gains: tuple[float, float] = (30.0, 11.0)
     swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
     swing_gains: tuple[float, float] = (700.0, 50.0)
-    swing_rotation_weight: float = 10.0
+    swing_rotation_weight: tuple[float, float] = (2.0, 10.0)
+    """Pitch and yaw. Low pitch: a high swing turns the sole where the ankle ends."""
     swing_rotation_gains: tuple[float, float] = (300.0, 30.0)
     waist_weight: float = 2.0
     waist_gains: tuple[float, float] = (100.0, 20.0)
@@ -116,7 +119,7 @@ class ControllerParams:
     """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
     frequency_rate: float = 2.0
     """Change of f [Hz/s]."""
-    height_rate: tuple[float, float] = (0.5, 2.0)
+    height_rate: tuple[float, float] = (0.35, 2.0)
     """Change of h [m/s], [m/s^2]."""
     pitch_rate: tuple[float, float] = (0.8, 4.0)
     """Change of p [rad/s], [rad/s^2]."""

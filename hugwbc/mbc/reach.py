@@ -1,13 +1,11 @@
 """What the leg's joint ranges leave: found by inverse kinematics of the squatting robot, soles level."""
 
-import math
-
 import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
 
-_LEG = 0.8  # [m], hip to ankle with a straight knee
-_LEVEL_ANKLE = 0.84  # [rad], thigh angle of a symmetrically bent leg beyond which the ankle cannot keep the sole level
+_LEVEL_SHANK = 0.80  # [rad], lean of the shank up to which the ankle keeps the sole level
+_LEAD = 0.03  # [s], by which the sole turns before the shank forces it to
 # Foremost centre of mass relative to the ankles [m] over pelvis height h [m], at zero pitch and with the ankle 0.02 rad
 # short of its limit: the shank cannot lean further, so that a deep squat sits back.
 _HEIGHTS = (-0.30, -0.25, -0.20, -0.10)
@@ -26,11 +24,11 @@ def highest_clearance(params: ControllerParams, h: float) -> float:
     return max(params.min_clearance, params.clearance_at_nominal + h)
 
 
-def toe_down(hip_to_ankle: float) -> float:
+def toe_down(shank_pitch: float, shank_rate: float) -> float:
     """Pitch of a lifted sole [rad]: level, until the ankle's range forces the toe down.
 
     Args:
-        hip_to_ankle: distance from the hip's to the ankle's axis [m].
+        shank_pitch: lean of the shank, forward positive [rad].
+        shank_rate: its rate [rad/s].
     """
-    thigh = math.acos(min(hip_to_ankle / _LEG, 1.0))
-    return max(thigh - _LEVEL_ANKLE, 0.0)
+    return max(shank_pitch + _LEAD * shank_rate - _LEVEL_SHANK, 0.0)

@@ -24,7 +24,7 @@ class CentreOfMassTask:
         heading: direction of the first row [rad].
         feedforward: [m/s^2], in the heading frame, shape (2,).
         servo: 1 where the axis is pulled to the target, 0 where it only follows the feed-forward, shape (2,).
-        active: 1 where the axis counts, else 0, shape (2,).
+        weight: shape (2,).
     """
 
     name = "centre of mass"
@@ -36,9 +36,8 @@ class CentreOfMassTask:
         self.heading = 0.0
         self.feedforward = np.zeros(2)
         self.servo = np.ones(2)
-        self.active = np.ones(2)
+        self.weight = np.full(2, params.com_weight)
         self._gains = params.com_gains
-        self._weight = params.com_weight
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Two rows: along the heading and to its left."""
@@ -50,6 +49,6 @@ class CentreOfMassTask:
             to_heading @ dynamics.com_jacobian[:2],
             to_heading @ dynamics.com_drift[:2],
             self.feedforward + self.servo * servo,
-            self._weight * self.active,
+            self.weight,
             error,
         )

@@ -38,7 +38,7 @@ class SwingFootTask:
         self._frame = f"{side}_sole"
         self._gains = params.swing_gains
         self._rotation_gains = params.swing_rotation_gains
-        self._weight = np.array([*params.swing_weight, params.swing_rotation_weight, params.swing_rotation_weight])
+        self._weight = np.array([*params.swing_weight, *params.swing_rotation_weight])
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
