@@ -1,6 +1,7 @@
 """The command line: `hugwbc VERB`, one file per verb, each loaded only when it is asked for."""
 
 import importlib
+import itertools
 import sys
 import types
 from collections.abc import Sequence
@@ -62,7 +63,7 @@ def _verb(name: str) -> types.ModuleType:
 def _with_json_path(words: list[str]) -> list[str]:
     """`--json` without a path means standard output, as `--json -`."""
     result: list[str] = []
-    for word, following in zip(words, [*words[1:], "--"], strict=True):
+    for word, following in itertools.zip_longest(words, words[1:], fillvalue="--"):
         result.append(word)
         if word == "--json" and following.startswith("--"):
             result.append("-")

@@ -32,11 +32,11 @@ class UpperBodySource(Protocol):
         ...
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, own: np.ndarray | None = None
+        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
     ) -> UpperBody:
         """Arm targets for the next `dt` seconds; no hands gives the arms back.
 
-        `own` are the arm positions in the controller's last command, while it moves the arms [rad], shape (8,).
+        `commanded` is the arm part of the last joint command, None at the start [rad], shape (8,).
         """
         ...
 
@@ -105,13 +105,13 @@ class ControlLoop:
             )
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
-        self._own_arms: np.ndarray | None = None
+        self._commanded_arms: np.ndarray | None = None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
         self.simulation.reset()
         self.safe.reset(self.simulation.sense())
-        self._own_arms = None
+        self._commanded_arms = None
         if self.upper_body is not None:
             self.upper_body.reset()
 
@@ -122,10 +122,10 @@ class ControlLoop:
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
-            arms = self.upper_body.update(state, self.hands, self.period, self._own_arms)
+            arms = self.upper_body.update(state, self.hands, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
         command = self.safe.act(state, self.source.command_at(t), arms)
-        self._own_arms = None if arms.indicator else command.q[self.simulation.robot.arms]
+        self._commanded_arms = command.q[self.simulation.robot.arms]
         return command
 
     @property

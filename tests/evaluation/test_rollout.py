@@ -25,13 +25,13 @@ class FixedArms:
 
     def __init__(self):
         self.solution = None
-        self.own: list[np.ndarray | None] = []
+        self.commanded: list[np.ndarray | None] = []
 
     def reset(self):
-        self.own.clear()
+        self.commanded.clear()
 
-    def update(self, state, hands, dt, own=None):
-        self.own.append(own)
+    def update(self, state, hands, dt, commanded=None):
+        self.commanded.append(commanded)
         q = np.full(8, 0.1)
         self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
         return UpperBody.none() if hands is None else UpperBody.targets(q)
@@ -73,10 +73,9 @@ def test_two_runs_are_equal(simulation):
 def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
     arms = FixedArms()
     trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.4)
-    assert arms.own[0] is None and arms.own[12] is None, "once taken, the arms are not the controller's"
-        "once taken, arms are not the controller's"
-    )
-    np.testing.assert_array_equal(arms.own[5], ROBOT.nominal[ROBOT.arms])
+    assert arms.commanded[0] is None
+    np.testing.assert_array_equal(arms.commanded[5], ROBOT.nominal[ROBOT.arms])
+    np.testing.assert_array_equal(arms.commanded[12], np.full(8, 0.1))
     assert np.isnan(trace.hand_target_world[:10]).all() and np.isfinite(trace.hand_target_world[10:]).all()
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.3, 0.2, 0.1]), trace.qpos[10, 3:7])
