@@ -149,7 +149,8 @@ def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Arr
     Args:
         homogenised: homogenised phase in [0, 1].
         height: commanded apex l [m].
-        start, end: ground heights at lift-off and touch-down [m].
+        start: ground height at lift-off [m].
+        end: ground height at touch-down [m].
     """
     xp = _xp(homogenised)
     rising = homogenised < 0.75
@@ -157,4 +158,3 @@ def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Arr
     base = xp.where(rising, start, end)
     smooth = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return xp.where(homogenised < 0.5, 0.0, base + (height - base) * smooth)
-

@@ -90,9 +90,7 @@ class Kinematics:
 
     def velocity(self, frame: str) -> np.ndarray:
         """Velocity of a frame's origin, then its angular velocity, in world axes [m/s, rad/s], shape (6,)."""
-        return pin.getFrameVelocity(
-            self.model, self.data, self.frame_id(frame), pin.LOCAL_WORLD_ALIGNED
-        ).vector.copy()
+        return pin.getFrameVelocity(self.model, self.data, self.frame_id(frame), pin.LOCAL_WORLD_ALIGNED).vector.copy()
 
     def centre_of_mass(self) -> np.ndarray:
         """Centre of mass in the world [m], shape (3,)."""

@@ -41,7 +41,7 @@ class RewardWeights:
 class ExtraWeights:
     """Weights of terms that the paper's table lacks; zero switches a term off. Reasons in docs/learned.md."""
 
-    alive: float = 1.0
+    alive: float = 2.0
     """Constant while not terminated; keeps early returns positive, so that falling never pays."""
     body_roll_tracking: float = -10.0
     """Squared roll; the authors' code has it inside their pitch term."""
@@ -91,7 +91,7 @@ class RandomizationConfig:
     push_interval: int = 400
     """Mean control steps between two pushes of a robot."""
     noise: float = 0.2
-    """Scale of the observation noise relative to the paper's (1: angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+    """Scale of the observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,8 +172,8 @@ class PPOConfig:
     std_final: float = 0.25
     std_steps: float = 60e6
     """Environment steps over which the largest exploration std falls, geometrically, from initial to final."""
-    std_min: float = 0.05
-    yaw_std_factor: float = 0.4
+    std_min: float = 0.03
+    yaw_std_factor: float = 0.15
     """Factor on the exploration std of hip yaw and waist: stiff joints on a small yaw inertia, whose noise would
     otherwise drown the yaw rate that the reward is to see."""
     mixed_precision: bool = True

@@ -63,7 +63,9 @@ class Curriculum:
         """The paper's rule: up when both rewards exceed their thresholds, down below two thirds of either."""
         thresholds = {"linear": self.config.linear_threshold, "angular": self.config.angular_threshold}
         values = {"linear": linear, "angular": angular}
-        short = [f"{n} velocity reward {values[n]:.2f} < {thresholds[n]:.2f}" for n in values if values[n] < thresholds[n]]
+        short = [
+            f"{n} velocity reward {values[n]:.2f} < {thresholds[n]:.2f}" for n in values if values[n] < thresholds[n]
+        ]
         if not short:
             self.alpha = min(1.0, self.alpha + self.config.alpha_step)
             self.gates["alpha"] = "open"

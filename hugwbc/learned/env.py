@@ -22,6 +22,7 @@ from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL, TRUNK_FORC
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 TRACKING_MEMORY = 0.99  # of the running averages that open the curricula
 _V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
+_SIMULATION_STATE = ("qpos", "qvel", "ctrl", "warm_start")
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
@@ -93,9 +94,7 @@ class HumanoidEnv:
         self._key = self.simulation.model.key("nominal").qpos.copy()
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
-        self.intervention = Intervention(
-            ~self.agile, config.flip_probability, config.noise_interval, self.generator
-        )
+        self.intervention = Intervention(~self.agile, config.flip_probability, config.noise_interval, self.generator)
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self._body = self._make_body()
         self._noise = obs.noise_amplitude() * config.randomization.noise
@@ -374,9 +373,9 @@ class HumanoidEnv:
         """Everything that a resumed run needs, as tensors."""
         names = ("command", "gait", "phase", "age", "actions", "history", "_tracking")
         state = {name.lstrip("_"): getattr(self, name) for name in names}
-        state["qpos"] = torch.from_numpy(self.simulation.qpos.copy())
-        state["qvel"] = torch.from_numpy(self.simulation.qvel.copy())
-        state["ctrl"] = torch.from_numpy(self.simulation.ctrl.copy())
+        state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _SIMULATION_STATE}
+        # Forces belong to the last physics step; they cannot be had again from the state alone.
+        state["foot_force"], state["link_force"] = self.foot_force, self.link_force
         state["generator"] = self.generator.get_state()
         state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
         levels = self.curriculum.state_dict()
@@ -388,8 +387,6 @@ class HumanoidEnv:
         for name in ("command", "gait", "phase", "age", "actions", "history"):
             setattr(self, name, state[name].clone())
         self._tracking = state["tracking"].clone()
-        for name in ("qpos", "qvel", "ctrl"):
-            getattr(self.simulation, name)[:] = state[name].numpy()
         self.generator.set_state(state["generator"])
         prefixed = {"intervention": {}, "curriculum": {}}
         for key, value in state.items():
@@ -398,5 +395,13 @@ class HumanoidEnv:
                 prefixed[group][name] = value
         self.intervention.load_state_dict(prefixed["intervention"])
         self.curriculum.load_state_dict({name: float(value) for name, value in prefixed["curriculum"].items()})
+        # Twice: the first write gives `forward` its state, the second undoes its change of the warm start.
+        self._write_simulation(state)
         self.simulation.forward(np.arange(self.count))
+        self._write_simulation(state)
         self._read()
+        self.foot_force, self.link_force = state["foot_force"].clone(), state["link_force"].clone()
+
+    def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
+        for name in _SIMULATION_STATE:
+            getattr(self.simulation, name)[:] = state[name].numpy()

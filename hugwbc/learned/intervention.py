@@ -61,7 +61,7 @@ class Intervention:
         self._generator = generator
         self._low, self._high = noise_ranges()
         robot = load_robot()
-        self._nominal = torch.as_tensor(robot.nominal[robot.arms], dtype=torch.float32)
+        self._nominal = torch.tensor(robot.nominal[robot.arms], dtype=torch.float32)
         self._initial = self._nominal.repeat(count, 1)
         self._target = self._draw(count)
         # Spread over the interval, so that the robots' draws do not coincide.

@@ -38,9 +38,7 @@ class Actor(nn.Module):
         super().__init__()
         self.encoder = _mlp(HISTORY_FRAMES * PROPRIOCEPTION_SIZE, ENCODER_HIDDEN, LATENT_SIZE)
         self.estimator = _mlp(LATENT_SIZE, ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(
-            LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + COMMAND_SIZE, POLICY_HIDDEN, ACTION_SIZE
-        )
+        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + COMMAND_SIZE, POLICY_HIDDEN, ACTION_SIZE)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean action and estimate.

@@ -105,7 +105,7 @@ class LearnedController:
         self.held = 0
         self.robot = load_robot()
         self._actor = actor.eval()
-        self._nominal = torch.as_tensor(self.robot.nominal, dtype=torch.float32)
+        self._nominal = torch.tensor(self.robot.nominal, dtype=torch.float32)
         self._history = torch.zeros(1, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self._action = torch.zeros(1, obs.JOINTS)
         self._phase = 0.0

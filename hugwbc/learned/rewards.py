@@ -141,7 +141,7 @@ def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
 
 
 def feet_slip(t: Transition, body: Body) -> torch.Tensor:
-    """sum over feet on the ground of 1 - exp(-|v_xy_i|^2).
+    """Sum over feet on the ground of 1 - exp(-|v_xy_i|^2).
 
     Corrected: the printed 1 - sum_i exp(-v_i^2) rewards rest with a bonus and also judges the swing foot.
     """

@@ -146,8 +146,14 @@ class Trainer:
                 f"pass --env.count {stored.shape[0]}"
             )
         if stored is not None:
-            self.env.load_state_dict(groups["env"])
-            self.generator.set_state(tensors["generator"])
+            try:
+                self.env.load_state_dict(groups["env"])
+                self.generator.set_state(tensors["generator"])
+            except KeyError as error:
+                raise PolicyFileError(
+                    f"{path} lacks {error} of the environment's state; it was written by another version. "
+                    "Continue from its snapshot instead"
+                ) from error
         else:
             self.env.curriculum.load_state_dict(metadata["curriculum"])
         if groups["optimiser"]:

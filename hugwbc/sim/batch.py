@@ -27,6 +27,7 @@ class BatchSimulation:
         qpos, qvel: state, shapes (count, 26) and (count, 25); writable, followed by `forward`.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
+        warm_start: the constraint solver's starting point, shape (count, 25); a bit-exact resumption needs it.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class BatchSimulation:
         self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self.ctrl = self.batch.bind("ctrl")
         self.torque = self.batch.bind("actuator_force")
+        self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._columns = {
             self.model.sensor(i).name: slice(int(adr), int(adr + dim))

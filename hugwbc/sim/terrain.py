@@ -39,9 +39,7 @@ class HeightField:
         return low * (1 - v) + high * v
 
 
-def rough_terrain(
-    amplitude: float, rng: np.random.Generator, size: float = 16.0, spacing: float = 0.2
-) -> HeightField:
+def rough_terrain(amplitude: float, rng: np.random.Generator, size: float = 16.0, spacing: float = 0.2) -> HeightField:
     """Uniformly random heights within plus or minus `amplitude` [m] on a grid of the given spacing [m].
 
     Raises:

@@ -1,0 +1,139 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned import observations as obs
+from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.env import HumanoidEnv
+from hugwbc.state import RobotState
+
+
+def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(steps):
+        env.step(0.3 * torch.randn((env.count, 19), generator=generator))
+
+
+def state_of(env: HumanoidEnv, i: int) -> RobotState:
+    qpos, qvel = env.simulation.qpos[i], env.simulation.qvel[i]
+    return RobotState(
+        q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6], position=qpos[:3],
+        velocity=qvel[:3],
+    )  # fmt: skip
+
+
+def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> None:
+    run(small_env, 15)
+    kinematics = Kinematics()
+    for i in range(small_env.count):
+        kinematics.update(state_of(small_env, i))
+        m = kinematics.measured()
+        assert small_env.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
+        assert small_env.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
+        assert small_env.height[i].item() == pytest.approx(m.h, abs=1e-5)
+        assert small_env.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
+        assert small_env.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
+
+
+def test_observation_shapes_and_finiteness(small_env: HumanoidEnv) -> None:
+    run(small_env, 5)
+    o = small_env.observe()
+    assert o.history.shape == (8, 315) and o.command.shape == (8, 13)
+    assert o.critic.shape == (8, 321) and o.estimate.shape == (8, 6)
+    for tensor in (o.history, o.command, o.critic, o.estimate):
+        assert torch.isfinite(tensor).all()
+
+
+def test_newest_frame_is_last_in_the_history() -> None:
+    config = dataclasses.replace(EnvConfig(), count=4, randomization=RandomizationConfig(noise=0.0))
+    env = HumanoidEnv(config, seed=0, threads=1)
+    action = 0.1 * torch.ones(4, 19)
+    env.step(action)
+    newest = env.observe().history[:, -obs.PROPRIOCEPTION_SIZE :]
+    torch.testing.assert_close(newest[:, -19:], action)
+    torch.testing.assert_close(newest[:, 3:6], env.gravity)
+
+
+def test_same_seed_same_run_whatever_the_threads() -> None:
+    config = dataclasses.replace(EnvConfig(), count=8)
+    a, b = HumanoidEnv(config, seed=5, threads=1), HumanoidEnv(config, seed=5, threads=2)
+    c = HumanoidEnv(config, seed=6, threads=1)
+    for env in (a, b, c):
+        run(env, 40)
+    assert np.array_equal(a.simulation.qpos, b.simulation.qpos)
+    assert not np.array_equal(a.simulation.qpos, c.simulation.qpos)
+
+
+def test_restored_run_continues_bit_for_bit() -> None:
+    config = dataclasses.replace(EnvConfig(), count=8)
+    straight = HumanoidEnv(config, seed=5, threads=1)
+    run(straight, 20, seed=1)
+    state = {name: value.clone() for name, value in straight.state_dict().items()}
+    resumed = HumanoidEnv(config, seed=5, threads=1)
+    resumed.load_state_dict(state)
+    for env in (straight, resumed):
+        run(env, 20, seed=2)
+    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
+    assert torch.equal(straight.observe().critic, resumed.observe().critic)
+
+
+def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv) -> None:
+    small_env.age[:] = 10
+    small_env.simulation.qpos[2, 3:7] = [np.cos(0.6), 0.0, np.sin(0.6), 0.0]  # pitched by 1.2 rad
+    result = small_env.step(torch.zeros(8, 19))
+    assert result.done[2] and 2 not in result.timed_out
+    assert result.reward[2] < -3.0  # the paper's -200 times the period
+    assert small_env.age[2] == 0
+    assert small_env.pitch[2].abs() < 0.2
+
+
+def test_a_time_out_is_told_from_a_failure(small_env: HumanoidEnv) -> None:
+    small_env.age[:] = 10
+    small_env.age[5] = small_env.config.episode_steps - 1
+    result = small_env.step(torch.zeros(8, 19))
+    assert result.timed_out.tolist() == [5]
+    assert result.final_critic.shape == (1, 321)
+    assert small_env.age[5] == 0
+
+
+def test_a_diverged_robot_touches_no_other() -> None:
+    config = dataclasses.replace(EnvConfig(), count=6)
+    healthy, faulty = HumanoidEnv(config, seed=5, threads=1), HumanoidEnv(config, seed=5, threads=1)
+    for env in (healthy, faulty):
+        env.age[:] = 10
+    faulty.simulation.qvel[3, 10] = np.nan
+    action = torch.zeros(6, 19)
+    a, b = healthy.step(action), faulty.step(action)
+    others = [0, 1, 2, 4, 5]
+    assert b.done[3] and torch.isfinite(b.reward).all()
+    assert torch.equal(a.reward[others], b.reward[others])
+    assert np.array_equal(healthy.simulation.qpos[others], faulty.simulation.qpos[others])
+    assert faulty.pop_statistics()["diverged"] == 1
+    assert np.isfinite(faulty.simulation.qpos).all()
+
+
+def test_commands_stay_in_their_ranges_and_standing_has_no_velocity() -> None:
+    env = HumanoidEnv(dataclasses.replace(EnvConfig(), count=2000), seed=0, threads=1)
+    low = torch.tensor([-0.6, -0.6, -0.6, 1.5, 0.1, -0.3, 0.0, -1.0])
+    high = torch.tensor([0.6, 0.6, 0.6, 3.5, 0.35, 0.0, 0.4, 1.0])
+    assert (env.command >= low - 1e-6).all() and (env.command <= high + 1e-6).all()
+    standing = env.gait == Gait.STANDING
+    assert not env.command[standing, :3].any()
+    assert standing.float().mean().item() == pytest.approx(0.2, abs=0.04)
+
+
+def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> None:
+    small_env.curriculum.alpha = 1.0
+    small_env.intervention.active[:] = False
+    small_env.intervention.flip_probability = 0.0
+    small_env.intervention.active[4:] = True
+    small_env.age[:] = 10
+    small_env.step(torch.zeros(8, 19))
+    arms = small_env.robot.arms
+    ctrl = torch.from_numpy(small_env.simulation.ctrl[:, arms].copy()).float()
+    torch.testing.assert_close(ctrl[4:], small_env.intervention.targets()[4:])
+    torch.testing.assert_close(ctrl[:4], torch.tensor(small_env.robot.nominal[arms]).float().expand(4, 8))

@@ -1,0 +1,133 @@
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, UpperBody
+from hugwbc.errors import PolicyFileError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.learned import checkpoint
+from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.networks import Actor
+from hugwbc.learned.policy import LearnedController, load_policy, policy_metadata
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+ROBOT = load_robot()
+
+
+def random_actor() -> Actor:
+    torch.manual_seed(0)
+    return Actor().eval()
+
+
+@pytest.fixture
+def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
+    path = tmp_path / "policy.safetensors"
+    checkpoint.save_file(path, random_actor().state_dict(), "policy", policy_metadata())
+    return path
+
+
+def still_state() -> RobotState:
+    return RobotState(
+        q=ROBOT.nominal.copy(), dq=np.zeros(19), orientation=np.array([1.0, 0, 0, 0]), angular_velocity=np.zeros(3)
+    )
+
+
+def test_is_a_controller(policy_file: pathlib.Path) -> None:
+    controller = load_policy(policy_file)
+    assert isinstance(controller, Controller)
+    controller.reset(still_state())
+    command = controller.act(still_state(), Command(), UpperBody.none())
+    np.testing.assert_array_equal(command.kp, ROBOT.kp)
+    assert command.is_finite
+
+
+def test_controller_sees_what_the_training_environment_shows() -> None:
+    """The same network in the environment and behind the controller gives the same actions along a trajectory."""
+    quiet = RandomizationConfig(
+        friction=(0.8, 0.8), torso_mass=(0, 0), torso_centre=0.0, gains=(1, 1), push_velocity=0.0, noise=0.0
+    )
+    env = HumanoidEnv(dataclasses.replace(EnvConfig(), count=1, randomization=quiet), seed=2, threads=1)
+    env.age[:] = 0
+    env.gait[:] = int(Gait.WALKING)
+    env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
+    env._read()
+    actor = random_actor()
+    controller = LearnedController(actor, policy_metadata())
+    command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
+
+    def state() -> RobotState:
+        qpos, qvel = env.simulation.qpos[0].copy(), env.simulation.qvel[0].copy()
+        return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
+
+    controller.reset(state())
+    controller._phase = float(env.phase[0]) - 2.0 * 0.02
+    for _ in range(12):
+        joint_command = controller.act(state(), command, UpperBody.none())
+        observation = env.observe()
+        with torch.no_grad():
+            action, _ = actor(observation.history, observation.command)
+        expected = ROBOT.nominal + 0.25 * action[0].double().numpy()
+        np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
+        env.step(action)
+
+
+def test_external_arms_are_passed_on_and_seen() -> None:
+    controller = LearnedController(random_actor(), policy_metadata())
+    targets = np.linspace(-0.2, 0.2, 8)
+    controller.reset(still_state())
+    own = controller.act(still_state(), Command(), UpperBody.none())
+    controller.reset(still_state())
+    taken = controller.act(still_state(), Command(), UpperBody.targets(targets))
+    np.testing.assert_array_equal(taken.q[ROBOT.arms], targets)
+    assert not np.allclose(taken.q[ROBOT.legs], own.q[ROBOT.legs]), "the indicator must reach the network"
+
+
+def test_bad_numbers_never_pass() -> None:
+    controller = LearnedController(random_actor(), policy_metadata())
+    controller.reset(still_state())
+    controller.act(still_state(), Command(), UpperBody.none())
+    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    command = controller.act(broken, Command(v_x=np.nan, h=-9.0, gait=Gait.WALKING), UpperBody.none())
+    assert command.is_finite
+    assert controller.held == 1
+
+
+def test_reset_makes_runs_repeatable() -> None:
+    controller = LearnedController(random_actor(), policy_metadata())
+    runs = []
+    for _ in range(2):
+        controller.reset(still_state())
+        runs.append([controller.act(still_state(), Command(gait=Gait.WALKING), UpperBody.none()).q for _ in range(5)])
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_unknown_policy_lists_the_shipped_ones() -> None:
+    with pytest.raises(UnknownNameError, match="h1"):
+        load_policy("no_such_policy")
+
+
+def test_truncated_policy_is_refused(policy_file: pathlib.Path) -> None:
+    policy_file.write_bytes(policy_file.read_bytes()[:-100])
+    with pytest.raises(PolicyFileError, match="truncated"):
+        load_policy(policy_file)
+
+
+def test_policy_of_another_robot_is_refused(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    metadata = policy_metadata() | {"joint_names": ["a", "b"]}
+    checkpoint.save_file(path, random_actor().state_dict(), "policy", metadata)
+    with pytest.raises(PolicyFileError, match="joint_names"):
+        load_policy(path)
+
+
+def test_policy_of_another_shape_is_refused(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    checkpoint.save_file(path, {"encoder.0.weight": torch.zeros(3)}, "policy", policy_metadata())
+    with pytest.raises(PolicyFileError, match="does not fit"):
+        load_policy(path)

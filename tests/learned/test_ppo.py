@@ -1,0 +1,116 @@
+import math
+
+import pytest
+import torch
+from torch.distributions import Independent, Normal, kl_divergence
+
+from hugwbc.errors import ConfigError
+from hugwbc.learned import ppo
+from hugwbc.learned.config import PPOConfig, TrainConfig
+from hugwbc.learned.ppo import PPO
+from hugwbc.robot import load_robot
+
+
+def test_gae_by_hand() -> None:
+    # One robot, three steps, an episode end after the second.
+    reward = torch.tensor([[1.0], [2.0], [3.0]])
+    done = torch.tensor([[False], [True], [False]])
+    value = torch.tensor([[0.5], [0.4], [0.3]])
+    advantage = ppo.generalised_advantage(reward, done, value, torch.tensor([0.2]), gamma=0.9, lam=0.8)
+    last = 3.0 + 0.9 * 0.2 - 0.3
+    middle = 2.0 - 0.4
+    first = 1.0 + 0.9 * 0.4 - 0.5 + 0.9 * 0.8 * middle
+    assert advantage.flatten().tolist() == pytest.approx([first, middle, last])
+
+
+def test_gae_with_lambda_one_is_the_discounted_return() -> None:
+    torch.manual_seed(0)
+    reward, value = torch.rand(20, 3, dtype=torch.float64), torch.rand(20, 3, dtype=torch.float64)
+    last = torch.rand(3, dtype=torch.float64)
+    done = torch.zeros(20, 3, dtype=torch.bool)
+    advantage = ppo.generalised_advantage(reward, done, value, last, gamma=0.97, lam=1.0)
+    discount = 0.97 ** torch.arange(20, dtype=torch.float64)
+    expected = (discount[:, None] * reward).sum(0) + 0.97**20 * last - value[0]
+    torch.testing.assert_close(advantage[0], expected)
+
+
+def test_log_probability_and_kl_against_torch_distributions() -> None:
+    torch.manual_seed(1)
+    mean, old_mean, action = torch.randn(3, 7, 19, dtype=torch.float64)
+    log_std, old_log_std = 0.3 * torch.randn(2, 19, dtype=torch.float64)
+    new = Independent(Normal(mean, log_std.exp()), 1)
+    old = Independent(Normal(old_mean, old_log_std.exp()), 1)
+    torch.testing.assert_close(ppo.log_probability(action, mean, log_std), new.log_prob(action))
+    torch.testing.assert_close(ppo.kl_divergence(old_mean, old_log_std, mean, log_std), kl_divergence(old, new))
+
+
+def test_surrogate_clips_on_the_right_side() -> None:
+    old = torch.zeros(4)
+    log_prob = torch.tensor([0.5, -0.5, 0.5, -0.5]).log1p()  # ratios 1.5 and 0.5
+    advantage = torch.tensor([1.0, 1.0, -1.0, -1.0])
+    # min(1.5, 1.2), min(0.5, 0.8), min(-1.5, -1.2), min(-0.5, -0.8)
+    expected = -(1.2 + 0.5 - 1.5 - 0.8) / 4
+    assert ppo.surrogate_loss(log_prob, old, advantage, 0.2).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_value_loss_takes_the_larger_of_both() -> None:
+    value, old, returns = torch.tensor([1.0, 0.5]), torch.tensor([0.0, 0.4]), torch.tensor([1.0, 1.0])
+    # First: the unclipped error is 0, the clipped value 0.2 errs by 0.8; second: within the clip, 0.5.
+    assert ppo.value_loss(value, old, returns, 0.2).item() == pytest.approx((0.64 + 0.25) / 2)
+
+
+def make_learner(**changes: float) -> PPO:
+    torch.manual_seed(0)
+    return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
+
+
+def test_std_is_bounded_by_the_schedule_and_tighter_for_yaw() -> None:
+    learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0, yaw_std_factor=0.5)
+    learner.bound_std(50.0)
+    std = learner.network.log_std.detach().exp()
+    robot = load_robot()
+    assert std[robot.index("left_knee_joint")].item() == pytest.approx(math.sqrt(0.8 * 0.2), rel=1e-5)
+    assert std[robot.waist].item() == pytest.approx(0.5 * math.sqrt(0.8 * 0.2), rel=1e-5)
+    learner.bound_std(1e9)
+    assert std.max() <= 0.8
+    assert learner.network.log_std.detach().exp().max().item() == pytest.approx(0.2, rel=1e-5)
+
+
+def test_learning_rate_follows_the_kl() -> None:
+    learner = make_learner(learning_rate=1e-4, target_kl=0.01)
+    learner._adapt_learning_rate(0.03)
+    assert learner.learning_rate == pytest.approx(1e-4 / 1.5)
+    learner._adapt_learning_rate(0.001)
+    learner._adapt_learning_rate(0.01)
+    assert learner.learning_rate == pytest.approx(1e-4)
+
+
+def test_non_finite_loss_is_skipped_and_counted() -> None:
+    learner = make_learner()
+    before = [p.detach().clone() for p in learner.network.parameters()]
+    learner._descend(learner.network.log_std.sum() * float("nan"))
+    assert learner.skipped == 1
+    for old, new in zip(before, learner.network.parameters(), strict=True):
+        torch.testing.assert_close(old, new.detach())
+
+
+def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
+    learner = make_learner(mixed_precision=False)
+    history, command = torch.randn(6, 315), torch.randn(6, 13)
+    mean, _ = learner.network.actor(history, command)
+    assert learner._symmetry_loss(history, command, mean).item() > 0.0
+    for parameter in learner.network.actor.policy[-1].parameters():
+        torch.nn.init.zeros_(parameter)
+    mean, _ = learner.network.actor(history, command)
+    assert learner._symmetry_loss(history, command, mean).item() == 0.0
+
+
+@pytest.mark.parametrize("changes", [{"gamma": 1.5}, {"horizon": 0}, {"std_min": float("nan")}])
+def test_bad_learner_settings_are_refused(changes: dict) -> None:
+    with pytest.raises(ConfigError, match=next(iter(changes))):
+        PPOConfig(**changes)
+
+
+def test_bad_run_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="threads"):
+        TrainConfig(threads=0)

@@ -1,0 +1,84 @@
+import csv
+import dataclasses
+import json
+import pathlib
+
+import pytest
+import torch
+
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig, TrainConfig
+from hugwbc.learned.policy import load_policy
+from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, POLICY_NAME, Trainer, train
+
+# The curricula move from the first iteration, so that their state matters for a resumed run.
+ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
+                                                      angular_threshold=0.0))  # fmt: skip
+PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
+
+
+def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig:
+    return TrainConfig(out=out, steps=iterations * 64, threads=1, env=ENV, ppo=PPO, **changes)
+
+
+def run(settings: TrainConfig) -> Trainer:
+    return train(settings, lambda row, gates: None)
+
+
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path: pathlib.Path) -> None:
+    straight = run(config(tmp_path / "a", 6))
+    run(config(tmp_path / "b", 3))
+    resumed = run(config(tmp_path / "b", 6, resume=True))
+    assert resumed.iteration == straight.iteration == 6
+    for (name, a), b in zip(straight.ppo.network.named_parameters(), resumed.ppo.network.parameters(), strict=True):
+        assert torch.equal(a, b), name
+    assert resumed.env.curriculum.state_dict() == straight.env.curriculum.state_dict()
+    assert straight.env.curriculum.alpha > 0.0
+    for name, value in straight.env.state_dict().items():
+        assert torch.equal(value, resumed.env.state_dict()[name]), name
+
+
+def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 2))
+    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
+    assert [int(row["iteration"]) for row in rows] == [1, 2]
+    assert float(rows[-1]["steps"]) == 128
+    session = json.loads((tmp_path / "sessions.jsonl").read_text().splitlines()[0])
+    assert {"mujoco", "torch"} <= set(session["versions"])
+    assert load_policy(tmp_path / POLICY_NAME).metadata["training"]["steps"] == 128
+
+
+def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
+    trainer = run(config(tmp_path, 2))
+    slim = tmp_path / "slim" / CHECKPOINT_NAME
+    trainer.save_snapshot(slim)
+    assert slim.stat().st_size < 3e6
+    resumed = Trainer(config(slim.parent, 3, resume=True))
+    assert resumed.iteration == 2
+    assert torch.equal(resumed.ppo.network.log_std, trainer.ppo.network.log_std)
+    assert resumed.env.curriculum.alpha == trainer.env.curriculum.alpha
+    resumed.run(lambda row, gates: None)
+    assert resumed.iteration == 3
+
+
+def test_another_number_of_robots_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    other = dataclasses.replace(config(tmp_path, 2, resume=True), env=dataclasses.replace(ENV, count=8))
+    with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
+        Trainer(other)
+
+
+def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    path = tmp_path / CHECKPOINT_NAME
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(PolicyFileError, match="truncated"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
+def test_learning_improves_a_tiny_task(tmp_path: pathlib.Path) -> None:
+    """The estimator's loss must fall within a few iterations: it is supervised, so this needs no luck."""
+    settings = dataclasses.replace(config(tmp_path, 40), ppo=dataclasses.replace(PPO, learning_rate=1e-3))
+    losses: list[float] = []
+    train(settings, lambda row, gates: losses.append(row["estimation_loss"]))
+    assert sum(losses[-5:]) < 0.7 * sum(losses[:5])
