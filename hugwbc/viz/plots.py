@@ -1,0 +1,175 @@
+"""Plots of runs as small SVG pictures that take the page's text colour, so that they read on light and dark ground."""
+
+import dataclasses
+import io
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
+from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
+from hugwbc.viz.trace import LABEL_COLOURS, Trace, check_traces
+
+MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
+TITLES = {
+    "v_x": "Forward velocity v_x",
+    "v_y": "Sideways velocity v_y",
+    "omega": "Yaw rate ω",
+    "l": "Sole clearance, the higher foot, and commanded swing height l",
+    "h": "Body height h",
+    "p": "Body pitch p",
+    "w": "Waist yaw w",
+}
+_SIZE = (6.0, 2.6)  # [in]
+SMALLEST_SPAN = 0.2  # of the vertical axis, in the quantity's unit
+# Stands for the page's text colour until the picture is written.
+_INK = "#010203"
+_STYLE = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 10,
+    "text.color": _INK,
+    "axes.edgecolor": _INK,
+    "axes.labelcolor": _INK,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "grid.color": _INK,
+    "grid.alpha": 0.15,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.2,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """One picture.
+
+    Attributes:
+        title: what it shows.
+        svg: the picture, an `<svg>` element that scales with its container.
+    """
+
+    title: str
+    svg: str
+
+
+def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
+    """Commanded (dashed) against measured: velocities, height, pitch, waist, and swing height against sole clearance.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    check_traces(traces)
+    panels = []
+    for name in (*MEASURED_NAMES, "l"):
+
+        def draw(axes: Axes, name: str = name) -> None:
+            for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+                axes.plot(trace.time, _measured(trace, name), color=colour)
+            longest = max(traces, key=lambda trace: trace.time[-1])
+            commanded = _commanded(longest, name)
+            axes.plot(longest.time, commanded, color=_INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
+            axes.set_ylabel(COMMAND_UNITS[name])
+            _widen(axes)
+
+        panels.append(_time_panel(TITLES[name], draw, traces))
+    return panels
+
+
+def _commanded(trace: Trace, name: str) -> np.ndarray:
+    values = trace.command[:, COMMAND_NAMES.index(name)]
+    # A swing height means nothing where no foot is to swing.
+    return np.where(trace.gait == Gait.STANDING, np.nan, values) if name == "l" else values
+
+
+def _widen(axes: Axes) -> None:
+    """Keep ripples small to the eye where a quantity hardly changes."""
+    low, high = axes.get_ylim()
+    missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2
+    axes.set_ylim(low - missing, high + missing)
+
+
+def _measured(trace: Trace, name: str) -> np.ndarray:
+    if name == "l":
+        return trace.clearance.max(axis=1)
+    return trace.measured[:, MEASURED_NAMES.index(name)]
+
+
+def hand_panels(traces: Sequence[Trace]) -> list[Panel]:
+    """Distance of each hand to its target over time, left and right; none if no run has hand targets."""
+    check_traces(traces)
+    if not any(np.isfinite(trace.hand_error).any() for trace in traces):
+        return []
+    panels = []
+    for index, side in enumerate(("Left", "Right")):
+
+        def draw(axes: Axes, index: int = index) -> None:
+            for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+                axes.plot(trace.time, 100 * trace.hand_error[:, index], color=colour)
+            axes.set_ylim(bottom=0.0)
+            axes.set_ylabel("cm")
+
+        panels.append(_time_panel(f"{side} hand, distance to its target", draw, traces))
+    return panels
+
+
+def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
+    """The joint nearest to its torque limit over time, and the effective (RMS) torque of every joint."""
+    check_traces(traces)
+    robot = load_robot()
+
+    def draw_peak(axes: Axes) -> None:
+        for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+            axes.plot(trace.time, 100 * np.max(np.abs(trace.torque) / robot.torque_limit, axis=1), color=colour)
+        axes.set_ylim(0.0, 105.0)
+        axes.set_ylabel("% of limit")
+
+    def draw_rms(axes: Axes) -> None:
+        width = 0.8 / len(traces)
+        slots = np.arange(len(robot.joint_names))
+        for i, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
+            rms = np.sqrt(np.mean(trace.torque**2, axis=0))
+            axes.bar(slots + (i - (len(traces) - 1) / 2) * width, rms, width, color=colour)
+        names = [name.removesuffix("_joint").replace("_", " ") for name in robot.joint_names]
+        axes.set_xticks(slots, names, rotation=60, ha="right", rotation_mode="anchor", fontsize=8)
+        axes.grid(axis="x", visible=False)
+        axes.set_ylabel("N·m")
+
+    return [
+        _time_panel("Torque of the joint nearest to its limit", draw_peak, traces),
+        Panel("RMS torque of each joint", _svg("rms", draw_rms, height=3.4)),
+    ]
+
+
+def _time_panel(title: str, draw: Callable[[Axes], None], traces: Sequence[Trace]) -> Panel:
+    def with_time(axes: Axes) -> None:
+        draw(axes)
+        axes.set_xlabel("s")
+        start, end = (f(trace.time[i] for trace in traces) for f, i in ((min, 0), (max, -1)))
+        axes.set_xlim(start, max(end, start + 0.1))
+
+    return Panel(title, _svg(title, with_time))
+
+
+def _svg(salt: str, draw: Callable[[Axes], Any], height: float = _SIZE[1]) -> str:
+    """Draw into fresh axes; the salt keeps the ids of several pictures on one page apart and the output repeatable."""
+    style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
+    with matplotlib.rc_context(style):
+        figure = Figure(figsize=(_SIZE[0], height), layout="constrained")
+        draw(figure.add_subplot())
+        file = io.StringIO()
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = file.getvalue()
+    text = text[text.index("<svg") :].replace(_INK, "currentColor")
+    # Without its own size the picture scales with its container by its viewBox.
+    opening, rest = text.split(">", 1)
+    kept = [part for part in opening.split(" ") if not part.startswith(("width=", "height="))]
+    return " ".join(kept) + ">" + rest
