@@ -79,17 +79,19 @@ class Takeover:
         """Release the arms at once, for a new episode."""
         self.phase = Phase.RELEASED
 
-    def follow(self, q: np.ndarray, dq: np.ndarray, start: np.ndarray, dt: float) -> UpperBody:
+    def follow(self, q: np.ndarray, dq: np.ndarray, dt: float, start: np.ndarray | None = None) -> UpperBody:
         """One tick of external control.
 
         Args:
             q: target positions [rad], shape (8,).
             dq: their velocities [rad/s], shape (8,).
-            start: where the arm command was before this tick; read only if the arms were released [rad], shape (8,).
             dt: time since the last tick [s].
+            start: where the arm command was before a takeover [rad], shape (8,); None: where the last takeover ended,
+                at first the nominal pose. Read only while the arms are released.
         """
         if self.phase is not Phase.TAKEN:
-            self._begin(Phase.TAKEN, start if self.phase is Phase.RELEASED else self._q)
+            known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
+            self._begin(Phase.TAKEN, np.asarray(start) if known else self._q)
         return self._advance(q, dq, self.config.take_time, dt)
 
     def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
@@ -162,6 +164,7 @@ class UpperBodySource:
         self.ik = ArmIK(ik)
         self.takeover = Takeover(takeover)
         self.solution: IKSolution | None = None
+        self._own: np.ndarray | None = None
         self._gravity = GravityCompensation() if gravity_compensation else None
 
     def reset(self) -> None:
@@ -170,7 +173,7 @@ class UpperBodySource:
         self.solution = None
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, own: np.ndarray | None = None
+        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
     ) -> UpperBody:
         """External control of the arms for this tick. Never raises on bad numbers: holds, counts.
 
@@ -178,21 +181,24 @@ class UpperBodySource:
             state: of the robot now.
             hands: targets; None gives the arms back to the controller.
             dt: time since the last tick [s].
-            own: the controller's own arm positions if known, shape (8,) [rad]: where a takeover starts and a hand-back
-                ends. While the arms are released, that is the arm part of the last joint command. Without it, a
-                takeover starts from the measured arms (plus what they sag, under gravity compensation), and a
-                hand-back ends in the nominal pose.
+            commanded: the arm part of the last joint command, shape (8,) [rad], if known. A takeover starts there, and
+                the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
+                measured arms (plus what they sag, under gravity compensation) and a hand-back ends in the nominal pose.
         """
-        if own is not None and not np.all(np.isfinite(own)):
-            own = None
         if hands is None:
             self.solution = None
-            return self.takeover.release(own, dt)
+            return self.takeover.release(self._own, dt)
         if self.takeover.phase is not Phase.TAKEN:
             self.ik.reset(state.q[self.ik.robot.arms])
-        start = self._compensated(self.ik.q, state) if own is None else own
+        start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
         self.solution = self.ik.solve(hands, state, dt)
-        return self.takeover.follow(self._compensated(self.solution.q, state), self.solution.dq, start, dt)
+        return self.takeover.follow(self._compensated(self.solution.q, state), self.solution.dq, dt, start)
+
+    def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
+        """Where the arm command is before a takeover; remembered for the hand-back if the caller knows it."""
+        known = commanded is not None and np.all(np.isfinite(commanded))
+        self._own = np.array(commanded, dtype=float) if known else None
+        return self._compensated(self.ik.q, state) if self._own is None else self._own
 
     def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
         return q if self._gravity is None else self._gravity(q, state)
