@@ -106,7 +106,7 @@ class Trainer:
             "alpha": levels.alpha,
             "max_speed": levels.max_speed,
             **losses,
-            **self.env.pop_statistics(),
+            **self.env.statistics.pop(),
         }
 
     # Files ----------------------------------------------------------------------------------------------------------

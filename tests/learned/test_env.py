@@ -32,11 +32,11 @@ def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> Non
     for i in range(small_env.count):
         kinematics.update(state_of(small_env, i))
         m = kinematics.measured()
-        assert small_env.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
-        assert small_env.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
-        assert small_env.height[i].item() == pytest.approx(m.h, abs=1e-5)
-        assert small_env.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
-        assert small_env.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
+        assert small_env.readings.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
+        assert small_env.readings.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
+        assert small_env.readings.height[i].item() == pytest.approx(m.h, abs=1e-5)
+        assert small_env.readings.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
+        assert small_env.readings.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
 
 
 def test_observation_shapes_and_finiteness(small_env: HumanoidEnv) -> None:
@@ -55,7 +55,7 @@ def test_newest_frame_is_last_in_the_history() -> None:
     env.step(action)
     newest = env.observe().history[:, -obs.PROPRIOCEPTION_SIZE :]
     torch.testing.assert_close(newest[:, -19:], action)
-    torch.testing.assert_close(newest[:, 3:6], env.gravity)
+    torch.testing.assert_close(newest[:, 3:6], env.readings.gravity)
 
 
 def test_same_seed_same_run_whatever_the_threads() -> None:
@@ -88,7 +88,7 @@ def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv
     assert result.done[2] and 2 not in result.timed_out
     assert result.reward[2] < -3.0  # the paper's -200 times the period
     assert small_env.age[2] == 0
-    assert small_env.pitch[2].abs() < 0.2
+    assert small_env.readings.pitch[2].abs() < 0.2
 
 
 def test_a_time_out_is_told_from_a_failure(small_env: HumanoidEnv) -> None:
@@ -112,7 +112,7 @@ def test_a_diverged_robot_touches_no_other() -> None:
     assert b.done[3] and torch.isfinite(b.reward).all()
     assert torch.equal(a.reward[others], b.reward[others])
     assert np.array_equal(healthy.simulation.qpos[others], faulty.simulation.qpos[others])
-    assert faulty.pop_statistics()["diverged"] == 1
+    assert faulty.statistics.pop()["diverged"] == 1
     assert np.isfinite(faulty.simulation.qpos).all()
 
 

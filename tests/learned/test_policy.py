@@ -56,7 +56,6 @@ def test_controller_sees_what_the_training_environment_shows() -> None:
     env.age[:] = 0
     env.gait[:] = int(Gait.WALKING)
     env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
-    env._read()
     actor = random_actor()
     controller = LearnedController(actor, policy_metadata())
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)

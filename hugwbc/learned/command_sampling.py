@@ -1,0 +1,56 @@
+"""How training draws gaits and commands."""
+
+import torch
+
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.gait import Gait
+from hugwbc.learned.config import CommandConfig
+from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
+
+_V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
+_BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
+
+
+def uniform(
+    generator: torch.Generator, count: int, low: float | torch.Tensor, high: float | torch.Tensor
+) -> torch.Tensor:
+    """Uniform numbers between `low` and `high`, shape (count,)."""
+    return low + torch.rand(count, generator=generator) * (high - low)
+
+
+def draw_commands(
+    agile: torch.Tensor, config: CommandConfig, curriculum: Curriculum, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Gaits and commands for some robots.
+
+    Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
+    curriculum has reached; each behaviour command is at its default with probability `default_fraction`; standing and
+    stepping in place have no velocity.
+
+    Args:
+        agile: which of the robots belong to the agile group, shape (k,), bool.
+        config: the probabilities.
+        curriculum: the reached speeds.
+        generator: of the draws.
+
+    Returns:
+        Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
+    """
+    count = agile.numel()
+    draw = torch.rand(count, generator=generator)
+    standing = draw < config.standing_fraction
+    walking = draw < config.standing_fraction + config.walking_fraction
+    gait = torch.where(standing, int(Gait.STANDING), torch.where(walking, int(Gait.WALKING), int(Gait.JUMPING)))
+    ranges = command_ranges(Gait.WALKING)
+    columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]
+    fast = torch.where(agile, curriculum.max_speed, MAX_SPEED[0])
+    columns[_V_X] = uniform(generator, count, ranges["v_x"].initial[0], fast)
+    turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
+    columns[_OMEGA] = uniform(generator, count, -turn, turn)
+    command = torch.stack(columns, dim=1)
+    for i in _BEHAVIOUR:
+        at_default = torch.rand(count, generator=generator) < config.default_fraction
+        command[at_default, i] = ranges[COMMAND_NAMES[i]].default
+    still = torch.rand(count, generator=generator) < config.zero_velocity_fraction
+    command[standing | still, : _OMEGA + 1] = 0.0
+    return command, gait

@@ -1,0 +1,85 @@
+"""The simulation's state as float32 tensors, with the derived quantities that rewards and observations share."""
+
+import dataclasses
+
+import numpy as np
+import torch
+
+from hugwbc.sim.batch import BatchSimulation
+
+
+def tensor(array: np.ndarray) -> torch.Tensor:
+    """A float32 copy of an array."""
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Readings:
+    """State of n robots after a control step; SI units. The heading frame turns with the pelvis' yaw only.
+
+    Attributes:
+        q, dq: joint positions and velocities, shape (n, 19).
+        torque: joint torques of the last physics step, shape (n, 19).
+        angular_velocity: of the pelvis in its own frame, shape (n, 3).
+        gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
+        roll, pitch: of the pelvis, shape (n,).
+        velocity: of the pelvis in the heading frame, shape (n, 3).
+        yaw_rate: about gravity, shape (n,).
+        height: of the pelvis above the nominal one, shape (n,).
+        clearance: of both soles, shape (n, 2).
+        foot_offset: left minus right sole in the heading frame, shape (n, 3).
+        foot_velocity: of both soles in the world, shape (n, 2, 3).
+        foot_force: ground reaction on both feet in the world, shape (n, 2, 3).
+        link_force: contact force magnitude on `Robot.contact_links`, shape (n, 11).
+    """
+
+    q: torch.Tensor
+    dq: torch.Tensor
+    torque: torch.Tensor
+    angular_velocity: torch.Tensor
+    gravity: torch.Tensor
+    roll: torch.Tensor
+    pitch: torch.Tensor
+    velocity: torch.Tensor
+    yaw_rate: torch.Tensor
+    height: torch.Tensor
+    clearance: torch.Tensor
+    foot_offset: torch.Tensor
+    foot_velocity: torch.Tensor
+    foot_force: torch.Tensor
+    link_force: torch.Tensor
+
+
+def read(simulation: BatchSimulation) -> Readings:
+    """Copy the current state of all robots of a batch."""
+    qpos, qvel = tensor(simulation.qpos), tensor(simulation.qvel)
+    w, x, y, z = torch.nn.functional.normalize(qpos[:, 3:7], dim=1).unbind(1)
+    heading = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    # Minus the third row of the rotation matrix: the world's down direction seen from the pelvis.
+    gravity = -torch.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), dim=1)
+    angular_velocity = qvel[:, 3:6]
+    soles = tensor(simulation.sole_position())
+    return Readings(
+        q=qpos[:, 7:],
+        dq=qvel[:, 6:],
+        torque=tensor(simulation.torque),
+        angular_velocity=angular_velocity,
+        gravity=gravity,
+        roll=torch.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        pitch=torch.asin((2.0 * (w * y - x * z)).clamp(-1.0, 1.0)),
+        velocity=_to_heading(qvel[:, :3], heading),
+        # World z component of the angular velocity: its projection on the up direction, which is minus gravity.
+        yaw_rate=-(gravity * angular_velocity).sum(1),
+        height=qpos[:, 2] - simulation.robot.nominal_height,
+        clearance=soles[..., 2],
+        foot_offset=_to_heading(soles[:, 0] - soles[:, 1], heading),
+        foot_velocity=tensor(simulation.sole_velocity()),
+        foot_force=tensor(simulation.foot_force()),
+        link_force=tensor(simulation.link_force()),
+    )
+
+
+def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
+    cos, sin = heading.cos(), heading.sin()
+    x, y, z = vector.unbind(1)
+    return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=1)
