@@ -1,0 +1,60 @@
+# Every target sets up what it needs: a virtual environment in .venv with the pinned versions of constraints.txt.
+# The machine needs Python 3.11 or later, with its venv module, and access to a package index.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# Options for the target's command, such as ARGS="--episodes 64".
+ARGS ?=
+# The computations are many and small: more threads than one a process only get in each other's way.
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: help install compare play evaluate bench train check test lint test-slow models clean
+
+help:
+	@echo "make compare     play loco_manipulation with both controllers; results in out/compare"
+	@echo "make test        linter, formatter, type checker and tests, as CI runs them"
+	@echo "make test-slow   the tests that take longer"
+	@echo "make lint        linter, formatter and type checker only"
+	@echo "make play        watch a controller in the browser"
+	@echo "make evaluate    the paper's single-command protocol"
+	@echo "make bench       speed of the parts"
+	@echo "make check       verify the installation"
+	@echo "make train       train a policy"
+	@echo "make models      write h1.xml and h1.urdf anew from h1.yaml"
+	@echo "make clean       remove .venv, caches and out"
+	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "hugwbc needs Python 3.11 or later; $(PYTHON) is older: run make PYTHON=/path/to/python3.11" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
+	@touch $@
+
+compare: $(STAMP)
+	$(BIN)/hugwbc compare --script loco_manipulation --seed 0 $(ARGS)
+
+play evaluate bench train check: $(STAMP)
+	$(BIN)/hugwbc $@ $(ARGS)
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+test: lint
+	$(BIN)/pytest $(ARGS)
+
+test-slow: $(STAMP)
+	$(BIN)/pytest -m slow $(ARGS)
+
+models: $(STAMP)
+	$(BIN)/python models/h1/build.py
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .hypothesis *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,127 @@
+"""`hugwbc compare`: one script, each controller, and what came of it: figures, a report, a replay and a video."""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from hugwbc.cli.output import format_table, parse, progress, say, write_json
+from hugwbc.commands import COMMAND_UNITS
+from hugwbc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hugwbc.evaluation.compare import Outcome
+    from hugwbc.evaluation.rollout import Trace
+
+
+@dataclasses.dataclass(frozen=True)
+class CompareOptions:
+    """Play one command script with each controller, hand targets solved by IK, and show how each did."""
+
+    script: str = "loco_manipulation"
+    """Name of a shipped script."""
+    controllers: tuple[str, ...] = ("learned", "qp")
+    """Which controllers: learned, qp, hold."""
+    policy: str | None = None
+    """Name of a shipped policy, or path of a policy file, for the learned controller."""
+    seed: int = 0
+    """Of the sensor noise."""
+    noise: bool = False
+    """Give the sensors the paper's noise; without it nothing is random."""
+    out: pathlib.Path = pathlib.Path("out/compare")
+    """Folder for summary.json, report.html, replay.html and the video."""
+    video: bool = True
+    """Write a video where the machine can render one."""
+    json: pathlib.Path | None = None
+    """Write the summary to this file as well; without a path, to standard output."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, play, print, write."""
+    options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
+    from hugwbc.evaluation.compare import compare, summarise
+    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.script import load_script
+
+    script = load_script(options.script)
+    controllers = [ControllerSpec(name, options.policy).build() for name in options.controllers]
+    with progress(f"{script.name} with {', '.join(options.controllers)}") as advance:
+        traces = compare(controllers, script, seed=options.seed, noise=options.noise, on_progress=advance)
+    outcomes = {trace.name: summarise(trace) for trace in traces}
+    summary = {
+        "script": script.name,
+        "duration": script.duration,
+        "seed": options.seed,
+        "noise": options.noise,
+        "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
+    }
+    say(describe(outcomes), options.json)
+    for name, outcome in outcomes.items():
+        for message in outcome.safety["messages"]:
+            say(f"safety filter of {name}: {message}", options.json)
+    write_json(options.json, summary)
+    written = _write_files(options, summary, traces)
+    say("\nwrote " + ", ".join(str(path) for path in written), options.json)
+    return 0
+
+
+def describe(outcomes: Mapping[str, "Outcome"]) -> str:
+    """The figures of all controllers side by side."""
+    rows: list[tuple[object, ...]] = [
+        ("fell", *(outcome.fell for outcome in outcomes.values())),
+        ("survived [s]", *(outcome.survived_s for outcome in outcomes.values())),
+    ]
+    for name in next(iter(outcomes.values())).errors:
+        label = f"error {name} [{COMMAND_UNITS[name]}]"
+        rows.append((label, *(outcome.errors[name] for outcome in outcomes.values())))
+    for part in ("mean", "p95", "left", "right"):
+        errors = (outcome.hand_error_m[part] for outcome in outcomes.values())
+        rows.append((f"hand error {part} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+    for part in ("p50", "p99"):
+        rows.append((f"tick {part} [ms]", *(outcome.tick_ms[part] for outcome in outcomes.values())))
+    rows.append(("steps", *(outcome.steps for outcome in outcomes.values())))
+    return format_table(("", *outcomes), rows)
+
+
+def _write_files(options: CompareOptions, summary: Mapping[str, Any], traces: Sequence["Trace"]) -> list[pathlib.Path]:
+    """Write everything that there is to show, and return the paths.
+
+    Raises:
+        ConfigError: if the folder cannot be made.
+    """
+    from hugwbc.viz.replay import write_replay
+    from hugwbc.viz.report import summary_table, write_report
+
+    out = options.out
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {out}: {error.strerror}; give another one with --out") from error
+    title = f"hugwbc compare: {summary['script']}"
+    write_json(out / "summary.json", summary)
+    safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
+    figures = {
+        name: {key: value for key, value in outcome.items() if key != "safety"}
+        for name, outcome in summary["controllers"].items()
+    }
+    counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}
+    tables = [summary_table("Figures", figures), summary_table("Safety filter", counters)]
+    links = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
+    write_replay(out / "replay.html", traces, title=title)
+    written = [out / "summary.json", out / "report.html", out / "replay.html"]
+    if options.video:
+        written += _write_video(out / "compare.mp4", traces, options.json)
+    write_report(out / "report.html", title, traces, tables, subtitle=f"seed {summary['seed']}", links=links)
+    return written
+
+
+def _write_video(path: pathlib.Path, traces: Sequence["Trace"], json_path: pathlib.Path | None) -> list[pathlib.Path]:
+    """The video's path if the machine could render it; otherwise a line says why not."""
+    from hugwbc.viz.video import write_video
+
+    with progress("video") as advance:
+        obstacle = write_video(path, traces, on_progress=advance)
+    if obstacle is None:
+        return [path]
+    say(obstacle, json_path)
+    return []
