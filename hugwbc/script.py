@@ -210,7 +210,7 @@ def _check_transition(before: Segment, after: Segment) -> None:
         )
 
 
-_LEFT_PATH = HandPath(centre=(0.32, 0.22, 0.12), amplitude=(0.05, 0.04, 0.06), phase=(0.0, 0.25, 0.25))
+_LEFT_PATH = HandPath(centre=(0.30, 0.28, 0.16), amplitude=(0.05, 0.04, 0.06), phase=(0.0, 0.25, 0.25))
 # Half a period apart: while the left hand goes up, the right one goes down.
 _RIGHT_PATH = dataclasses.replace(_LEFT_PATH.mirrored(), phase=(0.5, 0.75, 0.75))
 _MOVING_HANDS = HandMotion(left=_LEFT_PATH, right=_RIGHT_PATH)

@@ -1,0 +1,33 @@
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc.errors import TargetError, UnknownNameError
+from hugwbc.targets import HandTargets
+
+
+def test_of_takes_any_sequence_and_keeps_a_copy():
+    left = [0.3, 0.2, 0.1]
+    targets = HandTargets.of(left, (0.3, -0.2, 0.1), "world")
+    left[0] = 9.0
+    assert targets.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
+    assert targets.frame == "world"
+    assert targets.is_finite
+
+
+@pytest.mark.parametrize(
+    "bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2), "here", None, [[0.3, 0.2, 0.1]]]
+)
+def test_of_refuses_what_is_not_three_finite_numbers(bad):
+    with pytest.raises(TargetError, match=r"right hand target is .*three finite numbers x, y, z in metres"):
+        HandTargets.of((0.3, 0.2, 0.1), bad)
+
+
+def test_of_refuses_an_unknown_frame():
+    with pytest.raises(UnknownNameError, match="Did you mean 'pelvis'"):
+        HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), "pelvi")
+
+
+def test_plain_constructor_carries_anything_and_tells():
+    assert not HandTargets(np.array([0.3, math.nan, 0.1]), np.zeros(3)).is_finite

@@ -1,0 +1,67 @@
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.controller import JointCommand
+from hugwbc.robot import load_robot
+from hugwbc.sim import Simulation
+from hugwbc.state import RobotState
+
+
+@pytest.fixture
+def robot():
+    return load_robot()
+
+
+@pytest.fixture
+def nominal_state(robot):
+    return make_state(robot.nominal)
+
+
+def make_state(q, *, orientation=(1.0, 0.0, 0.0, 0.0), position=None):
+    return RobotState(
+        q=np.array(q, dtype=float),
+        dq=np.zeros(19),
+        orientation=np.array(orientation, dtype=float),
+        angular_velocity=np.zeros(3),
+        position=None if position is None else np.array(position, dtype=float),
+    )
+
+
+@pytest.fixture(name="make_state")
+def make_state_fixture():
+    return make_state
+
+
+class Hanging:
+    """The robot in MuJoCo with the pelvis held still in the air, at a pitch: joints move, the base does not."""
+
+    def __init__(self, pitch=0.0):
+        self.simulation = Simulation()
+        # A pelvis of 10^6 kg does not move noticeably within one step, and is put back after it.
+        self.simulation.model.dof_armature[:6] = 1e6
+        self.pose = np.array([0.0, 0.0, 1.6, *rotations.from_yaw_pitch_roll(0.4, pitch, 0.0)])
+        self.state = self._put_back()
+
+    def _put_back(self):
+        data = self.simulation.data
+        data.qpos[:7], data.qvel[:6] = self.pose, 0.0
+        mujoco.mj_forward(self.simulation.model, data)
+        return self.simulation.state()
+
+    def step(self, command: JointCommand, duration: float) -> RobotState:
+        for _ in range(round(duration / self.simulation.timestep)):
+            self.simulation.step(command, self.simulation.timestep)
+            self.state = self._put_back()
+        return self.state
+
+    def hands(self):
+        """In the pelvis frame, shape (2, 3)."""
+        world = np.array([self.simulation.hand_position(side) for side in ("left", "right")])
+        return rotations.rotate_inverse(self.pose[3:], world - self.pose[:3])
+
+
+@pytest.fixture
+def hanging():
+    return Hanging

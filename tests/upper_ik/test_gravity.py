@@ -1,0 +1,51 @@
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.controller import JointCommand
+from hugwbc.upper_ik import GravityCompensation
+
+# Both arms forward, elbows slightly bent.
+REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
+
+
+def test_torque_of_the_elbow_by_hand(nominal_state):
+    # Nominal arms: forearms level, centre of mass 0.15908 m ahead of the elbow's axis, 0.669 kg (h1.yaml).
+    torque = GravityCompensation().torque(np.zeros(8), nominal_state)
+    assert torque[[3, 7]] == pytest.approx([-0.669 * 9.81 * 0.15908] * 2, rel=1e-6)
+    # Shoulder roll: the arm hangs below its axis, offset sideways by the parts' centres of mass only.
+    sideways = 0.793 * 0.00115 + 0.839 * 0.002767 - 0.669 * 0.000144
+    assert torque[[1, 5]] == pytest.approx([9.81 * sideways, -9.81 * sideways], rel=1e-6)
+
+
+def test_upside_down_the_torques_change_sign(nominal_state, make_state):
+    gravity = GravityCompensation()
+    turned = make_state(nominal_state.q, orientation=rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), math.pi))
+    assert gravity.torque(REACHING, turned) == pytest.approx(-gravity.torque(REACHING, nominal_state), abs=1e-9)
+
+
+def test_targets_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_state, make_state):
+    gravity = GravityCompensation()
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms], (200, 8)):
+        targets = gravity(q, nominal_state)
+        assert np.all(targets >= robot.lower[robot.arms])
+        assert np.all(targets <= robot.upper[robot.arms])
+    lost = make_state(nominal_state.q, orientation=[math.nan] * 4)
+    assert gravity(REACHING, lost).tolist() == REACHING.tolist()
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.3])
+def test_soft_arms_rest_where_they_should(robot, hanging, pitch):
+    gravity = GravityCompensation()
+    sag = {}
+    for compensated in (False, True):
+        rig = hanging(pitch)
+        q = robot.nominal.copy()
+        q[robot.arms] = gravity(REACHING, rig.state) if compensated else REACHING
+        state = rig.step(JointCommand.position(robot, q), 6.0)
+        sag[compensated] = np.abs(state.q[robot.arms] - REACHING).max()
+    assert sag[False] > 0.1
+    assert sag[True] < 0.005

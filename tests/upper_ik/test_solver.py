@@ -1,0 +1,216 @@
+import math
+import time
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.errors import ConfigError, TargetError
+from hugwbc.kinematics import Kinematics
+from hugwbc.mirror import load_mirror
+from hugwbc.script import load_script
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import ArmIK, ArmIKConfig
+from hugwbc.upper_ik.solver import check_targets
+
+DT = 0.02
+COMFORTABLE = np.array([[0.35, 0.2, 0.15], [0.3, -0.25, 0.05]])
+
+
+def converge(ik, targets, state, seconds=3.0, dt=DT):
+    solution = ik.solve(targets, state, dt)
+    for _ in range(round(seconds / dt)):
+        solution = ik.solve(targets, state, dt)
+    return solution
+
+
+def shoulder_to_targets(points):
+    """From each shoulder's centre in the pelvis frame, at waist angle 0 (h1.yaml: joint offsets, added by hand)."""
+    return points - np.array([[0.0, 0.2136, 0.4389], [0.0, -0.2136, 0.4389]])
+
+
+def test_hands_agree_with_pinocchio_on_the_whole_robot(robot, make_state):
+    ik, kinematics = ArmIK(), Kinematics()
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        q = rng.uniform(robot.lower, robot.upper)
+        kinematics.update(make_state(q, position=np.zeros(3)))
+        hands = ik.hands(q[robot.arms], q[robot.waist])
+        assert hands == pytest.approx(np.array([kinematics.position(f"{s}_hand") for s in ("left", "right")]), abs=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.02])
+def test_reachable_targets_leave_no_residual(robot, make_state, dt):
+    ik, kinematics = ArmIK(), Kinematics()
+    q = robot.nominal.copy()
+    q[robot.waist] = 0.5
+    solution = converge(ik, HandTargets(*COMFORTABLE), make_state(q), dt=dt)
+    assert solution.ok
+    assert solution.reachable.all()
+    assert np.all(solution.residual < 5e-4)
+    assert np.abs(solution.dq).max() < 0.02
+    q[robot.arms] = solution.q
+    kinematics.update(make_state(q, position=np.zeros(3)))
+    for side, target in zip(("left", "right"), COMFORTABLE, strict=True):
+        assert kinematics.position(f"{side}_hand") == pytest.approx(target, abs=5e-4)
+
+
+def test_world_targets_follow_the_pelvis_pose(robot, make_state):
+    position, orientation = np.array([3.0, -2.0, 0.8]), rotations.from_yaw_pitch_roll(2.0, 0.3, -0.1)
+    state = make_state(robot.nominal, orientation=orientation, position=position)
+    world = HandTargets(*(position + COMFORTABLE @ rotations.to_matrix(orientation).T), frame="world")
+    in_world = converge(ArmIK(), world, state)
+    in_pelvis = converge(ArmIK(), HandTargets(*COMFORTABLE), state)
+    assert in_world.q == pytest.approx(in_pelvis.q, abs=1e-9)
+
+
+def test_a_target_out_of_reach_gives_the_stretched_arm(robot, nominal_state):
+    directions = np.array([[1.0, 0.3, 0.1], [0.8, -0.6, -0.3]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    shoulders = -shoulder_to_targets(np.zeros((2, 3)))
+    targets = shoulders + 1.5 * directions
+    solution = converge(ArmIK(), HandTargets(*targets), nominal_state)
+    assert solution.ok
+    assert not solution.reachable.any()
+    # Upper arm 0.333 m, forearm 0.280 m: 0.613 m stretched; the shoulder's axes miss each other by 1.7 cm.
+    assert solution.residual == pytest.approx([1.5 - 0.613] * 2, abs=0.025)
+    hands = ArmIK().hands(solution.q, 0.0)
+    angle = np.sum((hands - shoulders) * directions, axis=1) / np.linalg.norm(hands - shoulders, axis=1)
+    assert np.all(angle > 0.999)
+    assert np.abs(solution.dq).max() < 0.05, "settled, no chatter"
+
+
+def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(nominal_state):
+    ik = ArmIK()
+    rng = np.random.default_rng(1)
+    samples = np.array([ik.hands(q, 0.0) for q in rng.uniform(ik.lower, ik.upper, (3000, 8))])
+    for targets in ([[0.9, 0.1, 0.1], [0.2, -0.9, -0.2]], [[0.02, 0.0, 0.25], [0.5, -0.3, 1.4]]):
+        ik.reset(np.zeros(8))
+        solution = converge(ik, HandTargets(*np.array(targets)), nominal_state)
+        nearest = np.linalg.norm(samples - targets, axis=2).min(axis=0)
+        assert np.all(solution.residual < nearest + 0.01)
+
+
+def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot, make_state):
+    ik = ArmIK()
+    rng = np.random.default_rng(2)
+    margin = ik.config.limit_margin
+    lower, upper = robot.lower[robot.arms] + margin, robot.upper[robot.arms] - margin
+    speed = 0.5 * robot.velocity_limit[robot.arms]
+    q, far = ik.q, 0
+    for _ in range(5000):
+        state = make_state(rng.uniform(robot.lower - 0.1, robot.upper + 0.1))
+        targets = rng.uniform([-1.0, -1.2, -0.6], [1.0, 1.2, 1.4], (2, 3))
+        far += np.sum(np.linalg.norm(shoulder_to_targets(targets), axis=1) > 0.65)
+        dt = rng.choice([0.002, 0.02])
+        solution = ik.solve(HandTargets(*targets), state, dt)
+        assert solution.ok
+        assert np.all(solution.q >= lower - 1e-9)
+        assert np.all(solution.q <= upper + 1e-9)
+        assert np.all(np.abs(solution.q - q) <= speed * dt + 1e-9)
+        assert solution.dq == pytest.approx((solution.q - q) / dt)
+        q = solution.q
+    assert ik.failures == 0
+    assert ik.rejected == 0
+    assert far > 5000
+
+
+def test_unusable_numbers_are_counted_and_hold(robot, nominal_state, make_state):
+    ik = ArmIK()
+    good = HandTargets(*COMFORTABLE)
+    held = converge(ik, good, nominal_state)
+    lost_waist = nominal_state.q.copy()
+    lost_waist[robot.waist] = math.nan
+    bad = [
+        (HandTargets(np.array([math.nan, 0.2, 0.1]), COMFORTABLE[1]), nominal_state, DT),
+        (HandTargets(COMFORTABLE[0], np.array([math.inf, 0.2, 0.1])), nominal_state, DT),
+        (HandTargets(COMFORTABLE[0], np.zeros(2)), nominal_state, DT),
+        (HandTargets(*COMFORTABLE, frame="world"), nominal_state, DT),
+        (good, make_state(lost_waist), DT),
+        (good, nominal_state, 0.0),
+    ]
+    for targets, state, dt in bad:
+        solution = ik.solve(targets, state, dt)
+        assert not solution.ok
+        assert solution.q.tolist() == held.q.tolist()
+        assert not solution.dq.any()
+        assert solution.residual.tolist() == held.residual.tolist()
+    assert ik.rejected == len(bad)
+    assert ik.solve(good, nominal_state, DT).ok
+
+
+def test_far_but_finite_numbers_are_harmless(nominal_state):
+    ik = ArmIK()
+    solution = converge(ik, HandTargets(np.array([1e12, 0.0, 0.0]), np.array([0.0, -1e12, 0.0])), nominal_state, 1.0)
+    assert np.all(np.isfinite(solution.q))
+    assert not solution.reachable.any()
+
+
+def test_reset_moves_into_the_limits_and_ignores_nan(robot, nominal_state):
+    ik = ArmIK()
+    outside = robot.upper[robot.arms] + 0.3
+    outside[0] = math.nan
+    ik.reset(outside)
+    assert ik.q[0] == 0.0
+    assert ik.q[1:] == pytest.approx(robot.upper[robot.arms][1:] - 0.02)
+    assert ik.solve(HandTargets(*COMFORTABLE), nominal_state, DT).ok
+    assert ik.failures == 0
+
+
+def test_mirrored_targets_give_the_mirrored_arms(robot, make_state):
+    mirror = load_mirror()
+    q = robot.nominal.copy()
+    q[robot.waist] = 0.4
+    mirrored = COMFORTABLE[::-1] * [1.0, -1.0, 1.0]
+    a = converge(ArmIK(), HandTargets(*COMFORTABLE), make_state(q), seconds=0.4)
+    b = converge(ArmIK(), HandTargets(*mirrored), make_state(mirror.joints(q)), seconds=0.4)
+    assert b.q == pytest.approx(mirror.arms(a.q, robot), abs=1e-6)
+    assert b.residual[::-1] == pytest.approx(a.residual, abs=1e-6)
+
+
+def test_the_script_stays_comfortably_within_reach(robot, make_state):
+    ik = ArmIK()
+    script = load_script("loco_manipulation")
+    q = robot.nominal.copy()
+    shoulders = -shoulder_to_targets(np.zeros((2, 3)))
+    for t in np.arange(2.0, 19.0, DT):
+        hands = script.hands_at(t)
+        assert hands is not None
+        q[robot.waist] = script.command_at(t).w
+        solution = ik.solve(hands, make_state(q), DT)
+        assert solution.reachable.all()
+        if t > 3.0:
+            assert np.all(solution.residual < 0.001)
+            assert np.all(solution.q - ik.lower > 0.1)
+            assert np.all(ik.upper - solution.q > 0.1)
+        turned = shoulders @ rotations.rotation_z(q[robot.waist]).T
+        assert np.all(np.linalg.norm(hands.array() - turned, axis=1) < 0.9 * 0.613)
+
+
+def test_check_targets_says_what_the_loop_would_reject(nominal_state):
+    check_targets(HandTargets(*COMFORTABLE), nominal_state)
+    with pytest.raises(TargetError, match="three finite numbers"):
+        check_targets(HandTargets(np.full(3, math.nan), COMFORTABLE[1]), nominal_state)
+    with pytest.raises(TargetError, match="world frame need the pelvis position"):
+        check_targets(HandTargets(*COMFORTABLE, frame="world"), nominal_state)
+
+
+@pytest.mark.parametrize("field", ["limit_margin", "hand_speed", "posture_weight", "damping", "tolerance"])
+def test_config_refuses_nonsense(field):
+    with pytest.raises(ConfigError, match=f"ArmIKConfig.{field} is"):
+        ArmIKConfig(**{field: math.nan})
+    with pytest.raises(ConfigError, match="fraction up to 1"):
+        ArmIKConfig(speed_fraction=1.5)
+
+
+def test_a_tick_is_fast(nominal_state):
+    ik = ArmIK()
+    script = load_script("loco_manipulation")
+    times = []
+    for tick in range(300):
+        hands = script.hands_at(2.0 + tick * DT)
+        assert hands is not None
+        begin = time.perf_counter()
+        ik.solve(hands, nominal_state, DT)
+        times.append(time.perf_counter() - begin)
+    assert np.median(times) < 0.5e-3
