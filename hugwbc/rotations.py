@@ -6,8 +6,15 @@ import numpy as np
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """The vector turned by the quaternion: from the body's frame to the world's; shapes (..., 4) and (..., 3)."""
     w, u = quaternion[..., :1], quaternion[..., 1:]
-    t = 2.0 * np.cross(u, vector)
-    return vector + w * t + np.cross(u, t)
+    t = 2.0 * _cross(u, vector)
+    return vector + w * t + _cross(u, t)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of shapes (..., 3); several times faster than `np.cross` on the single vectors of a control tick."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-1)
 
 
 def rotate_inverse(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -24,7 +31,7 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product a b: the rotation b followed by a."""
     aw, bw, au, bu = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
     w = aw * bw - np.sum(au * bu, axis=-1, keepdims=True)
-    return np.concatenate((w, aw * bu + bw * au + np.cross(au, bu)), axis=-1)
+    return np.concatenate((w, aw * bu + bw * au + _cross(au, bu)), axis=-1)
 
 
 def from_axis_angle(axis: np.ndarray, angle: float) -> np.ndarray:

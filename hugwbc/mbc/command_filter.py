@@ -8,7 +8,7 @@ from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import highest_clearance
+from hugwbc.mbc.reach import highest_clearance, lowest_walking_height
 
 _SMOOTHED = ("h", "p", "w")
 
@@ -74,11 +74,13 @@ class CommandFilter:
         step = params.frequency_rate * dt
         self._frequency += float(np.clip(command.f - self._frequency, -step, step))
 
-        low = params.min_walking_height if gait is Gait.WALKING else -np.inf
-        h = max(command.h, low)
-        if h > command.h:
-            report += (f"h = {command.h:g} m leaves no room to lift a foot: walking at {h:g} m",)
-        h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
+        h = command.h
+        if gait is Gait.WALKING:
+            h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
+            lowest = lowest_walking_height(params, self._velocity[0], 0.5 / self._frequency, self._posture[1])
+            if command.h < lowest - 0.005:
+                report += (f"h = {command.h:g} m leaves the stance leg no room to walk: using {lowest:.2f} m",)
+            h = max(h, lowest) if command.h < lowest else h
         self._follow(np.array([h, command.p, command.w]), dt)
         apex = min(command.l, highest_clearance(params, float(self._posture[0])))
         if gait is Gait.WALKING and apex < command.l - 0.005:

@@ -96,7 +96,7 @@ class WholeBodyController:
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms, self._momentum]
         terms = [task.evaluate(self.dynamics) for task in tasks]
-        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact)
+        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact_points(self.dynamics))
         if solution.status is QpStatus.FAILED:
             return self._fall_back(state, solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED

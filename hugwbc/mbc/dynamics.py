@@ -82,6 +82,23 @@ class Dynamics(Kinematics):
         # The frames must be read before another call overwrites the accelerations of forwardKinematics(q, v, 0).
         pin.forwardKinematics(model, data, self.q, self.v, np.zeros(model.nv))
         self._frames: dict[str, FrameMotion] = {}
+        self._points: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv)."""
+        found = self._points.get(name)
+        if found is None:
+            index = self._index(name)
+            jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
+            found = self.data.oMf[index].translation.copy(), jacobian[:3]
+            self._points[name] = found
+        return found
+
+    def _index(self, name: str) -> int:
+        index = self._ids.get(name)
+        if index is None:
+            index = self._ids[name] = self.model.getFrameId(name)
+        return index
 
     def frame(self, name: str) -> FrameMotion:
         """A frame and its motion; computed once per update.
@@ -90,7 +107,7 @@ class Dynamics(Kinematics):
         """
         motion = self._frames.get(name)
         if motion is None:
-            index = self._ids.setdefault(name, self.model.getFrameId(name))
+            index = self._index(name)
             world = pin.LOCAL_WORLD_ALIGNED
             placement = self.data.oMf[index]
             motion = FrameMotion(

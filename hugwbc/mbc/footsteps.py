@@ -40,7 +40,9 @@ class Pendulum:
         arm = dynamics.com - pivot
         height = max(float(arm[2]), _LOWEST)
         omega = float(np.sqrt(GRAVITY / height))
-        momentum = dynamics.momentum + np.cross(arm, dynamics.mass * dynamics.com_velocity)
+        x, y, z = arm
+        vx, vy, vz = dynamics.mass * dynamics.com_velocity
+        momentum = dynamics.momentum[:2] + (y * vz - z * vy, z * vx - x * vz)
         velocity = np.array([momentum[1], -momentum[0]]) / (dynamics.mass * height)
         return cls(pivot[:2].copy(), dynamics.com[:2].copy(), omega, dynamics.com[:2] + velocity / omega)
 
@@ -95,6 +97,7 @@ def plan_step(
     velocity: np.ndarray,
     yaw_rate: float,
     heading: float,
+    pivot_ahead: float,
     swing: int,
     step_time: float,
     remaining: float,
@@ -110,8 +113,10 @@ def plan_step(
         velocity: planned velocity, heading frame [m/s], shape (2,).
         yaw_rate: [rad/s].
         heading: of the robot now [rad].
+        pivot_ahead: of the pendulum's pivot from the stance ankle [m].
         swing: the foot in the air, 0 left or 1 right.
-        step_time, remaining: of the step [s].
+        step_time: duration of the step [s].
+        remaining: until its end [s].
     """
     from_heading = rotations.rotation_z(heading)[:2, :2]
     width = max(params.step_width, params.min_foot_distance + abs(velocity[1]) * step_time)
@@ -119,7 +124,8 @@ def plan_step(
     begun = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, 1 - swing)
     reference = begun[0] * np.exp(pendulum.omega * (step_time - remaining))
     deviation = (from_heading.T @ (pendulum.dcm - pendulum.pivot))[0] - reference
-    shift = float(np.clip(params.cop_gain * deviation, -params.max_cop_shift, params.max_cop_shift))
+    shift = params.cop_gain * deviation
+    shift = float(np.clip(pivot_ahead + shift, -params.cop_reach, params.cop_reach)) - pivot_ahead
     cop = pendulum.pivot + from_heading @ np.array([shift, 0.0])
 
     landing = rotations.rotation_z(heading + yaw_rate * remaining)[:2, :2]

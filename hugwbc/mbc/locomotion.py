@@ -5,9 +5,10 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
-from hugwbc.mbc.footsteps import Pendulum, StepPlan, nominal_offset, plan_step
+from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import balance_point, toe_down
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import (
@@ -25,6 +26,7 @@ _MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
+_LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.08  # [m/s], [rad/s], [m]
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m]
 
@@ -34,7 +36,7 @@ class Locomotion:
 
     Attributes:
         plan: the gait clock.
-        contact: whether the left and the right foot may push, shape (2,), bool.
+        contact: whether the left and the right foot stand, shape (2,), bool.
         foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
         height, orientation, com, stance, swing: tasks.
         clipped: number of ticks with a foothold out of reach.
@@ -91,6 +93,16 @@ class Locomotion:
         for foot in np.flatnonzero(self.contact):
             self.stance[foot].settle = self._settle_speed(dynamics, foot)
 
+    def contact_points(self, dynamics: Dynamics) -> np.ndarray:
+        """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
+
+        The lowest end of a standing foot always, the other end once it is about as low: a foot that lands on its toe
+        first must not count on its heel.
+        """
+        heights = np.array([dynamics.point(point)[0][2] for point in CONTACT_POINTS]).reshape(2, 2)
+        level = heights < heights.min(axis=1, keepdims=True) + _LEVEL_TOLERANCE
+        return (level & self.contact[:, None]).ravel()
+
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
         ground = soles.mean() if self.plan.stance is None else soles[self.plan.stance]
@@ -107,7 +119,7 @@ class Locomotion:
         self.height.rate = command.h_rate
         self.orientation.yaw = self.com.heading = self._yaw
         self.orientation.yaw_rate = command.omega if self.plan.mode is Mode.WALKING else 0.0
-        self._balance = balance_point(self._params, command.h, command.p)
+        self._balance = balance_point(self._params, command.h, command.p, walking=self.plan.mode is not Mode.STANDING)
         self.orientation.pitch, self.orientation.pitch_rate = command.p, command.p_rate
 
     def _stand(self, dynamics: Dynamics, command: SmoothCommand) -> None:
@@ -146,7 +158,18 @@ class Locomotion:
             self._trajectory.start(sole.position)
             self._landed = False
             self._trim.end_step()
-        step = self._plan_step(dynamics, command, swing, stance)
+        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
+        step = plan_step(
+            self._params,
+            pendulum,
+            command.velocity + self._trim.value,
+            command.omega,
+            self._yaw,
+            self._balance,
+            swing,
+            plan.step_time,
+            plan.remaining,
+        )
         self.clipped += step.clipped
         landing_yaw = self._yaw + command.omega * plan.remaining
         ahead = np.mean(dynamics.robot.sole_x) - self._balance
@@ -164,24 +187,10 @@ class Locomotion:
         task.yaw = landing_yaw
         task.pitch = self._toe_down(dynamics, swing)
         heading = rotations.rotation_z(-self._yaw)[:2, :2]
-        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
         self.com.feedforward = pendulum.omega**2 * (heading @ (dynamics.com[:2] - step.cop))
         self.com.target = dynamics.com[:2]
         self.com.servo = np.zeros(2)
         self.com.weight = np.array([self._params.com_walking_weight, 0.0])
-
-    def _plan_step(self, dynamics: Dynamics, command: SmoothCommand, swing: int, stance: int) -> StepPlan:
-        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
-        return plan_step(
-            self._params,
-            pendulum,
-            command.velocity + self._trim.value,
-            command.omega,
-            self._yaw,
-            swing,
-            self.plan.step_time,
-            self.plan.remaining,
-        )
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
@@ -203,13 +212,15 @@ class Locomotion:
 
     @staticmethod
     def _lowest(dynamics: Dynamics, foot: int) -> float:
-        return min(dynamics.frame(f"{SIDES[foot]}_{end}").position[2] for end in ("heel", "toe"))
+        return min(float(dynamics.point(f"{SIDES[foot]}_{end}")[0][2]) for end in ("heel", "toe"))
 
     def _toe_down(self, dynamics: Dynamics, foot: int) -> float:
         """Pitch of the swing foot's sole [rad]."""
         shank = dynamics.frame(f"{SIDES[foot]}_knee_link")
         sideways = rotations.rotation_z(self._yaw)[:, 1]
-        return toe_down(float(np.arcsin(np.clip(-shank.rotation[2, 0], -1.0, 1.0))), float(sideways @ shank.velocity[3:]))
+        return toe_down(
+            float(np.arcsin(np.clip(-shank.rotation[2, 0], -1.0, 1.0))), float(sideways @ shank.velocity[3:])
+        )
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:

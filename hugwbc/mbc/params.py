@@ -69,15 +69,15 @@ class ControllerParams:
     momentum_damping: float = 5.0
 
     # --- walking
-    step_width: float = 0.28
+    step_width: float = 0.22
     """Distance between the two feet's centre lines when walking in place [m]."""
-    min_foot_distance: float = 0.14
+    min_foot_distance: float = 0.10
     """Smallest lateral distance between the feet [m]."""
     max_foot_distance: float = 0.60
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, from the stance foot [m]."""
-    max_cop_shift: float = 0.06
-    """Largest sagittal shift of the centre of pressure from the pivot [m]."""
+    cop_reach: float = 0.065
+    """Largest distance of the centre of pressure from the ankle, along the foot [m]: what the ankle torque holds."""
     cop_gain: float = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 it converges."""
     landing_height: float = -0.001
@@ -101,8 +101,8 @@ class ControllerParams:
     balance_ahead: float = 0.02
     """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
     can reach."""
-    balance_margin: float = 0.012
-    """Distance of that point from the foremost one that the ankle's range allows in a squat [m]."""
+    balance_margin: tuple[float, float] = (0.012, 0.03)
+    """Distance of that point from the foremost one that the ankle's range allows in a squat, standing and walking [m]."""
     speed_lowering: float = 0.05
     """Lowering of the pelvis per m/s of forward speed above `lowering_from` [m / (m/s)]."""
     lowering_from: float = 0.9
@@ -111,8 +111,10 @@ class ControllerParams:
     """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
     min_clearance: float = 0.04
     """Lowest swing apex [m]; it is kept even where the height command leaves less."""
-    min_walking_height: float = -0.27
-    """Lowest h while walking [m]: below, the knee leaves no room to lift a foot."""
+    walking_room: float = 0.045
+    """Forward travel of the centre of mass from the ankle that the stance leg must allow even in place [m]."""
+    backward_room: float = 0.1
+    """Further room per backward speed [s]."""
 
     # --- command filter: largest rate and largest rate of the rate
     velocity_rate: tuple[float, float, float] = (1.0, 1.0, 2.0)

@@ -79,9 +79,7 @@ class WholeBodyQp:
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
-        self._regularisation = np.concatenate(
-            (np.full(nv, params.acceleration_regularisation), np.full(_FORCES, params.force_regularisation))
-        )
+        self._H[nv:, nv:] = params.force_regularisation * np.eye(_FORCES)
         self._add_friction(joints)
         self._points = np.zeros((_FORCES, nv))
         self.reset()
@@ -112,7 +110,7 @@ class WholeBodyQp:
         Args:
             dynamics: updated.
             terms: of every task.
-            contact: whether the left and the right foot may push, shape (2,), bool.
+            contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
         """
         self._fill_cost(terms)
         self._fill_dynamics(dynamics)
@@ -141,13 +139,13 @@ class WholeBodyQp:
         weighted = jacobian * weight[:, None]
         nv = self._nv
         self._H[:nv, :nv] = jacobian.T @ weighted
-        np.fill_diagonal(self._H, 0.0 + self._regularisation + np.r_[np.diag(self._H)[:nv], np.zeros(_FORCES)])
+        self._H.flat[: nv * len(self._g) : len(self._g) + 1] += self._params.acceleration_regularisation
         self._g[:nv] = -(target @ weighted)
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
         nv, columns = self._nv, self._columns
         for k, point in enumerate(CONTACT_POINTS):
-            self._points[3 * k : 3 * k + 3] = dynamics.frame(point).jacobian[:3]
+            self._points[3 * k : 3 * k + 3] = dynamics.point(point)[1]
         self._A[:, :nv] = dynamics.M[:_BASE]
         self._A[:, nv:] = -self._points[:, :_BASE].T
         joints = columns.size
@@ -159,7 +157,7 @@ class WholeBodyQp:
         self._high[:joints] = self._torque_limit - bias
 
     def _fill_contact(self, contact: np.ndarray) -> None:
-        pushing = np.repeat(contact, _FORCES // 2)
+        pushing = np.repeat(contact, 3)
         self._box_low[self._nv :] = np.where(pushing, -_INFINITY, 0.0)
         self._box_high[self._nv :] = np.where(pushing, _INFINITY, 0.0)
         self._box_low[self._nv + 2 :: 3] = 0.0

@@ -8,15 +8,32 @@ _LEVEL_SHANK = 0.80  # [rad], lean of the shank up to which the ankle keeps the 
 _LEAD = 0.03  # [s], by which the sole turns before the shank forces it to
 # Foremost centre of mass relative to the ankles [m] over pelvis height h [m], at zero pitch and with the ankle 0.02 rad
 # short of its limit: the shank cannot lean further, so that a deep squat sits back.
-_HEIGHTS = (-0.30, -0.25, -0.20, -0.10)
-_FOREMOST = (-0.059, -0.036, 0.007, 0.148)
+_HEIGHTS = (-0.30, -0.25, -0.20, -0.10, 0.0)
+_FOREMOST = (-0.059, -0.036, 0.007, 0.148, 0.251)
 _FOREMOST_PER_PITCH = 0.20  # [m/rad], of pelvis pitch
 
 
-def balance_point(params: ControllerParams, h: float, p: float) -> float:
+def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool) -> float:
     """Nominal centre of pressure, and of mass when standing, forward of the ankle [m]."""
     foremost = float(np.interp(h, _HEIGHTS, _FOREMOST)) + _FOREMOST_PER_PITCH * p
-    return min(params.balance_ahead, foremost - params.balance_margin)
+    return min(params.balance_ahead, foremost - params.balance_margin[walking])
+
+
+def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float) -> float:
+    """Lowest h at which the stance ankle still lets the body pass over a level foot [m].
+
+    The centre of mass travels half a step to either side of the pivot; a squat leaves no room for that.
+
+    Args:
+        params: margins.
+        speed: along the heading [m/s].
+        step_time: [s].
+        p: pelvis pitch [rad].
+    """
+    # Backwards the landing foot is behind the body, where the shank leans most.
+    stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
+    ahead = stride + params.walking_room - _FOREMOST_PER_PITCH * p
+    return float(np.interp(ahead, _FOREMOST, _HEIGHTS))
 
 
 def highest_clearance(params: ControllerParams, h: float) -> float:
