@@ -1,0 +1,154 @@
+"""An MP4 of one or more runs, where the machine can render; a clear reason where it cannot.
+
+Rendering runs in a process of its own: MuJoCo chooses its OpenGL at import, and a driver that fails must not take the
+caller with it.
+"""
+
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+
+import imageio.v2 as imageio
+import mujoco
+import numpy as np
+
+from hugwbc.robot import load_robot
+from hugwbc.viz.meshcat_scene import TARGET_RADIUS, labelled_colour
+from hugwbc.viz.trace import LABEL_COLOURS, Trace, check_traces, frame_samples, lanes
+
+FPS = 25
+WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder wants them
+HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
+
+
+def write_video(
+    path: pathlib.Path, traces: Sequence[Trace], *, on_progress: Callable[[float], None] | None = None
+) -> str | None:
+    """Render the robots side by side, in the colours of `LABEL_COLOURS`.
+
+    Args:
+        path: of the MP4 file.
+        traces: 1 to 4 runs.
+        on_progress: called with the fraction done after each frame.
+
+    Returns:
+        None when the file was written; otherwise one line that says why not.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    check_traces(traces)
+    end = max(float(trace.time[-1]) for trace in traces)
+    samples = [frame_samples(trace.time, FPS, end) for trace in traces]
+    frames = np.stack([trace.qpos[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
+    targets = np.stack([trace.hand_target_world[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
+    with tempfile.TemporaryDirectory() as folder:
+        data, log = pathlib.Path(folder) / "frames.npz", pathlib.Path(folder) / "log.txt"
+        np.savez(data, frames=frames, targets=targets)
+        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(path.resolve())]
+        # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
+        with log.open("w", encoding="utf-8") as errors:
+            process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=_environment(), cwd=folder
+            )
+        assert process.stdout is not None
+        for line in process.stdout:
+            if on_progress is not None and line.strip().isdigit():
+                on_progress(int(line) / len(frames))
+        if process.wait() == 0:
+            return None
+        lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"
+
+
+def _environment() -> dict[str, str]:
+    """On Linux without a display, ask MuJoCo for EGL unless the user has chosen."""
+    environment = dict(os.environ)
+    if sys.platform.startswith("linux") and "DISPLAY" not in environment:
+        environment.setdefault("MUJOCO_GL", "egl")
+    return environment
+
+
+def _stage(count: int) -> mujoco.MjModel:
+    """A floor, light and sky with so many robots, each in its label colour; for the eye, not for physics."""
+    stage = mujoco.MjSpec()
+    stage.visual.global_.offwidth, stage.visual.global_.offheight = WIDTH, HEIGHT
+    stage.visual.headlight.ambient, stage.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3
+    # Without a graphics card every vertex and sample counts: coarse round shapes, no smoothing, no shadows.
+    stage.visual.quality.numslices, stage.visual.quality.numstacks, stage.visual.quality.offsamples = 16, 8, 0
+    sky = {"type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT}
+    stage.add_texture(name="sky", **sky, rgb1=[0.75, 0.81, 0.88], rgb2=[0.95, 0.96, 0.98], width=256, height=256)
+    tiles = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER}
+    stage.add_texture(name="tiles", **tiles, rgb1=[0.72] * 3, rgb2=[0.66] * 3, width=256, height=256)
+    material = stage.add_material(name="tiles", texrepeat=[1, 1], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    stage.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], material="tiles")
+    stage.worldbody.add_light(pos=[0, 0, 6], dir=[-0.3, 0.4, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    for index in range(count):
+        robot = mujoco.MjSpec.from_file(str(load_robot().xml_path))
+        for element in (robot.geom("floor"), *robot.lights, *robot.keys, *robot.sensors, *robot.actuators):
+            robot.delete(element)
+        for finish in robot.materials:
+            colour = labelled_colour(finish.name, finish.rgba[:3], LABEL_COLOURS[index])
+            finish.rgba = [*colour, 1.0]
+        for field in ("timestep", "iterations", "ls_iterations", "integrator", "jacobian"):
+            setattr(stage.option, field, getattr(robot.option, field))  # an attached model's must not differ
+        stage.attach(robot, prefix=f"{index}_", frame=stage.worldbody.add_frame())
+    return stage.compile()
+
+
+def _add_targets(scene: mujoco.MjvScene, targets: np.ndarray) -> None:
+    """Add the hand targets of every robot, shape (robots, 2, 3), NaN where there is none, as balls."""
+    for robot, pair in enumerate(targets):
+        rgba = np.append(labelled_colour("lamp", (0.0, 0.0, 0.0), LABEL_COLOURS[robot]), 1.0).astype(np.float32)
+        for target in pair[np.all(np.isfinite(pair), axis=1)]:
+            size = np.full(3, TARGET_RADIUS)
+            ball = scene.geoms[scene.ngeom]
+            mujoco.mjv_initGeom(ball, mujoco.mjtGeom.mjGEOM_SPHERE, size, target, np.eye(3).ravel(), rgba)
+            scene.ngeom += 1
+
+
+def _render(frames: np.ndarray, targets: np.ndarray, path: pathlib.Path) -> None:
+    """Render frames, writing the number of each finished one to standard output.
+
+    Args:
+        frames: qpos, shape (frames, robots, 26).
+        targets: hand targets in the world, shape (frames, robots, 2, 3).
+        path: of the MP4 file.
+    """
+    count = frames.shape[1]
+    frames[:, :, 1] += lanes(count)
+    targets[..., 1] += lanes(count)[:, None]
+    model = _stage(count)
+    data = mujoco.MjData(model)
+    options = mujoco.MjvOption()
+    options.geomgroup[3] = 0
+    camera = mujoco.MjvCamera()
+    camera.distance, camera.azimuth, camera.elevation = 2.2 + 0.7 * count, 200.0, -10.0
+    centres = frames[:, :, :2].mean(axis=1)
+    with (
+        mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
+        imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
+    ):
+        smooth = centres[0]
+        for number, (frame, pair, centre) in enumerate(zip(frames, targets, centres, strict=True), start=1):
+            smooth = smooth + 0.1 * (centre - smooth)
+            data.qpos[:] = frame.ravel()
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            camera.lookat[:] = [*smooth, 0.85]
+            renderer.update_scene(data, camera, options)
+            _add_targets(renderer.scene, pair)
+            for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+                renderer.scene.flags[flag] = 0
+            writer.append_data(renderer.render())
+            sys.stdout.write(f"{number}\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    with np.load(sys.argv[1], allow_pickle=False) as recorded:
+        _render(recorded["frames"], recorded["targets"], pathlib.Path(sys.argv[2]))
