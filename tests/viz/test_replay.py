@@ -1,0 +1,77 @@
+"""The replay page: what moves where, and for how long."""
+
+import base64
+import dataclasses
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import umsgpack
+
+from hugwbc import RobotState, rotations
+from hugwbc.errors import ConfigError
+from hugwbc.kinematics import Kinematics
+from hugwbc.viz.replay import replay_html
+
+
+def _commands(page: str) -> list[dict]:
+    block = page[page.index("for (const text of [") :]
+    block = block[: block.index("]) {")]
+    return [umsgpack.unpackb(base64.b64decode(text)) for text in re.findall(r'"([A-Za-z0-9+/=]+)"', block)]
+
+
+def _tracks(page: str) -> dict[str, dict[str, dict]]:
+    (animation,) = [c for c in _commands(page) if c["type"] == "set_animation"]
+    return {
+        clip["path"].lstrip("/"): {track["name"]: track for track in clip["clip"]["tracks"]}
+        for clip in animation["animations"]
+    }
+
+
+def test_replay_moves_the_links_as_pinocchio_says(make_run: Callable) -> None:
+    first, second = make_run(seed=1), make_run(name="learned", seed=2)
+    tracks = _tracks(replay_html([first, second], fps=25))
+    kinematics = Kinematics()
+    for robot, run, offset in (("robot_0", first, -0.75), ("robot_1", second, 0.75)):
+        for frame, sample in ((0, 0), (10, 20), (24, 48)):  # 25 frames a second of 50 samples a second
+            q = run.qpos[sample]
+            kinematics.update(RobotState(q[7:], np.zeros(19), q[3:7], np.zeros(3), position=q[:3]))
+            for link in ("pelvis", "left_ankle_link", "right_elbow_link", "torso_link"):
+                track = tracks[f"meshcat/world/{robot}/{link}"]
+                shown = track[".position"]["keys"][frame]
+                assert shown["time"] == frame
+                np.testing.assert_allclose(
+                    shown["value"], kinematics.position(link) + np.array([0, offset, 0]), atol=1e-5
+                )
+                x, y, z, w = track[".quaternion"]["keys"][frame]["value"]
+                matrix = rotations.to_matrix(np.array([w, x, y, z]))
+                np.testing.assert_allclose(matrix, kinematics.rotation(link), atol=1e-5)
+
+
+def test_replay_shows_hand_targets_only_while_there_are_any(make_run: Callable) -> None:
+    run = make_run()
+    target = _tracks(replay_html([run]))["meshcat/world/robot_0/target_left"]
+    shown = [key["value"] for key in target[".visible"]["keys"]]
+    assert shown == [False] * 13 + [True] * 12  # targets from sample 25 on, frame 12.5
+    np.testing.assert_allclose(target[".position"]["keys"][20]["value"], run.hand_target_world[40, 0], atol=1e-5)
+    assert "meshcat/world/robot_0/target_left" not in _tracks(replay_html([make_run(hands=False)]))
+
+
+def test_replay_keeps_the_robots_in_the_middle(make_run: Callable) -> None:
+    run = make_run(seconds=10.0)
+    world = _tracks(replay_html([run]))["meshcat/world"][".position"]["keys"]
+    # Half-way at 5 s the robot is at x = 2.5 m.
+    np.testing.assert_allclose(world[125]["value"], [-2.5, 0.0, -0.85], atol=0.02)
+
+
+def test_replay_lasts_as_long_as_the_longest_run(make_run: Callable) -> None:
+    tracks = _tracks(replay_html([make_run(seconds=2.0), make_run(seconds=1.0, fell=True)]))
+    still = tracks["meshcat/world/robot_1/pelvis"][".position"]["keys"]
+    assert len(still) == len(tracks["meshcat/world/robot_0/pelvis"][".position"]["keys"]) == 50
+    assert still[-1]["value"] == still[25]["value"]
+
+
+def test_an_empty_run_is_refused(make_run: Callable) -> None:
+    with pytest.raises(ConfigError, match="the run of 'qp' has no samples"):
+        replay_html([dataclasses.replace(make_run(), time=np.zeros(0))])

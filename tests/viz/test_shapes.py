@@ -1,0 +1,31 @@
+"""MuJoCo's shapes as meshcat's."""
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.viz.shapes import homogeneous, visual_shapes
+
+
+def test_a_capsule_becomes_a_cylinder_and_two_spheres_at_its_ends() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><asset><material name="m" rgba="1 0.5 0 1"/></asset><worldbody>
+          <body name="b"><geom type="capsule" size="0.1 0.3" pos="1 2 3" euler="90 0 0" group="2" material="m"/>
+          <geom type="box" size="0.1 0.2 0.3" group="3"/></body></worldbody></mujoco>""")
+    cylinder, low, high = visual_shapes(model)
+    assert {s.link for s in (cylinder, low, high)} == {"b"}
+    assert (cylinder.primitive.height, cylinder.primitive.radiusTop) == (0.6, 0.1)
+    assert low.primitive.radius == high.primitive.radius == 0.1
+    # Turned by 90 degrees about x, the capsule's z axis points to -y.
+    np.testing.assert_allclose(low.placement[:3, 3], [1, 2.3, 3], atol=1e-9)
+    np.testing.assert_allclose(high.placement[:3, 3], [1, 1.7, 3], atol=1e-9)
+    # meshcat's cylinder axis, y, comes to lie along the capsule's.
+    np.testing.assert_allclose(cylinder.placement[:3, 1], [0, -1, 0], atol=1e-9)
+    np.testing.assert_allclose(cylinder.colour, (1, 0.5, 0), atol=1e-6)
+
+
+def test_homogeneous_agrees_with_the_rotation() -> None:
+    quaternion = rotations.from_yaw_pitch_roll(0.3, -0.2, 1.0)
+    placement = homogeneous(np.array([1.0, 2.0, 3.0]), quaternion)
+    np.testing.assert_allclose(placement[:3, :3], rotations.to_matrix(quaternion), atol=1e-12)
+    np.testing.assert_array_equal(placement[:, 3], [1, 2, 3, 1])

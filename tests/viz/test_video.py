@@ -1,0 +1,35 @@
+"""Video, or the reason why there is none."""
+
+import pathlib
+from collections.abc import Callable
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from hugwbc.viz import video
+
+
+def test_video_is_written_or_says_why_not(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    path, progress = tmp_path / "runs.mp4", []
+    reason = video.write_video(path, [make_run(seconds=0.2), make_run(seconds=0.1)], on_progress=progress.append)
+    if reason is None:
+        with imageio.get_reader(path) as reader:
+            frames = list(reader.iter_data())
+        assert frames[0].shape == (448, 800, 3)
+        assert len(frames) == 5
+        assert np.ptp(frames[0]) > 100
+        assert progress[-1] == 1.0
+    else:
+        assert reason.startswith("no video: ")
+        assert "\n" not in reason
+
+
+def test_video_without_opengl_gives_a_reason(
+    make_run: Callable, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(video, "_environment", lambda: {"MUJOCO_GL": "nonsense"})
+    reason = video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)])
+    assert reason is not None
+    assert reason.startswith("no video: ") and "nonsense" in reason and "libegl1" in reason
+    assert not (tmp_path / "runs.mp4").exists()
