@@ -104,13 +104,15 @@ class CurriculumConfig:
     """Initial factor on the regularisation rewards."""
     penalty_growth: float = 1.001
     """Factor on the penalty scale per iteration, up to 1."""
-    linear_threshold: float = 0.7
-    angular_threshold: float = 0.5
+    linear_threshold: float = 0.6
+    angular_threshold: float = 0.4
     """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
     alpha_step: float = 0.01
     """Change of the noise level (the paper's)."""
-    alpha_interval: int = 10
+    alpha_interval: int = 3
     """Iterations between two decisions on alpha, so that the averages reflect the level."""
+    speed_threshold: float = 0.75
+    """Relative linear tracking reward that lets the speed of the agile group grow."""
     speed_step: float = 0.02
     """Growth of the largest forward speed of the agile group [m/s]."""
     speed_interval: int = 20

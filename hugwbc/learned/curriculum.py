@@ -76,7 +76,7 @@ class Curriculum:
             self.gates["alpha"] = "closed: " + ", ".join(short)
 
     def _update_speed(self, linear: float) -> None:
-        threshold = self.config.linear_threshold
+        threshold = self.config.speed_threshold
         if linear >= threshold:
             self.max_speed = min(MAX_SPEED[1], self.max_speed + self.config.speed_step)
             self.gates["speed"] = "open"

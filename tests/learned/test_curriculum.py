@@ -3,7 +3,14 @@ import pytest
 from hugwbc.learned.config import CurriculumConfig
 from hugwbc.learned.curriculum import Curriculum
 
-CONFIG = CurriculumConfig(warm_up_iterations=2, alpha_interval=1, speed_interval=1)
+CONFIG = CurriculumConfig(
+    warm_up_iterations=2,
+    alpha_interval=1,
+    speed_interval=1,
+    linear_threshold=0.7,
+    angular_threshold=0.5,
+    speed_threshold=0.7,
+)
 
 
 def started() -> Curriculum:
