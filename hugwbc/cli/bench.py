@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Sequence
 
-from hugwbc.cli.output import format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 
 
@@ -27,6 +27,7 @@ class BenchOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
+    check_writable(options.json)
     for name in ("count", "control_steps", "seconds", "calls"):
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")

@@ -5,9 +5,8 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from hugwbc.cli.output import format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
-from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.compare import Outcome
@@ -39,6 +38,8 @@ class CompareOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
     options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
+    check_writable(options.out / "summary.json")
+    check_writable(options.json)
     from hugwbc.evaluation.compare import compare, summarise
     from hugwbc.evaluation.controllers import ControllerSpec
     from hugwbc.script import load_script
@@ -84,19 +85,11 @@ def describe(outcomes: Mapping[str, "Outcome"]) -> str:
 
 
 def _write_files(options: CompareOptions, summary: Mapping[str, Any], traces: Sequence["Trace"]) -> list[pathlib.Path]:
-    """Write everything that there is to show, and return the paths.
-
-    Raises:
-        ConfigError: if the folder cannot be made.
-    """
+    """Write everything that there is to show, and return the paths."""
     from hugwbc.viz.replay import write_replay
     from hugwbc.viz.report import summary_table, write_report
 
     out = options.out
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot make the folder {out}: {error.strerror}; give another one with --out") from error
     title = f"hugwbc compare: {summary['script']}"
     write_json(out / "summary.json", summary)
     safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}

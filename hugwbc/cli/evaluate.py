@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Sequence
 
-from hugwbc.cli.output import format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
 from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.paper import ERROR_UNITS
@@ -43,6 +43,7 @@ class EvaluateOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run, print, write."""
     options = parse(EvaluateOptions, words, "evaluate", EvaluateOptions.__doc__)
+    check_writable(options.json)
     if options.protocol not in PROTOCOL_NAMES:
         raise UnknownNameError("protocol", options.protocol, PROTOCOL_NAMES)
     config = SingleCommandConfig(

@@ -51,23 +51,29 @@ def say(text: str, json_path: pathlib.Path | None = None) -> None:
     print(text, file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
 
 
-def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
-    """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null.
+def check_writable(path: pathlib.Path | None) -> None:
+    """Make sure that a file can be written before the work whose result it is to hold.
 
     Raises:
-        ConfigError: if the file cannot be written.
+        ConfigError: if it cannot.
     """
-    if path is None:
-        return
-    text = json.dumps(_finite(content), indent=2)
-    if path == STDOUT:
-        print(text)
+    if path is None or path == STDOUT:
         return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
+        path.open("a").close()
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+
+
+def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
+    """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null."""
+    text = json.dumps(_finite(content), indent=2)
+    if path == STDOUT:
+        print(text)
+    elif path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

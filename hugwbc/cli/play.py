@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.cli.output import parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.errors import CommandError, ConfigError
+from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.evaluation import Constant, ControlLoop
 from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.evaluation.controllers import ControllerSpec
@@ -17,6 +17,7 @@ from hugwbc.evaluation.loop import CommandSource, world_targets
 from hugwbc.gait import Gait
 from hugwbc.script import load_script
 from hugwbc.sim import Simulation
+from hugwbc.targets import HandTargets
 
 FRAME_PERIOD = 0.04  # [s] between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
@@ -53,6 +54,10 @@ class PlayOptions:
     """Pelvis pitch [rad]."""
     w: float | None = None
     """Waist yaw [rad]."""
+    left_hand: tuple[float, float, float] | None = None
+    """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
+    right_hand: tuple[float, float, float] | None = None
+    """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
     duration: float | None = None
     """Stop after this time [s]; by default at the end of the script, or never."""
     headless: bool = False
@@ -66,7 +71,7 @@ def run(words: Sequence[str]) -> int:
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
-    loop = ControlLoop(controller, source, Simulation(), upper_body_source(controller) if options.script else None)
+    loop = ControlLoop(controller, source, Simulation(), upper_body_source(controller))
     draw = None if options.headless else _viewer(controller.name, options.browser)
     falls, simulated = _run(loop, duration, draw)
     say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
@@ -80,20 +85,33 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
 
     Raises:
         CommandError: if a value is out of range, or values and a script are both given.
+        TargetError: if one hand has a target and the other has none, or a target is not finite.
         ConfigError: if the duration is not above 0.
     """
     values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if options.script is not None:
-        if values or options.gait is not None:
-            raise CommandError(f"a script and {', '.join(values) or 'a gait'} are both given; give one or the other")
+        others = [
+            *values,
+            *(name for name in ("gait", "left_hand", "right_hand") if getattr(options, name) is not None),
+        ]
+        if others:
+            raise CommandError(f"a script and {', '.join(others)} are both given; give one or the other")
         script = load_script(options.script)
         return script, options.duration or script.duration
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
     command = Command.from_mapping(values, gait).validate()
-    return Constant(command), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
+    return Constant(command, _hands(options)), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
+
+
+def _hands(options: PlayOptions) -> HandTargets | None:
+    if options.left_hand is None and options.right_hand is None:
+        return None
+    if options.left_hand is None or options.right_hand is None:
+        raise TargetError("only one hand has a target; give both --left-hand x y z and --right-hand x y z, or neither")
+    return HandTargets.of(options.left_hand, options.right_hand)
 
 
 def _viewer(name: str, browser: bool) -> Draw:

@@ -1,28 +1,40 @@
 """`hugwbc train`: reinforcement learning of a policy."""
 
-import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 
-from hugwbc.cli.output import parse
+from hugwbc.cli.output import parse, progress, say
 from hugwbc.learned.config import TrainConfig
+
+LINE_INTERVAL = 10.0  # [s] between two lines of figures
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, train, report after every iteration."""
+    """Parse, train, report."""
     description = "Train a policy; Ctrl-C saves and stops. Every setting of the training is an option."
     config = parse(TrainConfig, words, "train", description)
     from hugwbc.learned.train import train
 
-    trainer = train(config, _report)
-    print(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
+    with progress(f"training {config.out}") as advance:
+        trainer = train(config, _reporter(config.steps, advance))
+    say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0
 
 
-def _report(figures: dict[str, float], gates: dict[str, str]) -> None:
-    line = (
-        f"iteration {figures['iteration']:.0f}  steps {figures['steps']:.3g}  "
-        f"{figures['steps_per_second']:.0f} steps/s  reward {figures['reward']:.3f}  "
-        f"episode {figures['episode_length']:.0f} steps  falls {figures['falls']:.0f}"
-    )
-    words = "; ".join(f"{gate}: {state}" for gate, state in gates.items())
-    print(f"{line}  {words}".rstrip(), file=sys.stderr, flush=True)
+def _reporter(total_steps: float, advance: Callable[[float], None]) -> Callable[[dict, dict], None]:
+    last = -LINE_INTERVAL
+
+    def report(figures: dict[str, float], gates: dict[str, str]) -> None:
+        nonlocal last
+        advance(figures["steps"] / total_steps)
+        if time.monotonic() - last < LINE_INTERVAL:
+            return
+        last = time.monotonic()
+        say(
+            f"iteration {figures['iteration']:.0f}  steps {figures['steps']:.3g}  "
+            f"{figures['steps_per_second']:.0f} steps/s  reward {figures['reward']:.3f}  "
+            f"episode {figures['episode_length']:.0f} steps  falls {figures['falls']:.0f}  "
+            + "; ".join(f"{gate}: {state}" for gate, state in gates.items())
+        )
+
+    return report

@@ -12,7 +12,6 @@ from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
 CONTROLLER_NAMES = ("learned", "qp", "hold")
-DEFAULT_POLICY = "h1_walk"
 
 
 class HoldController:
@@ -64,4 +63,4 @@ class ControllerSpec:
             return WholeBodyController()
         from hugwbc.learned.policy import load_policy
 
-        return load_policy(self.policy or DEFAULT_POLICY)
+        return load_policy() if self.policy is None else load_policy(self.policy)

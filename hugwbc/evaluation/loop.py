@@ -55,17 +55,18 @@ class CommandSource(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Constant:
-    """The same command at all times, arms left to the controller."""
+    """The same command and hand targets at all times; without targets the arms are the controller's."""
 
     command: Command
+    hands: HandTargets | None = None
 
     def command_at(self, t: float) -> Command:
         """The command."""
         return self.command
 
     def hands_at(self, t: float) -> HandTargets | None:
-        """No hand targets."""
-        return None
+        """The hand targets."""
+        return self.hands
 
 
 class ControlLoop:

@@ -1,0 +1,17 @@
+import json
+
+from hugwbc.cli import main
+
+
+def test_bench_reports_all_speeds(capsys):
+    words = ["bench", "--count", "8", "--control-steps", "5", "--seconds", "0.1", "--calls", "5", "--json"]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    figures = json.loads(printed.out)
+    environment = figures["environment"]
+    assert environment["count"] == 8 and environment["control_steps"] == 5
+    assert environment["steps_per_s"] > 0.0 and environment["bare_steps_per_s"] > 0.0
+    assert environment["ratio"] > 0.0
+    for name in ("qp_tick_ms", "policy_tick_ms", "ik_tick_ms"):
+        assert 0.0 < figures[name]["p50"] <= figures[name]["p99"]
+    assert "8 robots" in printed.err and "tick [ms]" in printed.err

@@ -1,0 +1,149 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from hugwbc import cli
+from hugwbc.cli import main
+from hugwbc.evaluation.paper import ERROR_NAMES
+
+LEFT, RIGHT = ("--left-hand",), ("--right-hand", "0.3", "-0.2", "0.1")
+BAD_INPUT = {
+    "verb": (["evaluat"], "unknown verb 'evaluat'. Did you mean 'evaluate'?"),
+    "gait": (["evaluate", "--controller", "hold", "--gait", "waking"], "gait 'waking'. Did you mean 'walking'?"),
+    "controller": (["evaluate", "--controller", "qpp"], "unknown controller 'qpp'. Did you mean 'qp'?"),
+    "protocol": (["evaluate", "--protocol", "single"], "unknown protocol 'single'"),
+    "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "needs at least 8"),
+    "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
+    "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
+    "script": (["compare", "--script", "loco"], "unknown script 'loco'"),
+    "script to play": (["play", "--script", "wakl"], "unknown script 'wakl'. Did you mean 'walk'?"),
+    "script and command": (["play", "--script", "walk", "--v-x", "1"], "give one or the other"),
+    "compared controller": (["compare", "--controllers", "hold", "holt"], "'holt'. Did you mean 'hold'?"),
+    "same controller twice": (["compare", "--controllers", "hold", "hold"], "give at least one, each once"),
+    "policy": (["play", "--policy", "h2", "--headless"], "unknown policy 'h2'"),
+    "NaN command": (["play", "--controller", "hold", "--v-x", "nan"], "command v_x is nan; give a finite number"),
+    "large command": (["play", "--controller", "hold", "--v-x", "3"], "out of range for the walking gait; valid: -0.6"),
+    "moving stand": (["play", "--gait", "standing", "--v-x", "0.5"], "out of range for the standing gait"),
+    "NaN hand": (["play", *LEFT, "nan", "0", "0", *RIGHT], "hand target is (nan, 0.0, 0.0); give three finite numbers"),
+    "one hand": (["play", *RIGHT], "give both"),
+    "duration": (["play", "--controller", "hold", "--duration", "-1"], "give a time above 0 s"),
+    "training field": (["train", "--ppo.gamma", "2"], "ppo.gamma = 2.0; valid: above 0, up to 1"),
+    "benchmark size": (["bench", "--count", "0"], "give a value above 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_says_what_to_do_and_exits_with_2(case, capsys):
+    words, message = BAD_INPUT[case]
+    assert main(words) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("hugwbc: ") and message in printed.err
+    assert "Traceback" not in printed.err
+
+
+@pytest.mark.parametrize(
+    "words", [["evaluate", "--gate", "walking"], ["bench", "--count", "many"], ["play", "--vx", "1"]]
+)
+def test_malformed_options_exit_with_2(words, capsys):
+    with pytest.raises(SystemExit) as info:
+        main(words)
+    assert info.value.code == 2
+    assert words[1] in capsys.readouterr().err
+
+
+def test_a_wrong_option_is_answered_with_the_right_one(capsys):
+    with pytest.raises(SystemExit):
+        main(["play", "--vx", "1"])
+    assert "--v-x" in capsys.readouterr().err
+
+
+def test_help_lists_every_verb(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(verb in text for verb in cli.VERBS)
+    assert main([]) == 2
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_verb_explains_itself(verb, capsys):
+    with pytest.raises(SystemExit) as info:
+        main([verb, "--help"])
+    assert info.value.code == 0
+    assert f"hugwbc {verb}" in capsys.readouterr().out
+
+
+def test_the_module_runs_and_loads_nothing_heavy_for_help():
+    heavy = ("torch", "mujoco", "placo", "pinocchio", "tyro")
+    script = f"import sys; from hugwbc.cli import main; main(['-h']); print([m for m in {heavy} if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip().endswith("[]")
+    module = subprocess.run(
+        [sys.executable, "-m", "hugwbc.cli", "--version"], capture_output=True, text=True, check=True
+    )
+    assert module.stdout.startswith("hugwbc 0.")
+
+
+def test_ctrl_c_ends_quietly(monkeypatch, capsys):
+    class Verb:
+        @staticmethod
+        def run(words):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_verb", lambda name: Verb)
+    assert main(["play"]) == 130
+    assert capsys.readouterr().err == "hugwbc: stopped\n"
+
+
+def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
+    path = tmp_path / "new" / "out.json"
+    words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--seed", "3"]
+    assert main([*words, "--duration", "0.4", "--settle", "0.1", "--json", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "paper" in text and "0.047" in text and "falls: 0 of 3 episodes" in text
+    result = json.loads(path.read_text())
+    assert tuple(result["errors"]) == ERROR_NAMES
+    assert result["episodes"] == 3 and result["falls"] == 0 and result["seed"] == 3
+    assert result["errors"]["E_h"] > 0.0 and result["errors"]["E_vx_low"] is None
+    assert [row["command"] for row in result["rows"]] == ["h", "p", "w"]
+
+
+def test_json_without_a_path_goes_to_standard_output(capsys):
+    words = [
+        "evaluate",
+        "--controller",
+        "hold",
+        "--gait",
+        "standing",
+        "--episodes",
+        "3",
+        "--duration",
+        "0.2",
+        "--settle",
+        "0",
+    ]
+    assert main([*words, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["controller"] == "hold"
+    assert "paper" in printed.err
+
+
+def test_json_that_cannot_be_written_is_an_error(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    words = [
+        "evaluate",
+        "--controller",
+        "hold",
+        "--gait",
+        "standing",
+        "--episodes",
+        "3",
+        "--duration",
+        "0.2",
+        "--settle",
+        "0",
+    ]
+    assert main([*words, "--json", str(tmp_path / "file" / "out.json")]) == 2
+    assert "give a path that can be written" in capsys.readouterr().err

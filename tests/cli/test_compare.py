@@ -1,0 +1,44 @@
+import json
+
+import pytest
+
+from hugwbc.cli import main
+
+
+def test_compare_writes_summary_report_and_replay(tmp_path, capsys):
+    out, path = tmp_path / "out", tmp_path / "compare.json"
+    words = ["compare", "--script", "stand", "--controllers", "hold", "--seed", "0", "--no-video"]
+    assert main([*words, "--out", str(out), "--json", str(path)]) == 0
+    summary = json.loads(path.read_text())
+    assert summary == json.loads((out / "summary.json").read_text())
+    assert summary["script"] == "stand" and summary["seed"] == 0
+    hold = summary["controllers"]["hold"]
+    assert hold["fell"] is True and 0.5 < hold["survived_s"] < 5.0
+    assert set(hold["errors"]) == {"v_x", "v_y", "omega", "h", "p", "w"}
+    assert {"mean", "p95", "left", "right"} <= set(hold["hand_error_m"])
+    assert hold["tick_ms"]["p50"] <= hold["tick_ms"]["p99"]
+    assert hold["steps"] == pytest.approx(hold["survived_s"] / 0.02 + 1)
+    text = capsys.readouterr().out
+    assert "survived [s]" in text and "hold" in text
+    for page in ("report.html", "replay.html"):
+        assert "hold (fell)" in (out / page).read_text()
+
+
+def test_an_output_folder_that_cannot_be_made_is_an_error(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    words = ["compare", "--script", "stand", "--controllers", "hold", "--no-video"]
+    assert main([*words, "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "give a path that can be written" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_main_job(tmp_path):
+    path = tmp_path / "out.json"
+    words = ["compare", "--script", "loco_manipulation", "--seed", "0", "--no-video", "--out", str(tmp_path / "out")]
+    assert main([*words, "--json", str(path)]) == 0
+    controllers = json.loads(path.read_text())["controllers"]
+    assert set(controllers) == {"learned", "qp"}
+    for name, limit in (("learned", 0.08), ("qp", 0.04)):
+        assert not controllers[name]["fell"] and controllers[name]["survived_s"] == 20.0
+        assert controllers[name]["hand_error_m"]["mean"] < limit
+        assert controllers[name]["safety"]["failures"] == 0

@@ -1,0 +1,52 @@
+import json
+import pathlib
+
+from hugwbc.cli import output
+
+
+def test_a_table_is_aligned_and_shows_what_is_missing():
+    text = output.format_table(("error", "qp"), [("E_h", 0.0274), ("E_vx_high", None), ("fell", True), ("n", 12)])
+    assert text.splitlines() == [
+        "error         qp",
+        "----------------",
+        "E_h        0.027",
+        "E_vx_high      -",
+        "fell         yes",
+        "n             12",
+    ]
+
+
+def test_json_has_null_where_there_is_no_number(tmp_path):
+    path = tmp_path / "a" / "b.json"
+    output.write_json(path, {"x": float("nan"), "y": [1.0, float("inf")], "z": (True, None)})
+    assert json.loads(path.read_text()) == {"x": None, "y": [1.0, None], "z": [True, None]}
+    output.write_json(None, {})
+
+
+def test_json_to_standard_output_keeps_it_clean(capsys):
+    output.write_json(pathlib.Path("-"), {"a": 1})
+    output.say("for people", pathlib.Path("-"))
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"a": 1} and printed.err == "for people\n"
+
+
+def test_progress_prints_plain_lines_when_it_takes_long(monkeypatch, capsys):
+    now = iter([0.0, 1.0, 6.0, 7.0, 12.0, 13.0])
+    monkeypatch.setattr(output.time, "monotonic", lambda: next(now))
+    with output.progress("walk") as advance:
+        for fraction in (0.1, 0.4, 0.5, 0.9):
+            advance(fraction)
+    assert capsys.readouterr().err.splitlines() == ["walk: 40 %", "walk: 90 %", "walk: done in 13.0 s"]
+
+
+def test_short_work_shows_no_progress(capsys):
+    with output.progress("blink") as advance:
+        advance(1.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr(output.sys.stderr, "isatty", lambda: True, raising=False)
+    with output.progress("walk") as advance:
+        advance(0.5)
+    assert "walk" in capsys.readouterr().err

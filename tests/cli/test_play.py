@@ -1,0 +1,51 @@
+import pytest
+
+from hugwbc.cli import main, play
+from hugwbc.evaluation import Constant
+from hugwbc.gait import Gait
+from hugwbc.script import Script
+
+
+def test_play_stands_up_again_after_a_fall(capsys):
+    assert main(["play", "--controller", "hold", "--headless", "--duration", "4"]) == 0
+    text = capsys.readouterr().out
+    assert text.count("standing up again") >= 2
+    assert "hold: 4.0 s simulated" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "gait"),
+    [
+        ({}, Gait.STANDING),
+        ({"h": -0.1}, Gait.STANDING),
+        ({"v_x": 0.5}, Gait.WALKING),
+        ({"omega": -0.3}, Gait.WALKING),
+        ({"gait": "jumping", "v_x": 0.5}, Gait.JUMPING),
+    ],
+)
+def test_a_velocity_means_walking_unless_a_gait_is_given(options, gait):
+    source, duration = play._source(play.PlayOptions(**options, duration=3.0))
+    assert isinstance(source, Constant)
+    assert source.command.gait is gait and duration == 3.0
+    for name in options.keys() - {"gait"}:
+        assert getattr(source.command, name) == options[name]
+
+
+def test_a_script_plays_for_its_duration_with_its_hands():
+    source, duration = play._source(play.PlayOptions(script="loco_manipulation"))
+    assert isinstance(source, Script) and duration == source.duration == 20.0
+
+
+def test_hands_are_held_where_they_are_told_to():
+    source, _ = play._source(play.PlayOptions(left_hand=(0.3, 0.2, 0.1), right_hand=(0.3, -0.2, 0.1)))
+    hands = source.hands_at(1.0)
+    assert hands is not None and hands.frame == "pelvis"
+    assert hands.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
+
+
+def test_the_loop_keeps_real_time_and_gives_up_lost_time(monkeypatch):
+    slept = []
+    monkeypatch.setattr(play.time, "sleep", slept.append)
+    monkeypatch.setattr(play.time, "monotonic", lambda: 10.5)
+    assert play._keep_pace(10.0, 0.7) == 10.0 and slept == [pytest.approx(0.2)]
+    assert play._keep_pace(10.0, 0.3) == pytest.approx(10.2) and len(slept) == 1
