@@ -200,6 +200,8 @@ class TrainConfig:
     """Folder of checkpoints and logs."""
     resume: bool = False
     """Continue from the latest checkpoint in `out`."""
+    start_from: pathlib.Path | None = None
+    """Checkpoint or snapshot of another run to start from, such as a shipped policy's."""
     steps: float = 50e6
     """Stop after this many environment steps in all."""
     hours: float = 24.0

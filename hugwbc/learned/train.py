@@ -18,11 +18,11 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy import policy_metadata
+from hugwbc.learned.policy import POLICY_FILE, policy_metadata
 from hugwbc.learned.ppo import PPO
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
-POLICY_NAME = "policy.safetensors"
+SNAPSHOT_NAME = "snapshot.safetensors"
 LOG_NAME = "metrics.csv"
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
@@ -46,7 +46,7 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Set up, and restore the latest checkpoint if `config.resume`."""
+        """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
@@ -57,6 +57,8 @@ class Trainer:
         self.stop_requested = False
         if config.resume:
             self.load(config.out / CHECKPOINT_NAME)
+        elif config.start_from is not None:
+            self.load(config.start_from)
 
     def run(self, report: Report) -> None:
         """Train until the limits of the configuration, or until asked to stop; saves at the end.
@@ -112,19 +114,22 @@ class Trainer:
     # Files ----------------------------------------------------------------------------------------------------------
 
     def save(self) -> None:
-        """Write the resumable checkpoint and the policy."""
+        """Write the checkpoint, its slim snapshot and the policy."""
         tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
         tensors |= {f"env.{k}": v for k, v in self.env.state_dict().items()}
         for index, state in self.ppo.optimiser.state_dict()["state"].items():
             tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
         tensors["generator"] = self.generator.get_state()
         checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
-        actor = {k: v for k, v in self.ppo.network.actor.state_dict().items()}
+        # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
+        slim = {k: v for k, v in tensors.items() if k.startswith("network.")}
+        checkpoint.save_file(self.config.out / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
+        actor = self.ppo.network.actor.state_dict()
         metadata = policy_metadata() | {"training": self._metadata()}
-        checkpoint.save_file(self.config.out / POLICY_NAME, actor, "policy", metadata)
+        checkpoint.save_file(self.config.out / POLICY_FILE, actor, "policy", metadata)
 
     def load(self, path: pathlib.Path) -> None:
-        """Continue from a checkpoint; without optimiser moments (a slim snapshot) they start anew.
+        """Continue from a checkpoint, or from a snapshot: episodes and optimiser moments then start anew.
 
         Raises:
             PolicyFileError: if the file cannot be used, or holds another number of robots.
@@ -172,11 +177,6 @@ class Trainer:
         self.ppo.optimiser.load_state_dict(
             {"state": state, "param_groups": self.ppo.optimiser.state_dict()["param_groups"]}
         )
-
-    def save_snapshot(self, path: pathlib.Path) -> None:
-        """Write a slim resumable checkpoint: networks and levels, without optimiser moments and simulation states."""
-        tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
-        checkpoint.save_file(path, tensors, "checkpoint", self._metadata())
 
     def _metadata(self) -> dict[str, Any]:
         return {

@@ -9,7 +9,7 @@ import torch
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig, TrainConfig
 from hugwbc.learned.policy import load_policy
-from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, POLICY_NAME, Trainer, train
+from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
@@ -45,15 +45,14 @@ def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
     assert float(rows[-1]["steps"]) == 128
     session = json.loads((tmp_path / "sessions.jsonl").read_text().splitlines()[0])
     assert {"mujoco", "torch"} <= set(session["versions"])
-    assert load_policy(tmp_path / POLICY_NAME).metadata["training"]["steps"] == 128
+    assert load_policy(tmp_path).metadata["training"]["steps"] == 128
 
 
 def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     trainer = run(config(tmp_path, 2))
-    slim = tmp_path / "slim" / CHECKPOINT_NAME
-    trainer.save_snapshot(slim)
+    slim = tmp_path / SNAPSHOT_NAME
     assert slim.stat().st_size < 3e6
-    resumed = Trainer(config(slim.parent, 3, resume=True))
+    resumed = Trainer(config(tmp_path / "other", 3, start_from=slim))
     assert resumed.iteration == 2
     assert torch.equal(resumed.ppo.network.log_std, trainer.ppo.network.log_std)
     assert resumed.env.curriculum.alpha == trainer.env.curriculum.alpha
