@@ -15,10 +15,9 @@ from meshcat.servers.zmqserver import VIEWER_ROOT
 
 from hugwbc.robot import SIDES
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
-from hugwbc.viz.trace import LABEL_COLOURS, Trace, check_traces, frame_samples
+from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples
 
 FPS = 25
-CAMERA_TIME = 1.0  # [s] over which the camera's motion is smoothed
 _ROOT = Path(("meshcat",))
 
 
@@ -57,7 +56,8 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
         samples = frame_samples(trace.time, fps, end)
         for path, tracks in _robot_tracks(view, trace, samples):
             animation.clips[path] = _clip(tracks, fps)
-    animation.clips[_ROOT.append(WORLD)] = _clip(_world_tracks(traces, fps, end), fps)
+    world = world_offset(camera_path(traces, fps, end)).tolist()
+    animation.clips[_ROOT.append(WORLD)] = _clip([("position", "vector3", world)], fps)
     scene.visualizer.set_animation(animation, play=False, repetitions=1_000_000)
     return _page(recorder.commands, traces, title)
 
@@ -98,17 +98,6 @@ def _robot_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterato
                 robot.append(f"target_{side}"),
                 [("position", "vector3", path.tolist()), ("visible", "bool", shown.tolist())],
             )
-
-
-def _world_tracks(traces: Sequence[Trace], fps: int, end: float) -> Tracks:
-    """Motion of the world that keeps the mean of the robots, smoothed, in the middle of the picture."""
-    ways = [trace.qpos[frame_samples(trace.time, fps, end), :2] for trace in traces]
-    mean = np.mean(ways, axis=0)
-    half = max(1, int(CAMERA_TIME * fps / 2))
-    padded = np.pad(mean, ((half, half), (0, 0)), mode="edge")
-    kernel = np.full(2 * half + 1, 1 / (2 * half + 1))
-    smooth = np.stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in (0, 1)], axis=1)
-    return [("position", "vector3", world_offset(smooth).tolist())]
 
 
 def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str) -> str:

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 
 from hugwbc.robot import load_robot
-from hugwbc.viz.meshcat_scene import TARGET_RADIUS, labelled_colour
-from hugwbc.viz.trace import LABEL_COLOURS, Trace, check_traces, frame_samples, lanes
+from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, TARGET_RADIUS, labelled_colour
+from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
 
 FPS = 25
 WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder wants them
@@ -47,7 +47,7 @@ def write_video(
     targets = np.stack([trace.hand_target_world[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
     with tempfile.TemporaryDirectory() as folder:
         data, log = pathlib.Path(folder) / "frames.npz", pathlib.Path(folder) / "log.txt"
-        np.savez(data, frames=frames, targets=targets)
+        np.savez(data, frames=frames, targets=targets, centres=camera_path(traces, FPS, end))
         command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(path.resolve())]
         # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
         with log.open("w", encoding="utf-8") as errors:
@@ -111,12 +111,13 @@ def _add_targets(scene: mujoco.MjvScene, targets: np.ndarray) -> None:
             scene.ngeom += 1
 
 
-def _render(frames: np.ndarray, targets: np.ndarray, path: pathlib.Path) -> None:
+def _render(frames: np.ndarray, targets: np.ndarray, centres: np.ndarray, path: pathlib.Path) -> None:
     """Render frames, writing the number of each finished one to standard output.
 
     Args:
         frames: qpos, shape (frames, robots, 26).
         targets: hand targets in the world, shape (frames, robots, 2, 3).
+        centres: point on the ground to look at, shape (frames, 2).
         path: of the MP4 file.
     """
     count = frames.shape[1]
@@ -128,18 +129,15 @@ def _render(frames: np.ndarray, targets: np.ndarray, path: pathlib.Path) -> None
     options.geomgroup[3] = 0
     camera = mujoco.MjvCamera()
     camera.distance, camera.azimuth, camera.elevation = 2.2 + 0.7 * count, 200.0, -10.0
-    centres = frames[:, :, :2].mean(axis=1)
     with (
         mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
     ):
-        smooth = centres[0]
         for number, (frame, pair, centre) in enumerate(zip(frames, targets, centres, strict=True), start=1):
-            smooth = smooth + 0.1 * (centre - smooth)
             data.qpos[:] = frame.ravel()
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            camera.lookat[:] = [*smooth, 0.85]
+            camera.lookat[:] = [*centre, LOOK_AT_HEIGHT]
             renderer.update_scene(data, camera, options)
             _add_targets(renderer.scene, pair)
             for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -151,4 +149,4 @@ def _render(frames: np.ndarray, targets: np.ndarray, path: pathlib.Path) -> None
 
 if __name__ == "__main__":
     with np.load(sys.argv[1], allow_pickle=False) as recorded:
-        _render(recorded["frames"], recorded["targets"], pathlib.Path(sys.argv[2]))
+        _render(recorded["frames"], recorded["targets"], recorded["centres"], pathlib.Path(sys.argv[2]))
