@@ -42,8 +42,9 @@ class Pendulum:
         omega = float(np.sqrt(GRAVITY / height))
         x, y, z = arm
         vx, vy, vz = dynamics.mass * dynamics.com_velocity
-        momentum = dynamics.momentum[:2] + (y * vz - z * vy, z * vx - x * vz)
-        velocity = np.array([momentum[1], -momentum[0]]) / (dynamics.mass * height)
+        about_x = dynamics.momentum[0] + y * vz - z * vy
+        about_y = dynamics.momentum[1] + z * vx - x * vz
+        velocity = np.array([about_y, -about_x]) / (dynamics.mass * height)
         return cls(pivot[:2].copy(), dynamics.com[:2].copy(), omega, dynamics.com[:2] + velocity / omega)
 
     def dcm_after(self, cop: np.ndarray, duration: float) -> np.ndarray:

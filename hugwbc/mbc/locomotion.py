@@ -229,5 +229,5 @@ class Locomotion:
 
     @staticmethod
     def _feet_yaw(dynamics: Dynamics) -> float:
-        forward = sum(dynamics.frame(f"{side}_sole").rotation[:2, 0] for side in SIDES)
+        forward = np.sum([dynamics.frame(f"{side}_sole").rotation[:2, 0] for side in SIDES], axis=0)
         return float(np.arctan2(forward[1], forward[0]))

@@ -94,6 +94,8 @@ class ControllerParams:
     """Longest weight shift [s]."""
     velocity_integral: float = 0.25
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
+    velocity_integral_bound: float = 0.15
+    """Largest velocity error of a step that counts there [m/s]."""
     max_velocity_trim: float = 0.3
     """Bound on that correction [m/s]."""
 
@@ -102,7 +104,7 @@ class ControllerParams:
     """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
     can reach."""
     balance_margin: tuple[float, float] = (0.012, 0.03)
-    """Distance of that point from the foremost one that the ankle's range allows in a squat, standing and walking [m]."""
+    """Distance of that point from the foremost one that the ankle's range allows, standing and walking [m]."""
     speed_lowering: float = 0.05
     """Lowering of the pelvis per m/s of forward speed above `lowering_from` [m / (m/s)]."""
     lowering_from: float = 0.9
@@ -117,7 +119,7 @@ class ControllerParams:
     """Further room per backward speed [s]."""
 
     # --- command filter: largest rate and largest rate of the rate
-    velocity_rate: tuple[float, float, float] = (1.0, 1.0, 2.0)
+    velocity_rate: tuple[float, float, float] = (1.5, 1.0, 2.0)
     """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
     frequency_rate: float = 2.0
     """Change of f [Hz/s]."""

@@ -16,6 +16,7 @@ class VelocityTrim:
 
     def __init__(self, params: ControllerParams) -> None:
         self._gain = params.velocity_integral
+        self._bound = params.velocity_integral_bound
         self._limit = params.max_velocity_trim
         self.reset()
 
@@ -38,7 +39,8 @@ class VelocityTrim:
         """Correct by the mean error of the last two steps."""
         if self._time <= 0.0:
             return
-        error = self._sum / self._time
+        # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
+        error = np.clip(self._sum / self._time, -self._bound, self._bound)
         if self._previous is not None:
             step = self._gain * 0.5 * (error + self._previous)
             self.value = np.clip(self.value + step, -self._limit, self._limit)
