@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
+from hugwbc.errors import UnknownNameError
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
@@ -127,9 +128,17 @@ class Simulation:
         """Change the pelvis velocity at once, in the world frame: [m/s], shape (3,), or with [rad/s], shape (6,)."""
         velocity = np.asarray(velocity, dtype=float)
         self.data.qvel[: velocity.size] += velocity
+        mujoco.mj_forward(self.model, self.data)  # so that the sensors know
 
     def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
-        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s]."""
+        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s].
+
+        Raises:
+            UnknownNameError: if no link has that name.
+        """
+        links = [self.model.body(i).name for i in range(1, self.model.nbody)]
+        if link not in links:
+            raise UnknownNameError("link", link, links)
         body = self.model.body(link).id
         self.data.xfrc_applied[body, :3] = force
         self._force_until[body] = self.data.time + duration

@@ -1,4 +1,4 @@
-"""Ground as a height field: a grid of heights with bilinear look-up, and a generator of rough ground."""
+"""Ground as a height field: a grid of heights, the height between them as MuJoCo sees it, and a generator."""
 
 import dataclasses
 
@@ -24,19 +24,25 @@ class HeightField:
             raise ConfigError(
                 f"a height field needs at least 2 x 2 finite heights; the given array has shape {self.heights.shape}"
             )
+        if not all(0.0 < extent < np.inf for extent in self.size):
+            raise ConfigError(f"a height field's size is {self.size} m; give finite extents above 0")
 
     def height_at(self, xy: np.ndarray) -> np.ndarray:
-        """Bilinear height [m] at points (..., 2); beyond the edge, the height of the edge."""
+        """Height of the ground [m] at points (..., 2); beyond the edge, the height of the edge.
+
+        As MuJoCo's collision does, each cell is two triangles that meet on the diagonal from low x, low y to high x,
+        high y.
+        """
         rows, columns = self.heights.shape
         column = np.clip((xy[..., 0] / self.size[0] + 0.5) * (columns - 1), 0, columns - 1)
         row = np.clip((xy[..., 1] / self.size[1] + 0.5) * (rows - 1), 0, rows - 1)
-        c0 = np.minimum(column.astype(int), columns - 2)
-        r0 = np.minimum(row.astype(int), rows - 2)
-        u, v = column - c0, row - r0
-        h = self.heights
-        low = h[r0, c0] * (1 - u) + h[r0, c0 + 1] * u
-        high = h[r0 + 1, c0] * (1 - u) + h[r0 + 1, c0 + 1] * u
-        return low * (1 - v) + high * v
+        c = np.minimum(column.astype(int), columns - 2)
+        r = np.minimum(row.astype(int), rows - 2)
+        u, v = column - c, row - r
+        near, far = self.heights[r, c], self.heights[r + 1, c + 1]
+        corner = np.where(u > v, self.heights[r, c + 1], self.heights[r + 1, c])
+        first, second = np.maximum(u, v), np.minimum(u, v)
+        return near + first * (corner - near) + second * (far - corner)
 
 
 def rough_terrain(amplitude: float, rng: np.random.Generator, size: float = 16.0, spacing: float = 0.2) -> HeightField:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
+from hugwbc.errors import UnknownNameError
 from hugwbc.sim import HeightField, SensorNoise, Simulation, rough_terrain
 
 ROBOT = load_robot()
@@ -119,6 +120,7 @@ def test_push_changes_the_velocity_at_once(plane: Simulation) -> None:
     plane.push(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.5]))
     np.testing.assert_allclose(plane.state().velocity, [0.4, -0.2, 0.0])
     np.testing.assert_allclose(plane.state().angular_velocity, [0, 0, 0.5])
+    np.testing.assert_allclose(plane.sense().angular_velocity, [0, 0, 0.5], atol=1e-12)
 
 
 def test_force_acts_for_its_duration_only() -> None:
@@ -145,6 +147,11 @@ def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
     mujoco.mj_subtreeVel(simulation.model, simulation.data)
     momentum = simulation.data.subtree_linvel[1] * 51.649896
     np.testing.assert_allclose(momentum, [10.0, -5.0, -WEIGHT * 0.2], rtol=0.01)
+
+
+def test_force_on_an_unknown_link_is_refused(plane: Simulation) -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown link 'torso'. Did you mean 'torso_link'"):
+        plane.apply_force(np.zeros(3), 0.1, link="torso")
 
 
 def test_reset_forgets_forces_and_bad_states() -> None:
