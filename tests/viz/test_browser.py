@@ -1,0 +1,58 @@
+"""Both pages in a real browser without a window, where there is one."""
+
+import pathlib
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from hugwbc.viz.replay import write_replay
+from hugwbc.viz.report import write_report
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader")
+FLAGS += ("--enable-unsafe-swiftshader", "--window-size=800,450", "--virtual-time-budget=5000")
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")]
+
+
+def _browse(*arguments: str) -> subprocess.CompletedProcess[str]:
+    assert BROWSER is not None
+    command = [BROWSER, *FLAGS, "--enable-logging=stderr", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+
+
+def test_replay_runs_and_shows_a_robot(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    page, picture = tmp_path / "replay.html", tmp_path / "replay.png"
+    write_replay(page, [make_run(seconds=2.0)])
+    result = _browse("--dump-dom", f"{page.as_uri()}?t=1.2")
+    assert not re.search(r"Uncaught|Error:", result.stderr)
+    # The clock is written by the page's script, from the animation that the viewer has loaded: 50 frames at 25 Hz.
+    assert re.search(r'<output id="clock">1\.20 / 1\.96 s</output>', result.stdout)
+    _browse(f"--screenshot={picture}", f"{page.as_uri()}?t=1.2")
+    pixels = imageio.imread(picture)[..., :3].astype(int)
+    # The robot's shells are bluish, its joints nearly black; sky and floor are pale.
+    assert np.mean(pixels.max(axis=2) < 60) > 0.003
+    assert np.mean((pixels[..., 2] - pixels[..., 0] > 40) & (pixels.max(axis=2) > 120)) > 0.003
+
+
+def test_report_renders_light_and_dark(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    page = tmp_path / "report.html"
+    write_report(page, "Report", [make_run()])
+    brightness = {}
+    for scheme, dark in (("light", 1), ("dark", 0)):
+        picture = tmp_path / f"{scheme}.png"
+        result = _browse(
+            f"--screenshot={picture}",
+            f"--blink-settings=preferredColorScheme={dark}",
+            "--hide-scrollbars",
+            page.as_uri(),
+        )
+        assert not re.search(r"Uncaught|Error:", result.stderr)
+        brightness[scheme] = np.median(imageio.imread(picture)[..., :3])
+    assert brightness["light"] > 230
+    assert brightness["dark"] < 50
