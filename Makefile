@@ -10,7 +10,7 @@ ARGS ?=
 # The computations are many and small: more threads than one a process only get in each other's way.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help install compare play evaluate bench train check test lint test-slow models clean
+.PHONY: help install compare play evaluate bench train check test lint test-slow models picture clean
 
 help:
 	@echo "make compare     play loco_manipulation with both controllers; results in out/compare"
@@ -23,6 +23,7 @@ help:
 	@echo "make check       verify the installation"
 	@echo "make train       train a policy"
 	@echo "make models      write h1.xml and h1.urdf anew from h1.yaml"
+	@echo "make picture     take the README's picture anew"
 	@echo "make clean       remove .venv, caches and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
 
@@ -54,6 +55,9 @@ test-slow: $(STAMP)
 
 models: $(STAMP)
 	$(BIN)/python models/h1/build.py
+
+picture: compare
+	$(BIN)/python docs/picture.py
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .hypothesis *.egg-info

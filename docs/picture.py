@@ -1,0 +1,25 @@
+"""Cut the README's picture out of the video that `hugwbc compare` wrote; `make picture` runs both."""
+
+import pathlib
+
+import imageio.v2 as imageio
+import numpy as np
+
+ROOT = pathlib.Path(__file__).parents[1]
+VIDEO = ROOT / "out" / "compare" / "compare.mp4"
+MOMENTS = (4.5, 7.4, 16.5)  # [s] reaching, walking, squatting
+
+
+def main() -> None:
+    """Put the moments side by side."""
+    reader = imageio.get_reader(VIDEO)
+    fps = reader.get_meta_data()["fps"]
+    frames = [np.asarray(reader.get_data(round(moment * fps))) for moment in MOMENTS]
+    edge = frames[0].shape[1] // 5
+    path = ROOT / "docs" / "images" / "compare.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    imageio.imwrite(path, np.concatenate([frame[:, edge:-edge] for frame in frames], axis=1))
+
+
+if __name__ == "__main__":
+    main()
