@@ -1,7 +1,8 @@
 """Hand targets to arm joints: inverse kinematics, gravity compensation, and the hand-over of the arms and back."""
 
+from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
-from hugwbc.upper_ik.solver import ArmIK, ArmIKConfig, IKSolution
+from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.takeover import Takeover, TakeoverConfig, UpperBodySource
 
 __all__ = ["ArmIK", "ArmIKConfig", "GravityCompensation", "IKSolution", "Takeover", "TakeoverConfig", "UpperBodySource"]

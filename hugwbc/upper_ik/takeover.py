@@ -11,8 +11,9 @@ from hugwbc.robot import load_robot
 from hugwbc.script import smooth_step
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
-from hugwbc.upper_ik.solver import ArmIK, ArmIKConfig, IKSolution
+from hugwbc.upper_ik.solver import ArmIK, IKSolution
 
 
 @dataclasses.dataclass(frozen=True)

@@ -91,6 +91,37 @@ def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(nominal_state):
         assert np.all(solution.residual < nearest + 0.01)
 
 
+def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_state):
+    """One target after the other, all over the workspace, behind the head too: dead ends are left by detours."""
+    ik = ArmIK()
+    rng = np.random.default_rng(3)
+    speed = 0.5 * robot.velocity_limit[robot.arms]
+    detours, q = 0, ik.q
+    for posture in rng.uniform(ik.lower, ik.upper, (40, 8)):
+        targets = HandTargets(*ik.hands(posture, 0.0))
+        for _ in range(300):
+            solution = ik.solve(targets, nominal_state, DT)
+            assert np.all(np.abs(solution.q - q) <= speed * DT + 1e-9)
+            detours += bool(np.any(np.abs(np.abs(solution.dq) - ik.config.detour_speed) < 1e-9))
+            q = solution.q
+        assert np.all(solution.residual < 0.025)
+    assert detours > 10, "the sample must contain dead ends"
+    assert ik.failures == 0
+
+
+def test_a_detour_ends_once(nominal_state):
+    """A target behind the head, out of reach: the arm goes to the better side and then rests there."""
+    ik = ArmIK()
+    targets = HandTargets(np.array([-1.2, -0.1, 1.8]), COMFORTABLE[1])
+    converge(ik, targets, nominal_state, seconds=8.0)
+    rest = ik.q
+    solution = converge(ik, targets, nominal_state, seconds=2.0)
+    assert solution.q == pytest.approx(rest, abs=0.02)
+    assert solution.reachable.tolist() == [False, True]
+    samples = np.array([ik.hands(q, 0.0)[0] for q in np.random.default_rng(4).uniform(ik.lower, ik.upper, (3000, 8))])
+    assert solution.residual[0] < np.linalg.norm(samples - targets.left, axis=1).min() + 0.02
+
+
 def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot, make_state):
     ik = ArmIK()
     rng = np.random.default_rng(2)

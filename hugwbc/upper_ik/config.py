@@ -1,0 +1,42 @@
+"""Settings of the inverse kinematics."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.errors import ConfigError
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmIKConfig:
+    """Settings of the solver.
+
+    Attributes:
+        limit_margin: distance kept from the joint position limits [rad].
+        speed_fraction: of the joint velocity limits that the solution may use; half leaves the joint's controller
+            room to catch up after a disturbance.
+        hand_speed: highest speed of a hand towards its target [m/s].
+        posture_weight: of the pull towards the nominal posture, against 1 for the hands [m^2/rad^2]; small, because
+            it is also the error it leaves in the hands (below 0.5 mm everywhere with the default).
+        damping: lambda where the hands are on target [m^2/rad^2].
+        tolerance: distance within which a hand counts as on target [m].
+        detour_gain: how much nearer another posture must bring a stalled hand for the arm to go there [m].
+        detour_speed: joint speed on the way to that posture [rad/s].
+    """
+
+    limit_margin: float = 0.02
+    speed_fraction: float = 0.5
+    hand_speed: float = 1.5
+    posture_weight: float = 1e-5
+    damping: float = 1e-3
+    tolerance: float = 0.005
+    detour_gain: float = 0.02
+    detour_speed: float = 2.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 < value < np.inf:
+                raise ConfigError(f"ArmIKConfig.{field.name} is {value}; give a finite number above 0")
+        if self.speed_fraction > 1.0:
+            raise ConfigError(f"ArmIKConfig.speed_fraction is {self.speed_fraction}; give a fraction up to 1")
