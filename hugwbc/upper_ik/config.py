@@ -17,7 +17,7 @@ class ArmIKConfig:
             room to catch up after a disturbance.
         hand_speed: highest speed of a hand towards its target [m/s].
         posture_weight: of the pull towards the nominal posture, against 1 for the hands [m^2/rad^2]; small, because
-            it is also the error it leaves in the hands (below 0.5 mm everywhere with the default).
+            it is also the error it leaves in the hands (below 0.5 mm with the default).
         damping: lambda where the hands are on target [m^2/rad^2].
         tolerance: distance within which a hand counts as on target [m].
         detour_gain: how much nearer another posture must bring a stalled hand for the arm to go there [m].

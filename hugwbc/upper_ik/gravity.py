@@ -13,7 +13,7 @@ class GravityCompensation:
 
     At rest the joint's torque kp (q_target - q_measured) is then the weight's, and q_measured = q. For controllers
     that, like the learned one, drive the arms by position only; one with feed-forward torque (the QP) needs no such
-    thing. With the paper's arm stiffness of 20 N*m/rad the sag is up to 0.25 rad with the arms stretched out.
+    thing. With the paper's arm stiffness of 20 N*m/rad the sag is up to 0.32 rad, with an arm stretched out.
     """
 
     def __init__(self) -> None:
