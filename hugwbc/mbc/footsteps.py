@@ -72,6 +72,8 @@ def nominal_offset(
     growth = np.exp(omega * step_time)
     turn = yaw_rate * step_time
     step = rotations.rotation_z(turn / 2.0)[:2, :2] @ velocity * step_time
+    # In a turn the body leans in by a / omega^2: the feet run on a larger circle than the centre of mass.
+    step *= 1.0 + (yaw_rate / omega) ** 2
     forward = np.linalg.solve(growth * np.eye(2) - rotations.rotation_z(turn)[:2, :2], step)
     towards_other = -1.0 if side == 0 else 1.0
     return forward + np.array([0.0, towards_other * width / (1.0 + growth)])

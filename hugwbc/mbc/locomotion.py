@@ -15,6 +15,7 @@ from hugwbc.mbc.tasks import (
     CentreOfMassTask,
     PelvisHeightTask,
     PelvisOrientationTask,
+    PelvisTravelTask,
     StanceContactTask,
     SwingFootTask,
     Task,
@@ -38,7 +39,7 @@ class Locomotion:
         plan: the gait clock.
         contact: whether the left and the right foot stand, shape (2,), bool.
         foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
-        height, orientation, com, stance, swing: tasks.
+        height, orientation, com, travel, stance, swing: tasks.
         clipped: number of ticks with a foothold out of reach.
     """
 
@@ -48,6 +49,7 @@ class Locomotion:
         self.height = PelvisHeightTask(params)
         self.orientation = PelvisOrientationTask(params)
         self.com = CentreOfMassTask(params)
+        self.travel = PelvisTravelTask(params)
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
         self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
         self._trajectory = SwingTrajectory(params)
@@ -68,7 +70,8 @@ class Locomotion:
 
     def tasks(self) -> list[Task]:
         """The tasks that count at this tick."""
-        tasks: list[Task] = [self.height, self.orientation, self.com]
+        walking = self.plan.mode is Mode.WALKING
+        tasks: list[Task] = [self.height, self.orientation, self.travel if walking else self.com]
         for foot in range(2):
             tasks.append(self.stance[foot] if self.contact[foot] else self.swing[foot])
         return tasks
@@ -130,7 +133,6 @@ class Locomotion:
         self.com.target = middle[:2]
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
-        self.com.weight = np.full(2, params.com_weight)
         if self.plan.mode is not Mode.SHIFTING:
             self._shifted = False
             return
@@ -186,11 +188,9 @@ class Locomotion:
         task.acceleration = self._trajectory.acceleration
         task.yaw = landing_yaw
         task.pitch = self._toe_down(dynamics, swing)
-        heading = rotations.rotation_z(-self._yaw)[:2, :2]
-        self.com.feedforward = pendulum.omega**2 * (heading @ (dynamics.com[:2] - step.cop))
-        self.com.target = dynamics.com[:2]
-        self.com.servo = np.zeros(2)
-        self.com.weight = np.array([self._params.com_walking_weight, 0.0])
+        forward = rotations.rotation_z(self._yaw)[:2, 0]
+        self.travel.heading, self.travel.speed = self._yaw, float(command.velocity[0])
+        self.travel.feedforward = float(pendulum.omega**2 * (forward @ (pendulum.com - step.cop)))
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:

@@ -33,7 +33,7 @@ class ControllerParams:
     """Weight on every contact force component [1/kg^2]."""
     qp_tolerance: float = 1e-5
     """Absolute residual at which the QP counts as solved."""
-    qp_max_iterations: int = 100
+    qp_max_iterations: int = 25
     """Bound on outer iterations of one solve."""
 
     # --- tasks: weights, stiffness [1/s^2], damping [1/s]
@@ -48,7 +48,9 @@ class ControllerParams:
     orientation_gains: tuple[float, float] = (300.0, 30.0)
     com_weight: float = 300.0
     """Standing: balance comes before posture."""
-    com_walking_weight: float = 10.0
+    travel_weight: float = 10.0
+    """Walking: the pelvis along the heading."""
+    travel_damping: float = 0.0
     com_gains: tuple[float, float] = (30.0, 11.0)
     swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
     swing_gains: tuple[float, float] = (700.0, 50.0)

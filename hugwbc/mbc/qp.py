@@ -17,6 +17,8 @@ CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "to
 _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
+_INNER_ITERATIONS = 20
+_INFEASIBILITY_TOLERANCE = 1e-9
 
 
 class QpStatus(enum.Enum):
@@ -59,8 +61,8 @@ class WholeBodyQp:
 
     The size never changes: a foot in the air has its forces bounded to zero. Without the joint-range bounds the problem
     is always feasible (any torque is consistent with some acceleration), so that they are dropped for one tick if the
-    solver fails with them. Infeasibility certificates are bounded by `qp_max_iterations`; the closest-feasible mode of
-    ProxQP is never used, since its run time is not bounded.
+    solver fails with them. Every solve is bounded by `qp_max_iterations` outer and 20 inner iterations; the
+    closest-feasible mode of ProxQP is never used, since its run time is not bounded.
     """
 
     def __init__(self, params: ControllerParams, robot: Robot, nv: int, columns: np.ndarray) -> None:
@@ -98,9 +100,11 @@ class WholeBodyQp:
         self._solver = proxqp.dense.QP(len(self._g), _BASE, len(self._low), True)
         self._solver.settings.eps_abs = self._params.qp_tolerance
         self._solver.settings.max_iter = self._params.qp_max_iterations
+        # The default inner bound of 1500 lets an infeasible problem run for seconds.
+        self._solver.settings.max_iter_in = _INNER_ITERATIONS
         # The default takes feasible problems for infeasible when a contact switch leaves the warm start far away.
-        self._solver.settings.eps_primal_inf = 1e-12
-        self._solver.settings.eps_dual_inf = 1e-12
+        self._solver.settings.eps_primal_inf = _INFEASIBILITY_TOLERANCE
+        self._solver.settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
         self._solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 

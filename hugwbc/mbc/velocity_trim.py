@@ -4,11 +4,14 @@ import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
 
+_SETTLING_STEPS = 3  # after a change of command, that do not count
+
 
 class VelocityTrim:
     """Adds to the velocity plan what the last stride fell short of the command.
 
-    The pelvis sways within a step, hence the error is averaged over two steps before it is integrated.
+    The pelvis sways within a step, hence the error is averaged over two steps before it is integrated. A step during
+    which the command changes does not count: the robot lags then, and a correction would overshoot.
 
     Attributes:
         value: correction of v_x, v_y, heading frame [m/s], shape (2,).
@@ -24,14 +27,19 @@ class VelocityTrim:
         """No correction."""
         self.value = np.zeros(2)
         self._previous: np.ndarray | None = None
+        self._wanted: np.ndarray | None = None
+        self._settling = 0
         self._clear()
 
     def _clear(self) -> None:
         self._sum = np.zeros(2)
         self._time = 0.0
+        self._changed = False
 
     def measure(self, velocity: np.ndarray, wanted: np.ndarray, dt: float) -> None:
         """Record one tick: measured and commanded velocity, heading frame [m/s], shape (2,)."""
+        self._changed |= self._wanted is not None and not np.array_equal(wanted, self._wanted)
+        self._wanted = wanted.copy()
         self._sum += (wanted - velocity) * dt
         self._time += dt
 
@@ -40,7 +48,12 @@ class VelocityTrim:
         if self._time <= 0.0:
             return
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
+        self._settling = _SETTLING_STEPS if self._changed else max(self._settling - 1, 0)
         error = np.clip(self._sum / self._time, -self._bound, self._bound)
+        if self._settling:
+            self._previous = None
+            self._clear()
+            return
         if self._previous is not None:
             step = self._gain * 0.5 * (error + self._previous)
             self.value = np.clip(self.value + step, -self._limit, self._limit)

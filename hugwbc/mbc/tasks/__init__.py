@@ -4,6 +4,7 @@ from hugwbc.mbc.tasks.angular_momentum import AngularMomentumTask
 from hugwbc.mbc.tasks.centre_of_mass import CentreOfMassTask
 from hugwbc.mbc.tasks.pelvis_height import PelvisHeightTask
 from hugwbc.mbc.tasks.pelvis_orientation import PelvisOrientationTask
+from hugwbc.mbc.tasks.pelvis_travel import PelvisTravelTask
 from hugwbc.mbc.tasks.posture import PostureTask
 from hugwbc.mbc.tasks.stance_contact import StanceContactTask
 from hugwbc.mbc.tasks.swing_foot import SwingFootTask
@@ -14,6 +15,7 @@ __all__ = [
     "CentreOfMassTask",
     "PelvisHeightTask",
     "PelvisOrientationTask",
+    "PelvisTravelTask",
     "PostureTask",
     "StanceContactTask",
     "SwingFootTask",

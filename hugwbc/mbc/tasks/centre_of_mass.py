@@ -15,16 +15,14 @@ class CentreOfMassTask:
 
     .. math:: \ddot c^* = \ddot c_{ff} + k_p (c_d - c) + k_d (0 - \dot c)
 
-    Standing, an axis is pulled to its target. Walking, it follows the linear inverted pendulum,
-    :math:`\ddot c_{ff} = \omega^2 (c - p_{cop})` with :math:`k_p = k_d = 0`; across the heading a single line-shaped
-    foot has no authority at all, and the weight is zero there.
+    Standing, both axes are pulled to the target. Shifting weight, the axis across follows the linear inverted pendulum,
+    :math:`\ddot c_{ff} = \omega^2 (c - p_{cop})` with :math:`k_p = k_d = 0`.
 
     Attributes:
         target: c_d in the world [m], shape (2,).
         heading: direction of the first row [rad].
         feedforward: [m/s^2], in the heading frame, shape (2,).
         servo: 1 where the axis is pulled to the target, 0 where it only follows the feed-forward, shape (2,).
-        weight: shape (2,).
     """
 
     name = "centre of mass"
@@ -36,7 +34,7 @@ class CentreOfMassTask:
         self.heading = 0.0
         self.feedforward = np.zeros(2)
         self.servo = np.ones(2)
-        self.weight = np.full(2, params.com_weight)
+        self._weight = np.full(2, params.com_weight)
         self._gains = params.com_gains
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -49,6 +47,6 @@ class CentreOfMassTask:
             to_heading @ dynamics.com_jacobian[:2],
             to_heading @ dynamics.com_drift[:2],
             self.feedforward + self.servo * servo,
-            self.weight,
+            self._weight,
             error,
         )

@@ -1,0 +1,73 @@
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.mbc.command_filter import CommandFilter
+from hugwbc.mbc.params import ControllerParams
+
+PARAMS = ControllerParams()
+DT = 0.002
+
+
+def _history(command, seconds, start=(0.0, 0.0, 0.0)):
+    command_filter = CommandFilter(PARAMS)
+    command_filter.reset(*start)
+    return [command_filter.update(command, DT)[0] for _ in range(round(seconds / DT))]
+
+
+def test_posture_arrives_within_its_rates_and_without_overshoot():
+    history = _history(Command(h=-0.2, p=0.4, w=-1.0), 4.0)
+    for name, target, (rate, quickness) in (
+        ("h", -0.2, PARAMS.height_rate),
+        ("p", 0.4, PARAMS.pitch_rate),
+        ("w", -1.0, PARAMS.waist_rate),
+    ):
+        values = np.array([getattr(command, name) for command in history])
+        assert values[-1] == pytest.approx(target, abs=1e-4)
+        assert np.max(np.abs(values)) <= abs(target) + 2e-3
+        speed = np.diff(values) / DT
+        assert np.max(np.abs(speed)) <= rate + 1e-9
+        assert np.max(np.abs(np.diff(speed) / DT)) <= quickness + 1e-6
+        rates = np.array([getattr(command, f"{name}_rate") for command in history])
+        assert rates[1:] == pytest.approx(speed, abs=1e-9)
+
+
+def test_velocities_ramp():
+    history = _history(Command(v_x=2.0, v_y=-0.6, omega=1.0, gait=Gait.WALKING), 3.0)
+    velocity = np.array([[*command.velocity, command.omega] for command in history])
+    assert velocity[-1] == pytest.approx([2.0, -0.6, 1.0])
+    assert np.max(np.abs(np.diff(velocity, axis=0)) / DT, axis=0) == pytest.approx(PARAMS.velocity_rate)
+
+
+def test_bad_values_are_replaced_and_reported():
+    command_filter = CommandFilter(PARAMS)
+    command = Command(v_x=math.nan, v_y=9.0, h=math.inf, p=-math.inf, gait=Gait.WALKING)
+    smooth, report = command_filter.update(command, DT)
+    assert np.all(np.isfinite([*smooth.velocity, smooth.omega, smooth.f, smooth.l, smooth.h, smooth.p, smooth.w]))
+    for name in ("v_x", "v_y", "h", "p"):
+        assert any(line.startswith(f"{name} = ") for line in report)
+
+
+def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
+    command_filter = CommandFilter(PARAMS)
+    for _ in range(2000):
+        smooth, report = command_filter.update(Command(h=-0.3, l=0.3, gait=Gait.WALKING), DT)
+    assert -0.2 < smooth.h < -0.1
+    assert smooth.l < 0.2
+    assert any(line.startswith("h = -0.3") for line in report)
+    assert any(line.startswith("l = 0.3") for line in report)
+
+
+def test_fast_walking_lowers_the_pelvis():
+    slow = _history(Command(v_x=0.5, gait=Gait.WALKING), 4.0)[-1]
+    fast = _history(Command(v_x=2.0, gait=Gait.WALKING), 4.0)[-1]
+    assert slow.h == pytest.approx(0.0, abs=1e-6)
+    assert fast.h == pytest.approx(-PARAMS.speed_lowering * (2.0 - PARAMS.lowering_from), abs=1e-3)
+
+
+def test_other_gaits_walk():
+    smooth, report = CommandFilter(PARAMS).update(Command(gait=Gait.JUMPING), DT)
+    assert smooth.gait is Gait.WALKING
+    assert "jumping" in report[0]

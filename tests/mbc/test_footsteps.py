@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
+from hugwbc.mbc.params import ControllerParams
+
+OMEGA = 3.2
+
+
+def _periodic(velocity, yaw_rate, step_time, width, steps=6):
+    """Walk a pendulum by the nominal offsets alone: footholds and body positions at step starts, by integration."""
+    pivot, heading, stance = np.zeros(2), 0.0, 0
+    dcm = nominal_offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
+    com = dcm.copy()
+    track = []
+    for _ in range(steps):
+        n = 2000
+        for _ in range(n):  # dcm' = omega (dcm - pivot), com' = omega (dcm - com)
+            com, dcm = com + OMEGA * (dcm - com) * step_time / n, dcm + OMEGA * (dcm - pivot) * step_time / n
+        heading += yaw_rate * step_time
+        stance = 1 - stance
+        offset = nominal_offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
+        pivot = dcm - rotations.rotation_z(heading)[:2, :2] @ offset
+        track.append((pivot, com, heading))
+    return track
+
+
+def test_straight_gait_repeats_with_the_commanded_step_and_width():
+    track = _periodic(np.array([0.8, 0.0]), 0.0, 0.25, 0.3)
+    steps = np.diff([pivot for pivot, _, _ in track], axis=0)
+    assert steps[:, 0] == pytest.approx(0.8 * 0.25, abs=2e-3)
+    assert np.abs(steps[:, 1]) == pytest.approx(0.3, abs=4e-3)
+    assert np.all(steps[:-1, 1] * steps[1:, 1] < 0)
+
+
+def test_turning_gait_keeps_its_speed_along_the_circle():
+    track = _periodic(np.array([0.5, 0.0]), 1.0, 0.25, 0.3, steps=24)
+    # The centre of mass runs on a circle of radius v / yaw rate, and two steps turn by 0.5 rad.
+    bodies = np.array([body for _, body, _ in track[-9:]])
+    chords = [np.linalg.norm(np.diff(bodies[first::2], axis=0), axis=1) for first in (0, 1)]
+    assert np.ptp(chords[0]) < 2e-3
+    assert np.ptp(chords[1]) < 2e-3
+    assert np.mean([chord.mean() for chord in chords]) == pytest.approx(2 * (0.5 / 1.0) * np.sin(0.25), rel=0.03)
+
+
+def test_offsets_of_the_two_feet_are_mirror_images():
+    left = nominal_offset(np.array([0.3, 0.2]), 0.4, 0.3, OMEGA, 0.28, 0)
+    right = nominal_offset(np.array([0.3, -0.2]), -0.4, 0.3, OMEGA, 0.28, 1)
+    assert left == pytest.approx(right * [1.0, -1.0])
+
+
+def _pendulum(dcm):
+    return Pendulum(pivot=np.zeros(2), com=np.zeros(2), omega=OMEGA, dcm=np.asarray(dcm, dtype=float))
+
+
+def _plan(dcm, velocity=(0.0, 0.0), swing=0, remaining=0.1):
+    return plan_step(ControllerParams(), _pendulum(dcm), np.asarray(velocity), 0.0, 0.0, 0.02, swing, 0.25, remaining)
+
+
+def test_a_push_moves_the_foothold_by_what_it_grows_to():
+    calm, pushed = _plan([0.0, 0.08]), _plan([0.0, 0.12])
+    assert not pushed.clipped
+    growth = np.exp(OMEGA * 0.1)
+    assert pushed.foothold - calm.foothold == pytest.approx([0.0, 0.04 * growth], abs=1e-9)
+
+
+def test_footholds_stay_within_reach_and_never_cross():
+    params = ControllerParams()
+    for dcm in ([5.0, 5.0], [-5.0, -5.0], [0.0, -5.0]):
+        for swing, outward in ((0, 1.0), (1, -1.0)):
+            plan = _plan(dcm, swing=swing)
+            assert plan.clipped
+            assert params.max_step[0] <= plan.foothold[0] <= params.max_step[1]
+            assert params.min_foot_distance <= outward * plan.foothold[1] <= params.max_foot_distance
+
+
+def test_the_centre_of_pressure_stays_under_the_foot():
+    for x in (-1.0, 1.0):
+        cop = _plan([x, 0.1]).cop
+        assert abs(cop[0] + 0.02) == pytest.approx(ControllerParams().cop_reach)
+        assert cop[1] == 0.0
+
+
+def test_pendulum_velocity_of_pure_translation_is_the_velocity(standing_state):
+    dynamics = Dynamics()
+    moving = type(standing_state)(
+        q=standing_state.q, dq=np.zeros(19), orientation=standing_state.orientation, angular_velocity=np.zeros(3),
+        position=standing_state.position, velocity=np.array([0.3, -0.2, 0.0]),
+    )  # fmt: skip
+    dynamics.update(moving)
+    pendulum = Pendulum.about(np.zeros(3), dynamics)
+    assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.3, -0.2], abs=1e-9)
+    assert pendulum.omega == pytest.approx(np.sqrt(9.81 / dynamics.com[2]))

@@ -1,0 +1,61 @@
+import pytest
+
+from hugwbc import Gait
+from hugwbc.mbc.gait_plan import GaitPlan, Mode, supported
+
+DT = 0.002
+
+
+def _run(plan, gait, seconds, *, frequency=2.0, may_start=True, may_stop=True):
+    """Advance; return the times and feet of the lift-offs."""
+    events = []
+    for tick in range(round(seconds / DT)):
+        if plan.advance(gait, frequency, DT, may_start=may_start, may_stop=may_stop):
+            events.append((tick * DT, plan.swing))
+    return events
+
+
+@pytest.mark.parametrize("frequency", [1.5, 2.0, 3.5])
+def test_each_foot_lifts_off_at_the_stride_frequency(frequency):
+    events = _run(GaitPlan(), Gait.WALKING, 6.0, frequency=frequency)
+    feet = [foot for _, foot in events]
+    assert feet[:4] == [0, 1, 0, 1]
+    left = [time for time, foot in events if foot == 0]
+    assert (left[-1] - left[0]) / (len(left) - 1) == pytest.approx(1.0 / frequency, abs=DT / 2)
+
+
+def test_it_waits_for_the_weight_shift():
+    plan = GaitPlan()
+    assert _run(plan, Gait.WALKING, 1.0, may_start=False) == []
+    assert plan.mode is Mode.SHIFTING and plan.swing is None
+    assert _run(plan, Gait.STANDING, 0.1) == []
+    assert plan.mode is Mode.STANDING
+
+
+def test_it_stops_at_the_end_of_a_step_only_and_only_when_it_may():
+    plan = GaitPlan()
+    _run(plan, Gait.WALKING, 1.1)
+    assert plan.mode is Mode.WALKING
+    assert _run(plan, Gait.STANDING, 1.0, may_stop=False)  # it goes on stepping
+    remaining = plan.remaining
+    assert _run(plan, Gait.STANDING, remaining - 2 * DT) == []
+    assert plan.mode is Mode.WALKING
+    _run(plan, Gait.STANDING, 4 * DT)
+    assert plan.mode is Mode.STANDING and plan.swing is None
+
+
+def test_remaining_time_counts_down_to_the_change_of_feet():
+    plan = GaitPlan()
+    _run(plan, Gait.WALKING, 0.5)
+    before = plan.remaining
+    _run(plan, Gait.WALKING, 0.02)
+    assert before - plan.remaining == pytest.approx(0.02) or plan.remaining > before
+    assert 0.0 < plan.remaining <= plan.step_time
+
+
+@pytest.mark.parametrize("gait", [Gait.JUMPING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
+def test_other_gaits_become_walking_and_are_reported(gait):
+    executed, report = supported(gait)
+    assert executed is Gait.WALKING
+    assert gait.label in report[0]
+    assert supported(Gait.STANDING) == (Gait.STANDING, ())

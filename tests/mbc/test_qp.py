@@ -1,0 +1,128 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hugwbc import load_robot, rotations
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp
+from hugwbc.mbc.tasks import TaskTerms
+
+ROBOT = load_robot()
+ALL = np.ones(4, dtype=bool)
+
+
+def _random_terms(rng, rows=31):
+    return TaskTerms(
+        rng.normal(size=(rows, 25)), np.zeros(rows), rng.uniform(-5, 5, rows), rng.uniform(1, 100, rows), np.zeros(rows)
+    )
+
+
+def _qp(dynamics, **changes):
+    return WholeBodyQp(ControllerParams(**changes), ROBOT, dynamics.nv, dynamics.columns)
+
+
+def _residual(dynamics, solution):
+    """Torques of all generalised coordinates by recursive Newton-Euler, less what the ground does."""
+    total = pin.rnea(dynamics.model, dynamics.model.createData(), dynamics.q, dynamics.v, solution.acceleration)
+    for name, force in zip(CONTACT_POINTS, solution.forces, strict=True):
+        total = total - dynamics.frame(name).jacobian[:3].T @ force
+    total[6:] += ROBOT.damping * dynamics.v[6:]
+    return total
+
+
+def test_solutions_obey_physics_and_limits(random_state):
+    rng = np.random.default_rng(0)
+    dynamics = Dynamics()
+    qp = _qp(dynamics)
+    for _ in range(40):
+        dynamics.update(random_state(rng))
+        contact = rng.random(4) < 0.7
+        solution = qp.solve(dynamics, [_random_terms(rng)], contact)
+        assert solution.status is not QpStatus.FAILED
+        residual = _residual(dynamics, solution)
+        assert residual[:6] == pytest.approx(np.zeros(6), abs=1e-3)
+        assert residual[dynamics.columns] == pytest.approx(solution.torque, abs=1e-6)
+        assert np.all(np.abs(solution.torque) <= 0.95 * ROBOT.torque_limit + 1e-3)
+        horizontal = np.linalg.norm(solution.forces[:, :2], axis=1)
+        assert np.all(horizontal <= 0.7 * solution.forces[:, 2] + 1e-3)
+        assert np.all(solution.forces[:, 2] >= -1e-3)
+        assert solution.forces[~contact] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_without_active_limits_it_is_the_equality_constrained_least_squares_solution(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(standing_state)
+    rng = np.random.default_rng(1)
+    # Ask for accelerations near zero of everything: standing still, far from every limit.
+    jacobian, weight = np.eye(25), rng.uniform(10, 100, 25)
+    target = rng.uniform(-0.05, 0.05, 25)
+    terms = TaskTerms(jacobian, np.zeros(25), target, weight, np.zeros(25))
+    solution = _qp(dynamics, qp_tolerance=1e-9).solve(dynamics, [terms], ALL)
+
+    points = np.vstack([dynamics.frame(name).jacobian[:3] for name in CONTACT_POINTS])
+    cost = np.diag(np.concatenate((weight + 1e-3, np.full(12, 1e-5))))
+    equality = np.hstack((dynamics.M[:6], -points[:, :6].T))
+    kkt = np.block([[cost, equality.T], [equality, np.zeros((6, 6))]])
+    right = np.concatenate((weight * target, np.zeros(12), -dynamics.bias[:6]))
+    expected = np.linalg.solve(kkt, right)
+    assert solution.status is QpStatus.SOLVED
+    assert solution.acceleration == pytest.approx(expected[:25], abs=1e-5)
+    assert solution.forces.ravel() == pytest.approx(expected[25:37], abs=1e-2)
+    assert np.sum(solution.forces[:, 2]) == pytest.approx(dynamics.mass * 9.81, rel=0.02)
+
+
+def test_a_joint_brakes_before_its_limit(standing_state):
+    dynamics = Dynamics()
+    knee = ROBOT.index("left_knee_joint")
+    dq = np.zeros(19)
+    dq[knee] = 10.0
+    q = ROBOT.nominal.copy()
+    q[knee] = ROBOT.upper[knee] - 0.05
+    state = type(standing_state)(
+        q=q, dq=dq, orientation=standing_state.orientation, angular_velocity=np.zeros(3),
+        position=standing_state.position, velocity=np.zeros(3),
+    )  # fmt: skip
+    dynamics.update(state)
+    wanted = np.zeros(25)
+    wanted[dynamics.columns[knee]] = 200.0
+    terms = TaskTerms(np.eye(25), np.zeros(25), wanted, np.ones(25), np.zeros(25))
+    solution = _qp(dynamics).solve(dynamics, [terms], np.zeros(4, dtype=bool))
+    assert solution.status is QpStatus.SOLVED
+    # 0.03 rad before the margin at 10 rad/s: it has to slow down, although the task asks it to speed up.
+    assert solution.acceleration[dynamics.columns[knee]] < -100.0
+
+
+def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
+    dynamics = Dynamics()
+    # Far beyond the limit and speeding outwards with all joints: no torque within the limits brakes that at once.
+    state = type(standing_state)(
+        q=ROBOT.upper + 0.5, dq=np.full(19, 100.0), orientation=standing_state.orientation,
+        angular_velocity=np.zeros(3), position=standing_state.position, velocity=np.zeros(3),
+    )  # fmt: skip
+    dynamics.update(state)
+    qp = _qp(dynamics)
+    terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25), np.zeros(25))
+    solution = qp.solve(dynamics, [terms], ALL)
+    assert solution.status in (QpStatus.RELAXED, QpStatus.FAILED)
+    assert solution.iterations < 1000  # tens of milliseconds, not seconds
+    # The next ordinary problem is solved as if nothing had happened.
+    dynamics.update(standing_state)
+    assert qp.solve(dynamics, [terms], ALL).status is QpStatus.SOLVED
+
+
+def test_forces_lean_against_a_tilted_world(standing_state):
+    dynamics = Dynamics()
+    tilted = type(standing_state)(
+        q=standing_state.q, dq=standing_state.dq,
+        orientation=rotations.from_yaw_pitch_roll(1.0, 0.0, 0.0),
+        angular_velocity=np.zeros(3), position=standing_state.position, velocity=np.zeros(3),
+    )  # fmt: skip
+    dynamics.update(tilted)
+    # Accelerate the centre of mass by 0.5 m/s^2 along world x and nothing else: Newton's second law gives the force.
+    jacobian = np.vstack((dynamics.com_jacobian, dynamics.momentum_jacobian))
+    target = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    terms = TaskTerms(jacobian, np.zeros(6), target, np.full(6, 1e4), np.zeros(6))
+    solution = _qp(dynamics, qp_tolerance=1e-8).solve(dynamics, [terms], ALL)
+    total = solution.forces.sum(axis=0)
+    assert total == pytest.approx([dynamics.mass * 0.5, 0.0, dynamics.mass * 9.81], abs=0.5)

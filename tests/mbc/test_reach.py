@@ -1,0 +1,64 @@
+"""The fitted limits of reach against inverse kinematics of the model itself."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import load_robot, rotations
+from hugwbc.kinematics import Kinematics
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import balance_point, highest_clearance, lowest_walking_height, toe_down
+
+ROBOT = load_robot()
+PARAMS = ControllerParams()
+
+
+def _squat(standing_state, h, p):
+    """Foremost centre of mass ahead of the ankles with soles level and the ankle 0.02 rad short of its limit [m]."""
+    kinematics = Kinematics()
+    ankle = ROBOT.lower[ROBOT.index("left_ankle_joint")] + 0.02
+    # Of the family of leg poses with that ankle and level soles, find the knee that gives the height, by bisection.
+    low, high = 0.9, 2.03
+    for _ in range(60):
+        knee = (low + high) / 2.0
+        hip = -knee - ankle - p
+        q = standing_state.q.copy()
+        for side in ("left", "right"):
+            names = [f"{side}_{part}_joint" for part in ("hip_roll", "hip_pitch", "knee", "ankle")]
+            q[ROBOT.indices(names)] = 0.0, hip, knee, ankle
+        state = dataclasses.replace(standing_state, q=q, orientation=rotations.from_yaw_pitch_roll(0.0, p, 0.0))
+        kinematics.update(state)
+        height = kinematics.position("pelvis")[2] - kinematics.position("left_sole")[2] - 0.98
+        low, high = (knee, high) if height > h else (low, knee)
+    ankle_x = kinematics.position("left_ankle_link")[0]
+    return kinematics.centre_of_mass()[0] - ankle_x
+
+
+@pytest.mark.parametrize(("h", "p"), [(-0.3, 0.0), (-0.25, 0.0), (-0.2, 0.0), (-0.2, 0.2), (-0.25, 0.2)])
+def test_balance_point_keeps_its_margin_from_the_foremost_one(standing_state, h, p):
+    foremost = _squat(standing_state, h, p)
+    for walking in (False, True):
+        point = balance_point(PARAMS, h, p, walking=walking)
+        assert foremost - point == pytest.approx(PARAMS.balance_margin[walking], abs=0.012)
+
+
+def test_upright_balance_is_in_the_middle_of_what_the_ankle_holds():
+    assert balance_point(PARAMS, 0.0, 0.0, walking=True) == PARAMS.balance_ahead
+
+
+def test_walking_needs_more_height_the_faster_and_more_so_backwards():
+    still, forward, backward = (lowest_walking_height(PARAMS, v, 0.25, 0.0) for v in (0.0, 0.5, -0.5))
+    assert -0.3 < still < forward < backward <= 0.0
+    assert lowest_walking_height(PARAMS, 0.0, 0.25, 0.3) < still
+
+
+def test_clearance_shrinks_with_height_but_a_foot_is_always_lifted():
+    assert highest_clearance(PARAMS, 0.0) - highest_clearance(PARAMS, -0.1) == pytest.approx(0.1)
+    assert highest_clearance(PARAMS, -0.3) == PARAMS.min_clearance
+
+
+def test_the_sole_stays_level_until_the_ankle_ends():
+    assert toe_down(0.7, 0.0) == 0.0
+    # Shank at 1.0 rad: the ankle's 0.87 rad leave at least 0.13 rad of slope.
+    assert toe_down(1.0, 0.0) >= 1.0 - 0.87

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.swing import SwingTrajectory, quintic_advance
+
+
+def test_quintic_is_the_minimum_jerk_rise_between_rests():
+    zero = np.zeros(1)
+    for t in (0.1, 0.25, 0.4, 0.5):
+        x, v, a = quintic_advance((zero, zero, zero), (np.ones(1), zero, zero), np.full(1, 0.5), t)
+        u = t / 0.5
+        assert x == pytest.approx(10 * u**3 - 15 * u**4 + 6 * u**5)
+        assert v == pytest.approx((30 * u**2 - 60 * u**3 + 30 * u**4) / 0.5)
+        assert a == pytest.approx((60 * u - 180 * u**2 + 120 * u**3) / 0.25, abs=1e-9)
+
+
+def test_quintic_meets_any_boundary_conditions():
+    rng = np.random.default_rng(0)
+    start, end = tuple(rng.normal(size=(3, 4))), tuple(rng.normal(size=(3, 4)))
+    duration = rng.uniform(0.1, 1.0, 4)
+    for reached, wanted in zip(quintic_advance(start, end, duration, 10.0), end, strict=True):
+        assert reached == pytest.approx(wanted, abs=1e-8)
+    for kept, given in zip(quintic_advance(start, end, duration, 0.0), start, strict=True):
+        assert kept == pytest.approx(given)
+
+
+@pytest.mark.parametrize("step_time", [0.143, 0.25, 0.333])
+@pytest.mark.parametrize("apex", [0.1, 0.35])
+def test_a_swing_rises_to_the_apex_and_ends_on_the_foothold(step_time, apex):
+    params = ControllerParams()
+    swing = SwingTrajectory(params)
+    start, dt = np.array([1.0, 2.0, 0.3]), 0.001
+    swing.start(start)
+    heights, accelerations, elapsed = [], [], 0.0
+    while elapsed < step_time - 1e-9:
+        target = np.array([1.2, 2.1]) if elapsed < 0.3 * step_time else np.array([1.3, 2.0])  # it may move
+        swing.advance(target, apex, 0.3, elapsed, step_time - elapsed, dt)
+        heights.append(swing.position[2])
+        accelerations.append(swing.acceleration.copy())
+        elapsed += dt
+    assert max(heights) - 0.3 == pytest.approx(apex, abs=0.004)
+    assert np.argmax(heights) * dt == pytest.approx(step_time / 2, abs=0.012)
+    assert swing.position[:2] == pytest.approx([1.3, 2.0], abs=1e-3)
+    assert swing.position[2] == pytest.approx(0.3 + params.landing_height, abs=1e-3)
+    assert swing.velocity[2] == pytest.approx(-params.landing_speed, abs=0.1)
+    # Smooth but for the change of target: acceleration does not jump where the swing turns from rise to fall.
+    jumps = np.abs(np.diff(np.array(accelerations)[:, 2]))
+    assert jumps.max() < 0.15 * np.abs(np.array(accelerations)[:, 2]).max()

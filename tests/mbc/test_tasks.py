@@ -1,0 +1,153 @@
+"""Every task: its Jacobian and drift against finite differences, its law at hand-computed points."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import load_robot, rotations
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.tasks import (
+    AngularMomentumTask,
+    CentreOfMassTask,
+    PelvisHeightTask,
+    PelvisOrientationTask,
+    PelvisTravelTask,
+    PostureTask,
+    StanceContactTask,
+    SwingFootTask,
+)
+
+PARAMS = ControllerParams()
+ROBOT = load_robot()
+STEP = 1e-6
+
+
+def _tasks_on_target(dynamics, state):
+    """One of each task, with its target where the robot is: there, errors of rotation are linear."""
+    height = PelvisHeightTask(PARAMS)
+    height.target = float(dynamics.frame("pelvis").position[2])
+    orientation = PelvisOrientationTask(PARAMS)
+    orientation.yaw, orientation.pitch = state.yaw, float(rotations.pitch_of(state.orientation))
+    com = CentreOfMassTask(PARAMS)
+    com.target, com.heading = dynamics.com[:2].copy(), 0.7
+    swing = SwingFootTask(PARAMS, "right")
+    foot = dynamics.frame("right_sole")
+    swing.position = foot.position
+    swing.yaw = float(np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0]))
+    swing.pitch = float(np.arcsin(-foot.rotation[2, 0]))
+    posture = PostureTask("posture", np.array([ROBOT.waist, *ROBOT.arms]), 10.0)
+    posture.target[:] = state.q[[ROBOT.waist, *ROBOT.arms]]
+    travel = PelvisTravelTask(PARAMS)
+    travel.heading = -1.2
+    contact, momentum = StanceContactTask(PARAMS, "left"), AngularMomentumTask(PARAMS)
+    return [height, orientation, com, travel, swing, posture, contact, momentum]
+
+
+def _upright(state, foot_frame="right_sole"):
+    """The state with the pelvis turned so that neither pelvis nor right foot rolls: their targets have no roll."""
+    straight = dataclasses.replace(
+        state, orientation=rotations.from_yaw_pitch_roll(state.yaw, float(rotations.pitch_of(state.orientation)), 0.0)
+    )
+    q = straight.q.copy()
+    q[ROBOT.indices(["right_hip_yaw_joint", "right_hip_roll_joint"])] = 0.0
+    return dataclasses.replace(straight, q=q)
+
+
+def test_errors_fall_at_the_rate_of_the_jacobian(random_state, moved):
+    rng = np.random.default_rng(0)
+    here, there = Dynamics(), Dynamics()
+    for _ in range(5):
+        state = _upright(random_state(rng))
+        here.update(state)
+        world_velocity = np.concatenate((state.velocity, state.angular_velocity, state.dq))
+        there.update(moved(state, world_velocity, STEP))
+        for task in _tasks_on_target(here, state):
+            if task.level != "position":
+                continue
+            before, after = task.evaluate(here), task.evaluate(there)
+            rate = (after.error - before.error) / STEP
+            assert rate == pytest.approx(-before.jacobian @ here.v, abs=2e-5), task.name
+
+
+def test_task_velocities_change_by_jacobian_times_acceleration_plus_drift(random_state, moved):
+    rng = np.random.default_rng(1)
+    here, there = Dynamics(), Dynamics()
+    for _ in range(5):
+        state = random_state(rng)
+        here.update(state)
+        spin, acceleration = state.angular_velocity, rng.uniform(-3, 3, 25)
+        joints = acceleration[here.columns]
+        # dv/dt of the base is the rate of its velocity in the base frame: R (a + w x v) in the world.
+        linear = rotations.rotate(state.orientation, acceleration[:3] + np.cross(spin, here.v[:3]))
+        world_velocity = np.concatenate((state.velocity, spin, state.dq))
+        later = dataclasses.replace(
+            moved(state, world_velocity, STEP),
+            velocity=state.velocity + linear * STEP,
+            angular_velocity=spin + acceleration[3:6] * STEP,
+            dq=state.dq + joints * STEP,
+        )
+        there.update(later)
+        for task in _tasks_on_target(here, state):
+            before, after = task.evaluate(here), task.evaluate(there)
+            rate = (after.jacobian @ there.v - before.jacobian @ here.v) / STEP
+            expected = before.jacobian @ acceleration + before.drift
+            assert rate == pytest.approx(expected, abs=1e-4, rel=1e-5), task.name
+
+
+def test_shapes_and_units_are_consistent(random_state):
+    dynamics = Dynamics()
+    state = random_state(np.random.default_rng(2))
+    dynamics.update(state)
+    names = set()
+    for task in _tasks_on_target(dynamics, state):
+        terms = task.evaluate(dynamics)
+        rows = len(terms.weight)
+        assert terms.jacobian.shape == (rows, dynamics.nv)
+        assert terms.drift.shape == terms.acceleration.shape == terms.error.shape == (rows,)
+        assert np.all(terms.weight > 0.0) and task.unit
+        names.add(task.name)
+    assert len(names) == 8
+
+
+def test_height_law(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(standing_state)
+    task = PelvisHeightTask(ControllerParams(height_gains=(100.0, 20.0)))
+    task.target, task.rate = 0.93, -0.1
+    # 100 (0.93 - 0.98) + 20 (-0.1 - 0) = -7
+    assert task.evaluate(dynamics).acceleration == pytest.approx([-7.0])
+
+
+def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(standing_state):
+    dynamics = Dynamics()
+    turned = dataclasses.replace(standing_state, orientation=rotations.from_yaw_pitch_roll(2.0, 0.1, 0.0))
+    dynamics.update(turned)
+    task = PelvisOrientationTask(ControllerParams(orientation_gains=(100.0, 20.0)))
+    task.yaw, task.pitch = 2.0, 0.3
+    terms = task.evaluate(dynamics)
+    assert terms.error == pytest.approx([0.0, 0.2, 0.0], abs=1e-12)
+    assert terms.acceleration == pytest.approx([0.0, 20.0, 0.0], abs=1e-9)
+
+
+def test_a_gap_is_closed_at_a_bounded_speed(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(standing_state)
+    task = PostureTask("arms", ROBOT.arms, speed=2.0)
+    task.stiffness[:], task.damping[:] = 100.0, 20.0
+    task.target[0] = 3.0  # unbounded, 100 * 3 = 300
+    assert task.evaluate(dynamics).acceleration[0] == pytest.approx(20.0 * 2.0)
+    task.target[0] = 0.1
+    assert task.evaluate(dynamics).acceleration[0] == pytest.approx(100.0 * 0.1)
+
+
+def test_line_contact_has_no_roll_row(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(standing_state)
+    roll = np.zeros(dynamics.nv)
+    roll[dynamics.columns[ROBOT.index("left_hip_roll_joint")]] = 1.0
+    terms = StanceContactTask(PARAMS, "left").evaluate(dynamics)
+    assert terms.jacobian.shape[0] == 5
+    # Turning the leg about x turns the foot about x: neither its pitch nor its yaw row sees it.
+    assert (terms.jacobian @ roll)[3:] == pytest.approx([0.0, 0.0], abs=1e-9)
