@@ -16,8 +16,8 @@ class PelvisTravelTask:
     .. math:: \ddot x^* = \omega^2 (c - p_{cop}) + k_d (\dot x_d - \dot x), \qquad k_d = 0 \text{ by default}
 
     with c the centre of mass along the heading [m]. The pelvis and not the centre of mass follows the pendulum: the
-    velocity command is the pelvis's, and the lifted leg's mass would otherwise shake it to and fro. Across the heading a
-    single line-shaped foot has no authority, hence there is no such row.
+    velocity command is the pelvis's, and the lifted leg's mass would otherwise shake it to and fro. Across the heading
+    a single line-shaped foot has no authority, hence there is no such row.
 
     Attributes:
         heading: direction of the row [rad].

@@ -1,0 +1,158 @@
+"""Closed loop in the simulation: short runs with numeric tolerances, from hand-set targets."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, UpperBody
+from hugwbc.kinematics import Kinematics
+from hugwbc.mbc import Output, WholeBodyController
+from hugwbc.sim import Simulation
+
+WALKING = Gait.WALKING
+
+
+class Run:
+    """A closed loop; `rows` holds time, v_x, v_y, omega, h, p, w and both sole clearances after `since` [s]."""
+
+    def __init__(self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None):
+        self.simulation = Simulation()
+        self.controller = WholeBodyController(period=period)
+        self.kinematics = Kinematics()
+        state = self.simulation.reset(xy=xy, yaw=yaw)
+        self.controller.reset(state)
+        self.rows, self.arm_errors, self.lift_offs = [], [], [[], []]
+        self.torque_share = 0.0
+        on_ground = np.ones(2, dtype=bool)
+        for tick in itertools.count():
+            t = tick * period
+            if t >= seconds or self.simulation.fallen:
+                break
+            upper_body = arms(t) if arms else UpperBody.none()
+            asked = command(t) if callable(command) else command
+            state = self.simulation.step(self.controller.act(state, asked, upper_body), period)
+            self.kinematics.update(state)
+            m = self.kinematics.measured()
+            limit = self.simulation.robot.torque_limit
+            self.torque_share = max(self.torque_share, float(np.max(np.abs(self.simulation.torque) / limit)))
+            in_air = np.array(m.clearance) > 0.02
+            for foot in np.flatnonzero(in_air & on_ground):
+                self.lift_offs[foot].append(t)
+            on_ground = ~in_air
+            if t >= since:
+                self.rows.append([t, m.v_x, m.v_y, m.omega, m.h, m.p, m.w, *m.clearance])
+                if arms:
+                    arm_q = state.q[self.simulation.robot.arms]
+                    self.arm_errors.append(np.max(np.abs(arm_q - upper_body.q)))
+        self.state = state
+        self.table = np.array(self.rows)
+
+    @property
+    def good(self):
+        diagnostics = self.controller.diagnostics
+        return not self.simulation.fallen and diagnostics.output is Output.SOLUTION and diagnostics.fallbacks == 0
+
+    def mean(self, column):
+        return self.table[:, 1 + ["v_x", "v_y", "omega", "h", "p", "w"].index(column)].mean()
+
+    def stride_frequency(self, since):
+        times = [t for t in self.lift_offs[0] if t > since]
+        return (len(times) - 1) / (times[-1] - times[0])
+
+
+def test_it_stands_squats_pitches_and_turns_the_waist():
+    run = Run(Command(h=-0.2, p=0.3, w=0.8), 3.0, since=2.5)
+    assert run.good
+    assert run.mean("h") == pytest.approx(-0.2, abs=0.005)
+    assert run.mean("p") == pytest.approx(0.3, abs=0.005)
+    assert run.mean("w") == pytest.approx(0.8, abs=0.005)
+
+
+def test_it_squats_to_the_lowest_height():
+    run = Run(Command(h=-0.3), 3.0, since=2.5)
+    assert run.good
+    assert run.mean("h") == pytest.approx(-0.3, abs=0.01)
+    assert run.mean("p") == pytest.approx(0.0, abs=0.02)
+
+
+def test_it_walks_forward_at_the_commanded_speed_frequency_and_swing_height():
+    run = Run(Command(v_x=0.5, f=2.0, l=0.15, gait=WALKING), 5.0, since=2.5)
+    assert run.good
+    assert run.mean("v_x") == pytest.approx(0.5, abs=0.03)
+    assert run.mean("v_y") == pytest.approx(0.0, abs=0.04)
+    assert run.mean("h") == pytest.approx(0.0, abs=0.01)
+    assert run.stride_frequency(2.5) == pytest.approx(2.0, abs=0.02)
+    assert run.table[:, 7:].max(axis=0) == pytest.approx([0.15, 0.15], abs=0.015)
+    assert run.torque_share <= 1.0
+
+
+def test_it_turns_on_the_spot_far_from_the_origin():
+    run = Run(Command(omega=0.4, f=1.5, gait=WALKING), 4.0, since=2.0, xy=(10.0, -5.0), yaw=2.0)
+    assert run.good
+    assert run.mean("omega") == pytest.approx(0.4, abs=0.04)
+    assert np.linalg.norm(run.state.position[:2] - [10.0, -5.0]) < 0.3
+    assert run.stride_frequency(1.0) == pytest.approx(1.5, abs=0.02)
+
+
+def test_it_steps_sideways():
+    run = Run(Command(v_y=0.3, gait=WALKING), 4.0, since=2.0)
+    assert run.good
+    assert run.mean("v_y") == pytest.approx(0.3, abs=0.05)
+    assert run.mean("v_x") == pytest.approx(0.0, abs=0.03)
+
+
+def _swinging_arms(t):
+    phase, rate = np.arange(8.0), 2.0 * np.pi
+    centre = np.array([-0.5, 0.4, 0.0, 0.5, -0.5, -0.4, 0.0, 0.5])
+    return UpperBody.targets(centre + 0.4 * np.sin(rate * t + phase), 0.4 * rate * np.cos(rate * t + phase))
+
+
+def test_arms_under_external_control_are_tracked_and_balanced():
+    run = Run(Command(), 2.5, since=1.0, arms=_swinging_arms)
+    assert run.good
+    assert max(run.arm_errors) < 0.03
+    assert abs(run.mean("h")) < 0.005
+
+
+def test_it_starts_stops_and_starts_again():
+    def script(t):
+        walking = t < 2.0 or t > 3.5
+        return Command(v_x=0.4 if walking else 0.0, gait=WALKING if walking else Gait.STANDING)
+
+    run = Run(script, 4.8)
+    assert run.good
+    standing = run.table[(run.table[:, 0] > 3.0) & (run.table[:, 0] < 3.5)]
+    assert np.abs(standing[:, 1:4]).max() < 0.1
+    assert standing[:, 7:].max() < 0.01
+    moving = run.table[run.table[:, 0] > 4.4]
+    assert moving[:, 1].mean() > 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.01, 0.02])
+def test_it_walks_when_called_less_often(period):
+    run = Run(Command(v_x=0.5, gait=WALKING), 5.0, period=period, since=3.0)
+    assert run.good
+    assert run.mean("v_x") == pytest.approx(0.5, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        Command(v_x=1.2, gait=WALKING),
+        Command(v_x=-0.6, gait=WALKING),
+        Command(v_y=-0.6, gait=WALKING),
+        Command(omega=-1.0, gait=WALKING),
+        Command(f=3.5, gait=WALKING),
+        Command(l=0.3, gait=WALKING),
+        Command(p=0.4, w=-1.0, gait=WALKING),
+    ],
+)
+def test_it_covers_the_command_range(command):
+    run = Run(command, 6.0, since=3.0)
+    assert run.good
+    for name, tolerance in (("v_x", 0.08), ("v_y", 0.08), ("omega", 0.08), ("p", 0.02), ("w", 0.05)):
+        assert run.mean(name) == pytest.approx(getattr(command, name), abs=tolerance)
+    assert run.stride_frequency(3.0) == pytest.approx(command.f, abs=0.05)

@@ -1,0 +1,153 @@
+"""The controller as others see it: fallbacks, reports, symmetry, and limits, without a simulation."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Controller, Gait, UpperBody, load_robot, rotations
+from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mirror import load_mirror, mirror_command
+
+ROBOT = load_robot()
+NONE = UpperBody.none()
+
+
+def _total_torque(joint_command, state):
+    gain = joint_command.kp * (joint_command.q - state.q) + joint_command.kd * (joint_command.dq - state.dq)
+    return joint_command.tau + gain
+
+
+def test_it_is_a_controller():
+    controller = WholeBodyController()
+    assert isinstance(controller, Controller)
+    assert controller.name == "qp"
+    assert controller.period == 0.002
+
+
+def test_standing_still_it_carries_the_weight(standing_state):
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    for _ in range(3):
+        command = controller.act(standing_state, Command(), NONE)
+    diagnostics = controller.diagnostics
+    assert diagnostics.output is Output.SOLUTION and diagnostics.status is QpStatus.SOLVED
+    assert sum(force[2] for force in diagnostics.contact_forces.values()) == pytest.approx(51.65 * 9.81, rel=0.05)
+    # The knees bear the load, alike on both sides.
+    knees = command.tau[ROBOT.indices(["left_knee_joint", "right_knee_joint"])]
+    assert np.all(knees < -20.0)
+    assert knees[0] == pytest.approx(knees[1], rel=0.1)
+    assert {error.unit for error in diagnostics.task_errors.values()} >= {"m", "rad"}
+    assert diagnostics.task_errors["pelvis orientation"].value == pytest.approx(np.zeros(3), abs=1e-3)
+    assert diagnostics.next_foothold is None and diagnostics.report == ()
+
+
+def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    good = controller.act(standing_state, Command(), NONE)
+    broken = dataclasses.replace(standing_state, q=np.full(19, np.nan))
+    held = controller.act(broken, Command(), NONE)
+    assert controller.diagnostics.output is Output.HELD
+    assert np.array_equal(held.tau, good.tau)
+    for _ in range(100):
+        last = controller.act(broken, Command(), NONE)
+    assert controller.diagnostics.output is Output.DAMPING
+    assert controller.diagnostics.fallbacks == 101
+    assert last.is_finite
+    assert np.all(last.tau == 0.0) and np.all(last.kp == 0.0) and np.all(last.kd > 0.0)
+    recovered = controller.act(standing_state, Command(), NONE)
+    assert controller.diagnostics.output is Output.SOLUTION
+    assert recovered.tau == pytest.approx(good.tau, abs=1.0)
+
+
+def test_a_reset_with_a_broken_state_waits_for_a_good_one(standing_state):
+    controller = WholeBodyController()
+    controller.reset(dataclasses.replace(standing_state, position=np.full(3, np.inf)))
+    assert controller.act(standing_state, Command(), NONE).is_finite
+    assert controller.diagnostics.output is Output.SOLUTION
+
+
+def test_bad_commands_and_arm_targets_are_reported_and_harmless(standing_state):
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    bad_arms = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
+    command = Command(h=math.nan, w=7.0, gait=Gait.JUMPING)
+    assert controller.act(standing_state, command, bad_arms).is_finite
+    report = " ".join(controller.diagnostics.report)
+    for word in ("h = nan", "w = 7", "jumping", "arm targets"):
+        assert word in report
+
+
+def test_absurd_states_give_finite_torques_within_the_limits():
+    rng = np.random.default_rng(0)
+    controller = WholeBodyController()
+    for scale in (0.1, 1.0, 10.0, 1e3, 1e7):
+        for _ in range(4):
+            orientation = rng.normal(size=4)
+            state = _state(rng, scale, orientation / np.linalg.norm(orientation))
+            controller.reset(state)
+            for gait in (Gait.STANDING, Gait.WALKING):
+                command = controller.act(state, Command(v_x=0.5 if gait else 0.0, gait=gait), NONE)
+                assert command.is_finite
+                assert np.all(np.abs(command.tau) <= 0.95 * ROBOT.torque_limit + 1e-9)
+
+
+def _state(rng, scale, orientation):
+    from hugwbc import RobotState
+
+    return RobotState(
+        q=rng.normal(size=19) * scale,
+        dq=rng.normal(size=19) * scale,
+        orientation=orientation,
+        angular_velocity=rng.normal(size=3) * scale,
+        position=rng.normal(size=3) * scale,
+        velocity=rng.normal(size=3) * scale,
+    )
+
+
+def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, standing_state):
+    rng = np.random.default_rng(3)
+    mirror = load_mirror()
+    # A tight tolerance, so that the two optima are the same number and not only the same within the solver's.
+    params = ControllerParams(qp_tolerance=1e-10)
+    command = Command(h=-0.1, p=0.2, w=0.4)
+    for _ in range(5):
+        state = dataclasses.replace(
+            standing_state,
+            q=standing_state.q + rng.uniform(-0.05, 0.05, 19),
+            dq=rng.uniform(-0.2, 0.2, 19),
+            orientation=rotations.from_yaw_pitch_roll(0.3, 0.05, 0.02),
+            angular_velocity=rng.uniform(-0.1, 0.1, 3),
+            velocity=rng.uniform(-0.1, 0.1, 3),
+        )
+        arms = UpperBody.targets(rng.uniform(-0.3, 0.3, 8), rng.uniform(-0.5, 0.5, 8))
+        torques = []
+        for s, c, u in (
+            (state, command, arms),
+            (
+                mirror.state(state),
+                mirror_command(command),
+                UpperBody.targets(mirror.arms(arms.q, ROBOT), mirror.arms(arms.dq, ROBOT)),
+            ),
+        ):
+            controller = WholeBodyController(params, dynamics=Dynamics(symmetric_model))
+            controller.reset(s)
+            torques.append(controller.act(s, c, u).tau)
+            assert controller.diagnostics.status is QpStatus.SOLVED
+        assert mirror.joints(torques[0]) == pytest.approx(torques[1], abs=1e-6)
+
+
+def test_the_joint_pd_adds_nothing_on_average_along_the_planned_motion(standing_state):
+    controller = WholeBodyController(period=0.01)
+    moving = dataclasses.replace(standing_state, dq=np.full(19, 0.3))
+    controller.reset(moving)
+    command = controller.act(moving, Command(), NONE)
+    acceleration = (command.dq - moving.dq) / 0.005
+    torques = []
+    for t in np.linspace(0.0, 0.01, 101):
+        later = dataclasses.replace(moving, q=moving.q + moving.dq * t, dq=moving.dq + acceleration * t)
+        torques.append(_total_torque(command, later) - command.tau)
+    assert np.mean(torques, axis=0) == pytest.approx(np.zeros(19), abs=1e-6)
