@@ -56,8 +56,14 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
         samples = frame_samples(trace.time, fps, end)
         for path, tracks in _robot_tracks(view, trace, samples):
             animation.clips[path] = _clip(tracks, fps)
-    world = world_offset(camera_path(traces, fps, end)).tolist()
-    animation.clips[_ROOT.append(WORLD)] = _clip([("position", "vector3", world)], fps)
+    centre, distance = camera_path(traces, fps, end)
+    # A camera that stands back by a factor sees what this one sees of a world that has shrunk by it.
+    scale = 1.0 / distance[:, None]
+    world: Tracks = [
+        ("position", "vector3", (scale * world_offset(centre)).tolist()),
+        ("scale", "vector3", np.repeat(scale, 3, axis=1).tolist()),
+    ]
+    animation.clips[_ROOT.append(WORLD)] = _clip(world, fps)
     scene.visualizer.set_animation(animation, play=False, repetitions=1_000_000)
     return _page(recorder.commands, traces, title)
 

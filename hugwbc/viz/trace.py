@@ -8,6 +8,7 @@ import numpy as np
 from hugwbc.errors import ConfigError
 
 LANE = 1.5  # [m] between robots shown side by side
+FRAMED_RADIUS = 1.0  # [m] about the point looked at within which robots are well in the picture
 CAMERA_TIME = 1.0  # [s] over which the camera's motion is smoothed
 # Readable on light and on dark ground, and told apart by people who confuse red and green.
 LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
@@ -99,10 +100,14 @@ def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
     return np.clip(np.searchsorted(time, frames + 1e-9, side="right") - 1, 0, len(time) - 1)
 
 
-def camera_path(traces: Sequence[Trace], fps: float, end: float) -> np.ndarray:
-    """The point on the ground to look at: the smoothed mean of the robots, in their lanes, shape (frames, 2) [m].
+def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where to look, and from how far, so that all robots stay in the picture; smoothed.
 
     A run that has ended is left behind while another one goes on.
+
+    Returns:
+        The mean of the robots, in their lanes, shape (frames, 2) [m]; and by which factor, at least 1, the camera has
+        to stand back because they have drifted apart, shape (frames,).
     """
     samples = [frame_samples(trace.time, fps, end) for trace in traces]
     ways = np.stack([trace.qpos[sample, :2] for trace, sample in zip(traces, samples, strict=True)])
@@ -110,8 +115,15 @@ def camera_path(traces: Sequence[Trace], fps: float, end: float) -> np.ndarray:
     frames = traces[0].time[0] + np.arange(ways.shape[1]) / fps
     longest = max(trace.time[-1] for trace in traces)
     running = np.array([(frames <= trace.time[-1]) | (trace.time[-1] == longest) for trace in traces])
-    mean = np.sum(ways * running[..., None], axis=0) / running.sum(axis=0)[:, None]
+    centre = _smooth(np.sum(ways * running[..., None], axis=0) / running.sum(axis=0)[:, None], fps)
+    farthest = np.max(np.linalg.norm(ways - centre, axis=-1) * running, axis=0)
+    in_picture = max(FRAMED_RADIUS, float(np.abs(lanes(len(traces))).max()))
+    return centre, _smooth(np.maximum(1.0, farthest / in_picture)[:, None], fps)[:, 0]
+
+
+def _smooth(values: np.ndarray, fps: float) -> np.ndarray:
+    """Moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
     half = max(1, int(CAMERA_TIME * fps / 2))
-    padded = np.pad(mean, ((half, half), (0, 0)), mode="edge")
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     kernel = np.full(2 * half + 1, 1 / (2 * half + 1))
-    return np.stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in (0, 1)], axis=1)
+    return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)

@@ -47,7 +47,7 @@ def write_video(
     targets = np.stack([trace.hand_target_world[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
     with tempfile.TemporaryDirectory() as folder:
         data, log = pathlib.Path(folder) / "frames.npz", pathlib.Path(folder) / "log.txt"
-        np.savez(data, frames=frames, targets=targets, centres=camera_path(traces, FPS, end))
+        np.savez(data, frames=frames, targets=targets, views=np.column_stack(camera_path(traces, FPS, end)))
         command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(path.resolve())]
         # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
         with log.open("w", encoding="utf-8") as errors:
@@ -111,13 +111,13 @@ def _add_targets(scene: mujoco.MjvScene, targets: np.ndarray) -> None:
             scene.ngeom += 1
 
 
-def _render(frames: np.ndarray, targets: np.ndarray, centres: np.ndarray, path: pathlib.Path) -> None:
+def _render(frames: np.ndarray, targets: np.ndarray, views: np.ndarray, path: pathlib.Path) -> None:
     """Render frames, writing the number of each finished one to standard output.
 
     Args:
         frames: qpos, shape (frames, robots, 26).
         targets: hand targets in the world, shape (frames, robots, 2, 3).
-        centres: point on the ground to look at, shape (frames, 2).
+        views: point on the ground to look at and factor on the distance (see `camera_path`), shape (frames, 3).
         path: of the MP4 file.
     """
     count = frames.shape[1]
@@ -128,16 +128,17 @@ def _render(frames: np.ndarray, targets: np.ndarray, centres: np.ndarray, path: 
     options = mujoco.MjvOption()
     options.geomgroup[3] = 0
     camera = mujoco.MjvCamera()
-    camera.distance, camera.azimuth, camera.elevation = 2.2 + 0.7 * count, 200.0, -10.0
+    camera.azimuth, camera.elevation = 200.0, -10.0
     with (
         mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
     ):
-        for number, (frame, pair, centre) in enumerate(zip(frames, targets, centres, strict=True), start=1):
+        for number, (frame, pair, view) in enumerate(zip(frames, targets, views, strict=True), start=1):
             data.qpos[:] = frame.ravel()
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            camera.lookat[:] = [*centre, LOOK_AT_HEIGHT]
+            camera.lookat[:] = [*view[:2], LOOK_AT_HEIGHT]
+            camera.distance = view[2] * (2.2 + 0.7 * count)
             renderer.update_scene(data, camera, options)
             _add_targets(renderer.scene, pair)
             for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -149,4 +150,4 @@ def _render(frames: np.ndarray, targets: np.ndarray, centres: np.ndarray, path: 
 
 if __name__ == "__main__":
     with np.load(sys.argv[1], allow_pickle=False) as recorded:
-        _render(recorded["frames"], recorded["targets"], recorded["centres"], pathlib.Path(sys.argv[2]))
+        _render(recorded["frames"], recorded["targets"], recorded["views"], pathlib.Path(sys.argv[2]))
