@@ -10,8 +10,6 @@ from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import highest_clearance, lowest_walking_height
 
-_SMOOTHED = ("h", "p", "w")
-
 
 @dataclasses.dataclass(frozen=True)
 class SmoothCommand:
@@ -45,11 +43,13 @@ class CommandFilter:
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
-        self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
+        self._limits = np.array([params.height_rate, params.pitch_rate, params.waist_rate]).T
+        self._velocity_rate = np.array(params.velocity_rate)
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
         """Start at rest from a posture [m, rad, rad]."""
+        self._given: Command | None = None
         self._velocity = np.zeros(3)
         self._frequency: float | None = None
         self._posture = np.array([h, p, w])
@@ -62,17 +62,19 @@ class CommandFilter:
             command: as given; NaN and values out of range are replaced and reported.
             dt: since the last call [s].
         """
-        gait, report = supported(command.gait)
-        command, clamped = dataclasses.replace(command, gait=gait).clamp()
-        report += clamped
+        if command is not self._given:
+            self._given = command
+            self._valid = self._clamp(command)
+        command, report = self._valid
+        gait = command.gait
         params = self._params
         wanted = np.array([command.v_x, command.v_y, command.omega])
-        step = np.array(params.velocity_rate) * dt
+        step = self._velocity_rate * dt
         self._velocity += np.clip(wanted - self._velocity, -step, step)
         if self._frequency is None:
             self._frequency = command.f
         step = params.frequency_rate * dt
-        self._frequency += float(np.clip(command.f - self._frequency, -step, step))
+        self._frequency += min(max(command.f - self._frequency, -step), step)
 
         h = command.h
         if gait is Gait.WALKING:
@@ -98,9 +100,15 @@ class CommandFilter:
             report,
         )
 
+    @staticmethod
+    def _clamp(command: Command) -> tuple[Command, tuple[str, ...]]:
+        gait, replaced = supported(command.gait)
+        valid, clamped = dataclasses.replace(command, gait=gait).clamp()
+        return valid, replaced + clamped
+
     def _follow(self, target: np.ndarray, dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""
-        fastest, quickest = np.array(self._limits).T
+        fastest, quickest = self._limits
         gap = target - self._posture
         # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its linear tangent.
         wanted = np.sign(gap) * np.minimum(

@@ -17,6 +17,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
 _LARGEST_REASONABLE = 1e6  # of any state value: beyond, products overflow
+_STATE_FIELDS = dataclasses.fields(RobotState)
 
 
 class WholeBodyController:
@@ -162,25 +163,25 @@ class WholeBodyController:
         terms: list[TaskTerms],
     ) -> None:
         plan = self._locomotion.plan
-        record = Diagnostics(
+        solved = solution is not None and solution.status is not QpStatus.FAILED
+        forces = solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3))
+        self.diagnostics = Diagnostics(
             output=output,
+            status=QpStatus.FAILED if solution is None else solution.status,
+            iterations=0 if solution is None else solution.iterations,
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
+            contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
             task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
             next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
             report=report,
         )
-        if solution is not None:
-            record = dataclasses.replace(record, status=solution.status, iterations=solution.iterations)
-            if solution.status is not QpStatus.FAILED:
-                forces = dict(zip(CONTACT_POINTS, solution.forces, strict=True))
-                record = dataclasses.replace(record, contact_forces=forces)
-        self.diagnostics = record
 
 
 def _usable(state: RobotState) -> bool:
-    fields = (getattr(state, field.name) for field in dataclasses.fields(state))
-    # A NaN compares as false.
-    return all(bool(np.all(np.abs(value) < _LARGEST_REASONABLE)) for value in fields if value is not None)
+    """Whether every number of the state is finite and of a reasonable size; a NaN compares as false."""
+    fields = [getattr(state, field.name) for field in _STATE_FIELDS]
+    numbers = np.concatenate([np.ravel(value) for value in fields if value is not None])
+    return bool((np.abs(numbers) < _LARGEST_REASONABLE).all())

@@ -1,6 +1,8 @@
 """Where to step: placement by the divergent component of motion, with the velocity of the angular-momentum pendulum."""
 
+import cmath
 import dataclasses
+import math
 
 import numpy as np
 
@@ -69,14 +71,16 @@ def nominal_offset(
         width: distance between the feet's centre lines [m].
         side: the stance foot, 0 left or 1 right.
     """
-    growth = np.exp(omega * step_time)
-    turn = yaw_rate * step_time
-    step = rotations.rotation_z(turn / 2.0)[:2, :2] @ velocity * step_time
+    growth = math.exp(omega * step_time)
+    # Vectors in the plane as complex numbers: R(psi) is e^{i psi}.
+    turn = cmath.exp(1j * yaw_rate * step_time)
+    half_turn = cmath.exp(0.5j * yaw_rate * step_time)
     # In a turn the body leans in by a / omega^2: the feet run on a larger circle than the centre of mass.
-    step *= 1.0 + (yaw_rate / omega) ** 2
-    forward = np.linalg.solve(growth * np.eye(2) - rotations.rotation_z(turn)[:2, :2], step)
+    lean = 1.0 + (yaw_rate / omega) ** 2
+    step = half_turn * complex(*velocity) * step_time * lean
+    forward = step / (growth - turn)
     towards_other = -1.0 if side == 0 else 1.0
-    return forward + np.array([0.0, towards_other * width / (1.0 + growth)])
+    return np.array([forward.real, forward.imag + towards_other * width / (1.0 + growth)])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,17 +132,18 @@ def plan_step(
     reference = begun[0] * np.exp(pendulum.omega * (step_time - remaining))
     deviation = (from_heading.T @ (pendulum.dcm - pendulum.pivot))[0] - reference
     shift = params.cop_gain * deviation
-    shift = float(np.clip(pivot_ahead + shift, -params.cop_reach, params.cop_reach)) - pivot_ahead
+    shift = _clip(float(pivot_ahead + shift), -params.cop_reach, params.cop_reach) - pivot_ahead
     cop = pendulum.pivot + from_heading @ np.array([shift, 0.0])
 
     landing = rotations.rotation_z(heading + yaw_rate * remaining)[:2, :2]
     offset = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, swing)
     wanted = landing.T @ (pendulum.dcm_after(cop, remaining) - pendulum.pivot) - offset
     outward = 1.0 if swing == 0 else -1.0
-    reached = np.array(
-        [
-            np.clip(wanted[0], *params.max_step),
-            outward * np.clip(outward * wanted[1], params.min_foot_distance, params.max_foot_distance),
-        ]
-    )
-    return StepPlan(pendulum.pivot + landing @ reached, cop, bool(np.any(reached != wanted)))
+    x = _clip(float(wanted[0]), *params.max_step)
+    y = outward * _clip(outward * float(wanted[1]), params.min_foot_distance, params.max_foot_distance)
+    clipped = x != wanted[0] or y != wanted[1]
+    return StepPlan(pendulum.pivot + landing @ np.array([x, y]), cop, bool(clipped))
+
+
+def _clip(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
