@@ -52,7 +52,6 @@ class Dynamics(Kinematics):
         self.mass = float(pin.computeTotalMass(self.model))
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
-        self._lower = np.tril_indices(self.model.nv, -1)
         self._ids: dict[str, int] = {}
 
     @property
@@ -68,9 +67,7 @@ class Dynamics(Kinematics):
         pin.crba(model, data, self.q)
         pin.nonLinearEffects(model, data, self.q, self.v)
         pin.dccrba(model, data, self.q, self.v)
-        # crba of Pinocchio 3.8 fills both triangles; earlier ones only the upper.
-        self.M = data.M.copy()
-        self.M[self._lower] = self.M.T[self._lower]
+        self.M = data.M.copy()  # since Pinocchio 3, crba fills both triangles
         self.bias = data.nle + self._damping * self.v
         self.com = data.com[0].copy()
         self.com_velocity = data.vcom[0].copy()

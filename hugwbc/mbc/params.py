@@ -71,7 +71,7 @@ class ControllerParams:
     momentum_damping: float = 5.0
 
     # --- walking
-    step_width: float = 0.22
+    step_width: float = 0.20
     """Distance between the two feet's centre lines when walking in place [m]."""
     min_foot_distance: float = 0.10
     """Smallest lateral distance between the feet [m]."""
