@@ -78,7 +78,8 @@ def describe(result: SingleCommandResult) -> str:
         if error is None and paper is None:
             continue
         ratio = error / paper if error is not None and paper is not None else None
-        rows.append((name, unit, error, paper, ratio))
+        # Four decimals: the paper's three would print some of the errors as zero.
+        rows.append((name, unit, None if error is None else f"{error:.4f}", paper, ratio))
     lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
     lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
     lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
