@@ -84,9 +84,14 @@ class CommandFilter:
                 report += (f"h = {command.h:g} m leaves the stance leg no room to walk: using {lowest:.2f} m",)
             h = max(h, lowest) if command.h < lowest else h
         self._follow(np.array([h, command.p, command.w]), dt)
-        apex = min(command.l, highest_clearance(params, float(self._posture[0])))
+        apex = min(
+            command.l,
+            highest_clearance(params, float(self._posture[0]), self._frequency, float(self._velocity[0])),
+        )
         if gait is Gait.WALKING and apex < command.l - 0.005:
-            report += (f"l = {command.l:g} m is beyond the leg's reach at this height: using {apex:.2f} m",)
+            report += (
+                f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
+            )
         return (
             SmoothCommand(
                 gait,

@@ -113,6 +113,14 @@ class ControllerParams:
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
     clearance_at_nominal: float = 0.31
     """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
+    clearance_speed: float = 1.0
+    """Speed above which the apex is lowered [m/s]."""
+    clearance_per_speed: float = 0.08
+    """Lowering of the apex that the leg reaches, per speed above that [m / (m/s)]."""
+    swing_reaction: float = 1.9
+    """Largest l f^2 of a swing [m Hz^2]; the feet slip beyond."""
+    swing_reaction_per_speed: float = 0.3
+    """Share of that which is lost per speed above `clearance_speed` [1 / (m/s)]."""
     min_clearance: float = 0.04
     """Lowest swing apex [m]; it is kept even where the height command leaves less."""
     walking_room: float = 0.045

@@ -36,9 +36,22 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
     return float(np.interp(ahead, _FOREMOST, _HEIGHTS))
 
 
-def highest_clearance(params: ControllerParams, h: float) -> float:
-    """Highest swing apex that knee and ankle allow with the pelvis at h [m]."""
-    return max(params.min_clearance, params.clearance_at_nominal + h)
+def highest_clearance(params: ControllerParams, h: float, f: float, speed: float) -> float:
+    """Highest swing apex [m] that the leg reaches in time and that a narrow foot can push off for.
+
+    Knee and ankle bound it by the height of the pelvis; the reaction of the swing, which grows with l f^2, bounds it by
+    the frequency. A fast walk leaves less of both.
+
+    Args:
+        params: bounds.
+        h: pelvis height above nominal [m].
+        f: stride frequency [Hz].
+        speed: along the heading [m/s].
+    """
+    excess = max(abs(speed) - params.clearance_speed, 0.0)
+    reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
+    reaction = params.swing_reaction / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
+    return max(params.min_clearance, min(reach, reaction))
 
 
 def toe_down(shank_pitch: float, shank_rate: float) -> float:

@@ -52,9 +52,14 @@ def test_walking_needs_more_height_the_faster_and_more_so_backwards():
     assert lowest_walking_height(PARAMS, 0.0, 0.25, 0.3) < still
 
 
-def test_clearance_shrinks_with_height_but_a_foot_is_always_lifted():
-    assert highest_clearance(PARAMS, 0.0) - highest_clearance(PARAMS, -0.1) == pytest.approx(0.1)
-    assert highest_clearance(PARAMS, -0.3) == PARAMS.min_clearance
+def test_clearance_shrinks_with_height_frequency_and_speed_but_a_foot_is_always_lifted():
+    upright = highest_clearance(PARAMS, 0.0, 2.0, 0.0)
+    assert upright - highest_clearance(PARAMS, -0.1, 2.0, 0.0) == pytest.approx(0.1)
+    assert highest_clearance(PARAMS, -0.3, 2.0, 0.0) == PARAMS.min_clearance
+    # The commanded default of 0.15 m is kept up to the highest frequency, but not at the highest speed as well.
+    assert highest_clearance(PARAMS, 0.0, 3.5, 0.0) >= 0.15
+    assert highest_clearance(PARAMS, 0.0, 3.5, 2.0) < 0.12
+    assert highest_clearance(PARAMS, 0.0, 3.0, 0.0) < upright
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():
