@@ -10,6 +10,7 @@ from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.locomotion import Locomotion
+from hugwbc.mbc.odometry import LegOdometry
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
 from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, Task, TaskTerms
@@ -22,6 +23,8 @@ _STATE_FIELDS = dataclasses.fields(RobotState)
 
 class WholeBodyController:
     """Walks and stands by inverse dynamics.
+
+    A state without position or velocity is completed from the legs (`LegOdometry`).
 
     Attributes:
         name: "qp".
@@ -50,6 +53,7 @@ class WholeBodyController:
         self._robot = load_robot()
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
+        self._odometry = LegOdometry()
         self._momentum = AngularMomentumTask(self.params)
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
@@ -72,6 +76,8 @@ class WholeBodyController:
             self._start(state)
 
     def _start(self, state: RobotState) -> None:
+        self._odometry.reset()
+        state = self._odometry.complete(state, np.ones(2, dtype=bool), 0.0)
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
         ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
@@ -91,6 +97,7 @@ class WholeBodyController:
             return self._fall_back(state, None, ("the state is not finite",))
         if not self._started:
             self._start(state)
+        state = self._odometry.complete(state, self._locomotion.contact, self.period)
         self.dynamics.update(state)
         smooth, report = self._filter.update(command, self.period)
         self._locomotion.update(self.dynamics, smooth, self.period)

@@ -1,0 +1,55 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, UpperBody
+from hugwbc.kinematics import Kinematics
+from hugwbc.mbc import WholeBodyController
+from hugwbc.mbc.odometry import LegOdometry
+from hugwbc.sim import Simulation
+
+BOTH = np.ones(2, dtype=bool)
+
+
+def test_a_complete_state_is_left_alone(standing_state):
+    assert LegOdometry().complete(standing_state, BOTH, 0.002) is standing_state
+
+
+def test_height_comes_from_the_standing_soles(standing_state):
+    blind = dataclasses.replace(standing_state, position=None, velocity=None)
+    found = LegOdometry().complete(blind, BOTH, 0.002)
+    kinematics = Kinematics()
+    kinematics.update(standing_state)
+    assert found.position[2] == pytest.approx(0.98 - kinematics.position("left_sole")[2], abs=2e-3)
+    assert found.velocity == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_velocity_is_that_which_keeps_the_standing_foot_still(standing_state):
+    rng = np.random.default_rng(0)
+    moving = dataclasses.replace(standing_state, dq=rng.uniform(-1, 1, 19), angular_velocity=rng.uniform(-1, 1, 3))
+    blind = dataclasses.replace(moving, position=None, velocity=None)
+    for contact, side in (([True, False], "left"), ([False, True], "right")):
+        found = LegOdometry().complete(blind, np.array(contact), 0.002)
+        kinematics = Kinematics()
+        kinematics.update(found)
+        assert kinematics.velocity(f"{side}_sole")[:3] == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_it_walks_without_an_estimator():
+    simulation, controller = Simulation(), WholeBodyController()
+    state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
+
+    def blind(true):
+        return dataclasses.replace(true, position=None, velocity=None)
+
+    controller.reset(blind(state))
+    speeds = []
+    for tick in range(1750):
+        command = controller.act(blind(state), Command(v_x=0.4, gait=Gait.WALKING), UpperBody.none())
+        state = simulation.step(command, controller.period)
+        if tick > 1000:
+            speeds.append(np.hypot(*state.velocity[:2]))
+    assert not simulation.fallen
+    assert np.mean(speeds) == pytest.approx(0.4, abs=0.08)
+    assert controller.diagnostics.fallbacks == 0
