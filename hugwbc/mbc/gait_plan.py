@@ -59,7 +59,9 @@ class GaitPlan:
         """Index of the foot that carries the step, or None when both do."""
         return None if self.swing is None else 1 - self.swing
 
-    def advance(self, gait: Gait, frequency: float, dt: float, *, may_start: bool, may_stop: bool) -> bool:
+    def advance(
+        self, gait: Gait, frequency: float, dt: float, *, may_start: bool, may_stop: bool, first_swing: int = 0
+    ) -> bool:
         """Move on by one tick.
 
         Args:
@@ -68,6 +70,7 @@ class GaitPlan:
             dt: [s].
             may_start: whether the weight is where the first step needs it.
             may_stop: whether the robot can stand where the current step ends.
+            first_swing: the foot that a walk starts with, 0 left or 1 right.
 
         Returns:
             Whether a foot lifts off now.
@@ -82,7 +85,7 @@ class GaitPlan:
             if gait is Gait.STANDING:
                 self._enter(Mode.STANDING)
             elif may_start:
-                self._enter(Mode.WALKING)
+                self._enter(Mode.WALKING, 0.5 * first_swing)
                 return True
             return False
         step = self.phase >= 0.5
@@ -96,10 +99,10 @@ class GaitPlan:
         self._set_swing()
         return True
 
-    def _enter(self, mode: Mode) -> None:
+    def _enter(self, mode: Mode, phase: float = 0.0) -> None:
         self.mode = mode
         self.elapsed = 0.0
-        self.phase = 0.0
+        self.phase = phase
         self._set_swing()
 
     def _set_swing(self) -> None:

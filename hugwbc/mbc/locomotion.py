@@ -3,6 +3,7 @@
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.gait import Gait
 from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
@@ -64,6 +65,8 @@ class Locomotion:
         self.clipped = 0
         self._landed = False
         self._shifted = False
+        self._catching = 0.0
+        self._catching_swing = 0
         self._balance = self._params.balance_ahead
         self._yaw = self._measured_yaw(dynamics)
         self._ground = min(dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
@@ -78,11 +81,14 @@ class Locomotion:
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         """Advance the plan by one tick and set every target."""
+        self._catching = max(self._catching - dt, 0.0)
+        catching = self._catching > 0.0
         lift_off = self.plan.advance(
-            command.gait,
+            Gait.WALKING if catching else command.gait,
             command.f,
             dt,
-            may_start=self._shifted,
+            may_start=self._shifted or catching,
+            first_swing=self._catching_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
         )
         self._update_references(dynamics, command, dt)
@@ -133,11 +139,12 @@ class Locomotion:
         self.com.target = middle[:2]
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
-        if self.plan.mode is not Mode.SHIFTING:
-            self._shifted = False
-            return
         pendulum = Pendulum.about(middle, dynamics)
         to_heading = rotations.rotation_z(-self._yaw)[:2, :2]
+        if self.plan.mode is not Mode.SHIFTING:
+            self._shifted = False
+            self._watch_balance(to_heading @ (pendulum.dcm - middle[:2]), to_heading @ (pivots[0] - pivots[1])[:2])
+            return
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
         width = max(params.step_width, params.min_foot_distance)
         wanted = right + nominal_offset(np.zeros(2), 0.0, self.plan.step_time, pendulum.omega, width, 1)[1]
@@ -148,6 +155,19 @@ class Locomotion:
         self.com.servo[1] = 0.0
         arrived = self.plan.elapsed >= params.shift_time and abs(dcm - wanted) < _SHIFT_TOLERANCE
         self._shifted = bool(arrived or self.plan.elapsed >= params.max_shift_time)
+
+    def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
+        """Start stepping when the divergent component leaves what two standing feet can hold.
+
+        Args:
+            deviation: of the divergent component from the middle of the feet, heading frame [m], shape (2,).
+            between_feet: from the right to the left foot, heading frame [m], shape (2,).
+        """
+        across = 0.5 * abs(between_feet[1]) - self._params.capture_margin
+        if abs(deviation[0]) > self._params.capture_distance or abs(deviation[1]) > across:
+            self._catching = self._params.capture_time
+            # Pushed to the left, stand on the left foot and bring the right one along; the next left step goes out.
+            self._catching_swing = 1 if deviation[1] > 0.0 else 0
 
     def _walk(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
         plan = self.plan

@@ -73,7 +73,7 @@ class ControllerParams:
     # --- walking
     step_width: float = 0.20
     """Distance between the two feet's centre lines when walking in place [m]."""
-    min_foot_distance: float = 0.10
+    min_foot_distance: float = 0.08
     """Smallest lateral distance between the feet [m]."""
     max_foot_distance: float = 0.60
     max_step: tuple[float, float] = (-0.60, 0.75)
@@ -94,6 +94,13 @@ class ControllerParams:
     """Shortest weight shift in double support before the first step [s]."""
     max_shift_time: float = 0.6
     """Longest weight shift [s]."""
+    capture_distance: float = 0.11
+    """Standing: distance of the divergent component from the middle of the feet, along the heading, beyond which the
+    robot steps to catch itself [m]."""
+    capture_margin: float = 0.01
+    """The same across: how far inside the outer foot it may come [m]."""
+    capture_time: float = 1.0
+    """How long it then steps in place, at least [s]."""
     velocity_integral: float = 0.25
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
     velocity_integral_bound: float = 0.15
@@ -129,7 +136,7 @@ class ControllerParams:
     """Further room per backward speed [s]."""
 
     # --- command filter: largest rate and largest rate of the rate
-    velocity_rate: tuple[float, float, float] = (1.5, 1.0, 2.0)
+    velocity_rate: tuple[float, float, float] = (1.5, 1.5, 2.0)
     """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
     frequency_rate: float = 2.0
     """Change of f [Hz/s]."""

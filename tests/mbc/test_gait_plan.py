@@ -24,6 +24,13 @@ def test_each_foot_lifts_off_at_the_stride_frequency(frequency):
     assert (left[-1] - left[0]) / (len(left) - 1) == pytest.approx(1.0 / frequency, abs=DT / 2)
 
 
+def test_a_walk_may_start_with_either_foot():
+    plan = GaitPlan()
+    plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True)
+    assert plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True, first_swing=1)
+    assert (plan.swing, plan.stance) == (1, 0)
+
+
 def test_it_waits_for_the_weight_shift():
     plan = GaitPlan()
     assert _run(plan, Gait.WALKING, 1.0, may_start=False) == []

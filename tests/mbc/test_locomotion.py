@@ -16,7 +16,7 @@ WALKING = Gait.WALKING
 class Run:
     """A closed loop; `rows` holds time, v_x, v_y, omega, h, p, w and both sole clearances after `since` [s]."""
 
-    def __init__(self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None):
+    def __init__(self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None, push=None):
         self.simulation = Simulation()
         self.controller = WholeBodyController(period=period)
         self.kinematics = Kinematics()
@@ -30,6 +30,8 @@ class Run:
             if t >= seconds or self.simulation.fallen:
                 break
             upper_body = arms(t) if arms else UpperBody.none()
+            if push is not None and tick == round(1.0 / period):
+                self.simulation.push(np.array(push))
             asked = command(t) if callable(command) else command
             state = self.simulation.step(self.controller.act(state, asked, upper_body), period)
             self.kinematics.update(state)
@@ -127,6 +129,22 @@ def test_it_starts_stops_and_starts_again():
     assert standing[:, 7:].max() < 0.01
     moving = run.table[run.table[:, 0] > 4.4]
     assert moving[:, 1].mean() > 0.25
+
+
+def test_standing_it_steps_to_catch_itself_and_stands_again():
+    run = Run(Command(), 4.0, push=(0.7, 0.0, 0.0))
+    assert run.good
+    steps = run.table[(run.table[:, 0] > 1.0) & (run.table[:, 0] < 2.5), 7:]
+    assert steps.max() > 0.1  # what a push of 0.7 m/s asks for; without a step it falls
+    assert np.abs(run.table[run.table[:, 0] > 3.5, 1:4]).max() < 0.1
+    assert run.table[run.table[:, 0] > 3.5, 7:].max() < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("push", [(-0.5, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, -0.8, 0.0), (0.5, 0.5, 0.0)])
+def test_pushes_from_all_sides_are_survived(push):
+    for gait in (Gait.STANDING, WALKING):
+        assert Run(Command(gait=gait), 4.0, push=push).good
 
 
 @pytest.mark.slow
