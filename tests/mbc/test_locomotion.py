@@ -141,7 +141,7 @@ def test_standing_it_steps_to_catch_itself_and_stands_again():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("push", [(-0.5, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, -0.8, 0.0), (0.5, 0.5, 0.0)])
+@pytest.mark.parametrize("push", [(-0.5, 0.0, 0.0), (0.0, 0.6, 0.0), (0.0, -0.6, 0.0), (0.5, 0.5, 0.0)])
 def test_pushes_from_all_sides_are_survived(push):
     for gait in (Gait.STANDING, WALKING):
         assert Run(Command(gait=gait), 4.0, push=push).good
