@@ -55,18 +55,20 @@ class CommandFilter:
         self._posture = np.array([h, p, w])
         self._rate = np.zeros(3)
 
-    def update(self, command: Command, dt: float) -> tuple[SmoothCommand, tuple[str, ...]]:
+    def update(self, command: Command, dt: float, *, stepping: bool = False) -> tuple[SmoothCommand, tuple[str, ...]]:
         """The command to follow now, and a report of what could not be followed as asked.
 
         Args:
             command: as given; NaN and values out of range are replaced and reported.
             dt: since the last call [s].
+            stepping: whether the robot still steps, whatever the command: the limits of walking hold until it stands.
         """
         if command is not self._given:
             self._given = command
             self._valid = self._clamp(command)
         command, report = self._valid
         gait = command.gait
+        stepping = stepping or gait is Gait.WALKING
         params = self._params
         wanted = np.array([command.v_x, command.v_y, command.omega])
         step = self._velocity_rate * dt
@@ -77,7 +79,7 @@ class CommandFilter:
         self._frequency += min(max(command.f - self._frequency, -step), step)
 
         h = command.h
-        if gait is Gait.WALKING:
+        if stepping:
             h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
             lowest = lowest_walking_height(params, self._velocity[0], 0.5 / self._frequency, self._posture[1])
             if command.h < lowest - 0.005:
@@ -88,7 +90,7 @@ class CommandFilter:
             command.l,
             highest_clearance(params, float(self._posture[0]), self._frequency, float(self._velocity[0])),
         )
-        if gait is Gait.WALKING and apex < command.l - 0.005:
+        if stepping and apex < command.l - 0.005:
             report += (
                 f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
             )

@@ -99,7 +99,7 @@ class WholeBodyController:
             self._start(state)
         state = self._odometry.complete(state, self._locomotion.contact, self.period)
         self.dynamics.update(state)
-        smooth, report = self._filter.update(command, self.period)
+        smooth, report = self._filter.update(command, self.period, stepping=not self._locomotion.settled)
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms, self._momentum]

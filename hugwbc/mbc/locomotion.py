@@ -29,7 +29,7 @@ _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standi
 _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
-_STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.08  # [m/s], [rad/s], [m]
+_STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m]
 
 
@@ -101,6 +101,11 @@ class Locomotion:
             self._stand(dynamics, command)
         for foot in np.flatnonzero(self.contact):
             self.stance[foot].settle = self._settle_speed(dynamics, foot)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot stands, and has stood long enough to have come to rest: only then may it squat deeply."""
+        return self.plan.mode is Mode.STANDING and self.plan.elapsed >= self._params.settle_time
 
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:
         """Whether the ground may push at each of the QP's contact points, shape (4,), bool.

@@ -101,6 +101,8 @@ class ControllerParams:
     """The same across: how far inside the outer foot it may come [m]."""
     capture_time: float = 1.0
     """How long it then steps in place, at least [s]."""
+    settle_time: float = 0.6
+    """Standing time after the last step before the limits of walking on h are lifted [s]."""
     velocity_integral: float = 0.25
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
     velocity_integral_bound: float = 0.15

@@ -174,3 +174,15 @@ def test_it_covers_the_command_range(command):
     for name, tolerance in (("v_x", 0.08), ("v_y", 0.08), ("omega", 0.08), ("p", 0.02), ("w", 0.05)):
         assert run.mean(name) == pytest.approx(getattr(command, name), abs=tolerance)
     assert run.stride_frequency(3.0) == pytest.approx(command.f, abs=0.05)
+
+
+@pytest.mark.slow
+def test_it_walks_into_a_deep_squat_and_back():
+    def script(t):
+        if t < 1.5 or 5.0 < t < 6.5:
+            return Command(v_x=0.6, gait=WALKING)
+        return Command(h=-0.3, w=-1.0 if t < 3.0 else 1.0, p=0.0 if t < 3.0 else 0.4)
+
+    run = Run(script, 9.0, since=8.5)
+    assert run.good
+    assert run.mean("h") == pytest.approx(-0.3, abs=0.02)
