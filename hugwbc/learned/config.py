@@ -132,6 +132,9 @@ class EnvConfig:
     episode_steps: int = 1000
     action_scale: float = 0.25
     """Radians of joint target per unit of action."""
+    waist_rate: float = 2.0
+    """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
+    waist to the action alone, as in the paper."""
     flip_probability: float = 0.005
     """Probability per step that the intervention indicator flips."""
     noise_interval: int = 90
@@ -147,6 +150,7 @@ class EnvConfig:
         for name in ("count", "substeps", "episode_steps", "noise_interval"):
             value = getattr(self, name)
             _require(value > 0, f"env.{name}", value, "a positive integer")
+        _require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
 
 
@@ -168,7 +172,7 @@ class PPOConfig:
     entropy_weight: float = 0.002
     learning_rate: float = 3e-4
     learning_rate_range: tuple[float, float] = (1e-5, 1e-3)
-    target_kl: float = 0.01
+    target_kl: float = 0.02
     max_grad_norm: float = 1.0
     std_initial: float = 0.8
     std_final: float = 0.25

@@ -24,6 +24,8 @@ from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL, TRUNK_FORC
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
 START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
+_W = COMMAND_NAMES.index("w")
+_TENSOR_STATE = ("command", "gait", "phase", "age", "actions", "history", "waist")
 _SIMULATION_STATE = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -75,6 +77,7 @@ class HumanoidEnv:
         age: control steps since the episode's start, shape (n,).
         actions: the last three policy outputs, newest first, shape (3, n, 19).
         history: last five proprioceptive frames, shape (n, 5, 63).
+        waist: the waist's joint target before the action [rad], shape (n,).
     """
 
     def __init__(self, config: EnvConfig, *, seed: int, threads: int) -> None:
@@ -101,6 +104,7 @@ class HumanoidEnv:
         self.age = torch.zeros(self.count, dtype=torch.long)
         self.actions = torch.zeros(3, self.count, obs.JOINTS)
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
+        self.waist = torch.zeros(self.count)
         self._begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
 
@@ -148,6 +152,9 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         target = self._body.nominal + self.config.action_scale * action
+        reach = self.config.waist_rate * self.dt
+        self.waist = self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
+        target[:, self._body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
         self.intervention.step()
         target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
@@ -235,6 +242,7 @@ class HumanoidEnv:
         self.phase[robots] = torch.rand(count, generator=self.generator)
         self.age[robots] = 0
         self.actions[:, robots] = 0.0
+        self.waist[robots] = 0.0
         self.intervention.reset(robots)
         self._draw_commands(robots)
         self.readings = read(self.simulation)
@@ -275,7 +283,7 @@ class HumanoidEnv:
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Everything that a resumed run needs, as tensors."""
-        state = {name: getattr(self, name) for name in ("command", "gait", "phase", "age", "actions", "history")}
+        state = {name: getattr(self, name) for name in _TENSOR_STATE}
         state["tracking"] = self.statistics.tracking
         state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _SIMULATION_STATE}
         # Forces belong to the last physics step; they cannot be had again from the state alone.
@@ -287,7 +295,7 @@ class HumanoidEnv:
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore what `state_dict` gave."""
-        for name in ("command", "gait", "phase", "age", "actions", "history"):
+        for name in _TENSOR_STATE:
             setattr(self, name, state[name].clone())
         self.statistics.tracking = state["tracking"].clone()
         self.generator.set_state(state["generator"])

@@ -12,6 +12,7 @@ from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.learned import checkpoint
 from hugwbc.learned import observations as obs
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.networks import Actor
 from hugwbc.robot import load_robot, model_dir
 from hugwbc.state import RobotState
@@ -22,8 +23,12 @@ ACTION_SCALE = 0.25
 POLICY_FILE = "policy.safetensors"
 
 
-def policy_metadata() -> dict[str, Any]:
-    """The contract that a policy file carries: everything needed to run it elsewhere."""
+def policy_metadata(waist_rate: float = EnvConfig.waist_rate) -> dict[str, Any]:
+    """The contract that a policy file carries: everything needed to run it elsewhere.
+
+    Args:
+        waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
+    """
     robot = load_robot()
     return {
         "robot": "h1",
@@ -33,6 +38,7 @@ def policy_metadata() -> dict[str, Any]:
         "kd": robot.kd.tolist(),
         "period": PERIOD,
         "action_scale": ACTION_SCALE,
+        "waist_rate": waist_rate,
         "command_names": list(COMMAND_NAMES),
         "command_scales": obs.COMMAND_SCALES,
         "history_frames": obs.HISTORY_FRAMES,
@@ -73,6 +79,8 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> "LearnedCo
                 f"{path} has {key} = {metadata.get(key)}, this version of hugwbc runs {expected[key]}; "
                 "use a policy trained with this version"
             )
+    if not isinstance(metadata.get("waist_rate"), int | float):
+        raise PolicyFileError(f"{path} lacks the number waist_rate; use a policy trained with this version")
     actor = Actor()
     try:
         actor.load_state_dict(tensors)
@@ -109,12 +117,15 @@ class LearnedController:
         self._history = torch.zeros(1, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self._action = torch.zeros(1, obs.JOINTS)
         self._phase = 0.0
+        self._waist = 0.0
+        self._waist_step = float(metadata["waist_rate"]) * self.period
         self._started = False
 
     def reset(self, state: RobotState) -> None:
         """Forget the past; the history starts filled with the first frame."""
         self._action.zero_()
         self._phase = 0.0
+        self._waist = 0.0
         self._started = False
         if state.is_finite:
             self._push(state)
@@ -157,4 +168,6 @@ class LearnedController:
         )
         self._action, _ = self._actor(self._history.flatten(1), observation)
         q = self.robot.nominal + ACTION_SCALE * self._action[0].double().numpy()
+        self._waist += float(np.clip(command.w - self._waist, -self._waist_step, self._waist_step))
+        q[self.robot.waist] += self._waist
         return override_arms(JointCommand.position(self.robot, q), upper_body, self.robot)

@@ -125,7 +125,7 @@ class Trainer:
         slim = {k: v for k, v in tensors.items() if k.startswith("network.")}
         checkpoint.save_file(self.config.out / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
         actor = self.ppo.network.actor.state_dict()
-        metadata = policy_metadata() | {"training": self._metadata()}
+        metadata = policy_metadata(self.config.env.waist_rate) | {"training": self._metadata()}
         checkpoint.save_file(self.config.out / POLICY_FILE, actor, "policy", metadata)
 
     def load(self, path: pathlib.Path) -> None:

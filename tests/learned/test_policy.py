@@ -66,14 +66,18 @@ def test_controller_sees_what_the_training_environment_shows() -> None:
 
     controller.reset(state())
     controller._phase = float(env.phase[0]) - 2.0 * 0.02
+    waist = 0.0
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
         observation = env.observe()
         with torch.no_grad():
             action, _ = actor(observation.history, observation.command)
         expected = ROBOT.nominal + 0.25 * action[0].double().numpy()
+        waist = min(waist + 2.0 * 0.02, 0.3)
+        expected[ROBOT.waist] += waist
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         env.step(action)
+        np.testing.assert_allclose(env.simulation.ctrl[0], expected, atol=2e-5)
 
 
 def test_external_arms_are_passed_on_and_seen() -> None:
