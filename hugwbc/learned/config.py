@@ -176,7 +176,7 @@ class PPOConfig:
     max_grad_norm: float = 1.0
     std_initial: float = 0.8
     std_final: float = 0.25
-    std_steps: float = 60e6
+    std_steps: float = 45e6
     """Environment steps over which the largest exploration std falls, geometrically, from initial to final."""
     std_min: float = 0.03
     yaw_std_factor: float = 0.15
