@@ -47,8 +47,11 @@ class ExtraWeights:
     """Squared roll; the authors' code has it inside their pitch term."""
     joint_limits: float = -5.0
     """Radians of the legs and waist beyond 95 % of the joint range."""
-    yaw_rate_precision: float = 0.0
-    """exp(-|e| / 0.25) on the yaw rate: keeps a slope near zero error, where the squared exponential is flat."""
+    linear_velocity_precision: float = 2.0
+    """exp(-|e| / 0.25) on the horizontal velocity: keeps a slope near zero error, where the squared exponential is
+    flat, so that small commands are not ignored."""
+    yaw_rate_precision: float = 1.0
+    """The same on the yaw rate."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +107,8 @@ class CurriculumConfig:
     """Initial factor on the regularisation rewards."""
     penalty_growth: float = 1.001
     """Factor on the penalty scale per iteration, up to 1."""
-    linear_threshold: float = 0.6
-    angular_threshold: float = 0.4
+    linear_threshold: float = 0.7
+    angular_threshold: float = 0.45
     """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
     alpha_step: float = 0.01
     """Change of the noise level (the paper's)."""

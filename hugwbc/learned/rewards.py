@@ -13,7 +13,7 @@ TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
 CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
 LIMIT_FRACTION = 0.95
-YAW_PRECISION = 0.25  # [rad/s]
+PRECISION = 0.25  # [m/s] and [rad/s]
 CONTACT_THRESHOLD = 5.0  # [N]
 
 
@@ -214,9 +214,14 @@ def joint_limits(t: Transition, body: Body) -> torch.Tensor:
     return excess[:, body.waist_and_legs].sum(1)
 
 
+def linear_velocity_precision(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-|v_xy_target - v_xy| / 0.25) (not in the paper)."""
+    return torch.exp(-torch.linalg.vector_norm(t.command[:, :2] - t.velocity[:, :2], dim=1) / PRECISION)
+
+
 def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
     """exp(-|omega_target - omega_z| / 0.25) (not in the paper)."""
-    return torch.exp(-(t.command[:, 2] - t.yaw_rate).abs() / YAW_PRECISION)
+    return torch.exp(-(t.command[:, 2] - t.yaw_rate).abs() / PRECISION)
 
 
 PAPER_TERMS: dict[str, Term] = {
@@ -243,7 +248,8 @@ PAPER_TERMS: dict[str, Term] = {
     )
 }
 EXTRA_TERMS: dict[str, Term] = {
-    term.__name__: term for term in (alive, body_roll_tracking, joint_limits, yaw_rate_precision)
+    term.__name__: term
+    for term in (alive, body_roll_tracking, joint_limits, linear_velocity_precision, yaw_rate_precision)
 }
 # The paper's regularisation group: grows with the penalty curriculum. Termination does not.
 REGULARISATION = frozenset(PAPER_TERMS) - {

@@ -198,6 +198,12 @@ class Trainer:
 
     def _append_log(self, row: dict[str, float]) -> None:
         path = self.config.out / LOG_NAME
+        if path.exists():
+            with path.open(newline="") as file:
+                header = next(csv.reader(file), [])
+            if header != list(row):
+                # Other rewards are on than in the session before: its figures keep their own file and columns.
+                path.rename(path.with_stem(f"{path.stem}-until-{self.iteration - 1}"))
         new = not path.exists()
         with path.open("a", newline="") as file:
             writer = csv.DictWriter(file, fieldnames=list(row))

@@ -120,6 +120,7 @@ CASES = {
     "body_roll_tracking": ({"roll": torch.tensor([-0.2])}, 0.04),
     # Knee range is -0.26 to 2.05: 95 % of the half range ends at 1.99225.
     "joint_limits": ({"q": with_joint("left_knee_joint", 2.05) + 0.0}, None),
+    "linear_velocity_precision": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-2.0)),
     "yaw_rate_precision": ({"yaw_rate": torch.tensor([-0.25])}, math.exp(-1.0)),
 }
 

@@ -48,6 +48,15 @@ def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
     assert load_policy(tmp_path).metadata["training"]["steps"] == 128
 
 
+def test_a_log_with_other_columns_is_kept_apart(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    header = (tmp_path / LOG_NAME).read_text().splitlines()[0]
+    extra = dataclasses.replace(ENV, extra=dataclasses.replace(ENV.extra, alive=0.0))
+    run(dataclasses.replace(config(tmp_path, 2, resume=True), env=extra))
+    assert (tmp_path / "metrics-until-1.csv").read_text().splitlines()[0] == header
+    assert [row["iteration"] for row in csv.DictReader((tmp_path / LOG_NAME).open())] == ["2"]
+
+
 def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     trainer = run(config(tmp_path, 2))
     slim = tmp_path / SNAPSHOT_NAME
