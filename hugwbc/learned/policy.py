@@ -19,7 +19,7 @@ from hugwbc.state import RobotState
 
 DEFAULT_POLICY = "h1"
 PERIOD = 0.02  # [s], the paper's control period
-ACTION_SCALE = 0.25
+ACTION_SCALE = EnvConfig.action_scale
 POLICY_FILE = "policy.safetensors"
 
 
