@@ -51,7 +51,7 @@ def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
     """Ranges of the eight commands under a gait, by name. Standing admits zero velocity only."""
     if gait is Gait.STANDING:
         return _STANDING
-    if gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
+    if gait.hops:
         return _HOPPING
     return _GENERAL
 

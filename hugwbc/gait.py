@@ -52,6 +52,11 @@ class Gait(enum.IntEnum):
         except (KeyError, AttributeError):
             raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
 
+    @property
+    def hops(self) -> bool:
+        """Whether one leg hops while the other is held."""
+        return self in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
+
     def mirrored(self) -> "Gait":
         """The gait seen in a mirror: hopping changes legs, the others stay."""
         return {Gait.HOPPING_LEFT: Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT: Gait.HOPPING_LEFT}.get(self, self)

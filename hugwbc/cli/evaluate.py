@@ -21,7 +21,7 @@ class EvaluateOptions:
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     gait: str = "walking"
-    """standing, walking, jumping, hopping_left or hopping_right."""
+    """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"
     """single-command: each command sampled over its range, the others at default."""
     episodes: int = 32
@@ -46,8 +46,10 @@ def run(words: Sequence[str]) -> int:
     check_writable(options.json)
     if options.protocol not in PROTOCOL_NAMES:
         raise UnknownNameError("protocol", options.protocol, PROTOCOL_NAMES)
+    both_legs = options.gait == "hopping"
     config = SingleCommandConfig(
-        gait=Gait.parse(options.gait),
+        gait=Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait),
+        both_legs=both_legs,
         episodes=options.episodes,
         seed=options.seed,
         duration=options.duration,
@@ -57,7 +59,7 @@ def run(words: Sequence[str]) -> int:
     )
     spec = ControllerSpec(options.controller, options.policy)
     done = 0
-    with progress(f"{options.controller}, {config.gait.label}: {config.episodes} episodes") as advance:
+    with progress(f"{options.controller}, {config.gait_label}: {config.episodes} episodes") as advance:
 
         def on_episode(_: object) -> None:
             nonlocal done

@@ -34,7 +34,7 @@ def single_command_errors(gait: Gait) -> Mapping[str, float]:
 
     The paper has one column for hopping, without telling the legs apart.
     """
-    row = "hopping" if gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT) else gait.label
+    row = "hopping" if gait.hops else gait.label
     return _tables()["single_command_tracking"][row]
 
 

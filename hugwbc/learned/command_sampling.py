@@ -8,6 +8,7 @@ from hugwbc.learned.config import CommandConfig
 from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
 
 _V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
+_HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
@@ -25,7 +26,8 @@ def draw_commands(
 
     Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
     curriculum has reached; each behaviour command is at its default with probability `default_fraction`; standing and
-    stepping in place have no velocity.
+    stepping in place have no velocity. Hopping has the paper's command space of its own: v_x, v_y, omega and h; the
+    others stay at their defaults, whose tracking rewards then regularise.
 
     Args:
         agile: which of the robots belong to the agile group, shape (k,), bool.
@@ -37,10 +39,9 @@ def draw_commands(
         Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
     """
     count = agile.numel()
-    draw = torch.rand(count, generator=generator)
-    standing = draw < config.standing_fraction
-    walking = draw < config.standing_fraction + config.walking_fraction
-    gait = torch.where(standing, int(Gait.STANDING), torch.where(walking, int(Gait.WALKING), int(Gait.JUMPING)))
+    gait = _draw_gaits(count, config, generator)
+    standing, hopping = gait == Gait.STANDING, gait >= Gait.HOPPING_LEFT
+    agile = agile & ~hopping
     ranges = command_ranges(Gait.WALKING)
     columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]
     fast = torch.where(agile, curriculum.max_speed, MAX_SPEED[0])
@@ -53,4 +54,15 @@ def draw_commands(
         command[at_default, i] = ranges[COMMAND_NAMES[i]].default
     still = torch.rand(count, generator=generator) < config.zero_velocity_fraction
     command[standing | still, : _OMEGA + 1] = 0.0
+    # Hopping's ranges are the general ones or the default alone: clamping to them keeps the draws uniform.
+    command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
     return command, gait
+
+
+def _draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
+    """Values of `Gait` in the configured fractions, shape (count,)."""
+    gaits = torch.tensor([Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING])
+    hopping = config.hopping_fraction / 2.0
+    shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)
+    draw = torch.rand(count, generator=generator).double()
+    return gaits[torch.bucketize(draw, shares.cumsum(0), right=True)]

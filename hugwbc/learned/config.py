@@ -56,10 +56,12 @@ class ExtraWeights:
 
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
-    """How commands are drawn in training."""
+    """How commands are drawn in training. Gaits: the fractions below; what they leave is jumping."""
 
     standing_fraction: float = 0.2
     walking_fraction: float = 0.55
+    hopping_fraction: float = 0.0
+    """One-leg hopping, half on either leg. The paper trains it alone: standing 0.1, walking 0, hopping 0.9."""
     default_fraction: float = 0.4
     """Probability, for each of f, l, h, p, w, to be at its default instead of drawn from its range."""
     zero_velocity_fraction: float = 0.1
@@ -69,11 +71,13 @@ class CommandConfig:
 
     def __post_init__(self) -> None:
         """Check the fractions."""
-        for name in ("standing_fraction", "walking_fraction", "default_fraction", "zero_velocity_fraction"):
+        gaits = ("standing_fraction", "walking_fraction", "hopping_fraction")
+        for name in (*gaits, "default_fraction", "zero_velocity_fraction"):
             value = getattr(self, name)
             _require(0.0 <= value <= 1.0, f"command.{name}", value, "0 to 1")
-        total = self.standing_fraction + self.walking_fraction
-        _require(total <= 1.0, "command.standing_fraction + command.walking_fraction", total, "at most 1")
+        total = sum(getattr(self, name) for name in gaits)
+        # Decimal fractions that make up 1 may add up to a little more.
+        _require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
         _require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
 
 

@@ -7,6 +7,7 @@ import torch
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
+from hugwbc.gait import Gait
 from hugwbc.learned import observations as obs
 from hugwbc.learned.command_sampling import draw_commands, uniform
 from hugwbc.learned.config import EnvConfig
@@ -95,7 +96,7 @@ class HumanoidEnv:
         self.intervention = Intervention(~self.agile, config.flip_probability, config.noise_interval, self.generator)
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self._body = self._make_body()
-        self.statistics = Statistics(self.count, self.robot.waist)
+        self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self._noise = obs.noise_amplitude() * config.randomization.noise
         self._trunk = self.robot.contact_links.index("torso_link")
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
@@ -156,6 +157,8 @@ class HumanoidEnv:
         self.waist = self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
         target[:, self._body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
+        # The paper: hopping is too unstable for arms under external control.
+        self.intervention.eligible = ~self.agile & (self.gait < Gait.HOPPING_LEFT)
         self.intervention.step()
         target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
         self.simulation.ctrl[:] = target.numpy()

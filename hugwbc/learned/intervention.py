@@ -37,6 +37,7 @@ class Intervention:
     """State of the intervention of n robots.
 
     Attributes:
+        eligible: robots that may be intervened now, shape (n,), bool.
         active: the paper's I(t), shape (n,), bool.
         alpha: noise level in [0, 1], common to all robots.
     """
@@ -47,7 +48,7 @@ class Intervention:
         """Start without intervention.
 
         Args:
-            eligible: robots of the intervention group, shape (n,), bool.
+            eligible: robots that may be intervened, shape (n,), bool.
             flip_probability: of I(t), per step.
             interval: steps between two draws of the targets.
             generator: of all random numbers.
@@ -81,7 +82,7 @@ class Intervention:
     def step(self) -> None:
         """Flip indicators and draw new targets where an interval has passed."""
         flip = torch.rand(self.active.shape, generator=self._generator) < self.flip_probability
-        self.active ^= flip & self.eligible
+        self.active = (self.active ^ flip) & self.eligible
         self._age += 1
         due = (self._age >= self.interval).nonzero().squeeze(1)
         if due.numel():

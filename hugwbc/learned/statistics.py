@@ -1,4 +1,4 @@
-"""Running figures of training: reward terms, walking errors, episodes; and the averages that open the curricula."""
+"""Running figures of training: reward terms, tracking errors, episodes; and the averages that open the curricula."""
 
 import math
 
@@ -20,14 +20,18 @@ class Statistics:
         tracking: exponential averages of the linear and angular tracking reward relative to their maxima, shape (n, 2).
     """
 
-    def __init__(self, count: int, waist: int) -> None:
+    def __init__(self, count: int, waist: int, *, hopping: bool = False) -> None:
         """Start empty.
 
         Args:
             count: number of robots.
             waist: index of the waist joint.
+            hopping: whether the errors of hopping robots are figures too, beside those of walking ones.
         """
         self.tracking = torch.zeros(count, 2)
+        self._gaits = {"walking": (Gait.WALKING, Gait.WALKING)}
+        if hopping:
+            self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
         self._sums: dict[str, float] = {}
         self._steps = 0
@@ -53,8 +57,10 @@ class Statistics:
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
         values = {f"reward/{name}": float(value.mean()) for name, value in rewards.items()}
-        for column, error in zip(_MEASURED_COLUMNS, self._walking_errors(t, gait), strict=True):
-            values[f"walking_error/{COMMAND_NAMES[column]}"] = error
+        for label, (first, last) in self._gaits.items():
+            errors = self._errors(t, (gait >= first) & (gait <= last))
+            for column, error in zip(_MEASURED_COLUMNS, errors, strict=True):
+                values[f"{label}_error/{COMMAND_NAMES[column]}"] = error
         values["episodes"] = float(finished_age.numel())
         values["falls"] = float(t.fallen.sum())
         values["diverged"] = float(diverged.sum())
@@ -64,11 +70,11 @@ class Statistics:
                 self._sums[name] = self._sums.get(name, 0.0) + value
         self._steps += 1
 
-    def _walking_errors(self, t: Transition, gait: torch.Tensor) -> list[float]:
-        walking = (gait == Gait.WALKING).float()
+    def _errors(self, t: Transition, robots: torch.Tensor) -> list[float]:
+        weight = robots.float()
         measured = (t.velocity[:, 0], t.velocity[:, 1], t.yaw_rate, t.height, t.pitch, t.q[:, self._waist])
         error = (torch.stack(measured, dim=1) - t.command[:, _MEASURED_COLUMNS]).abs()
-        return ((error * walking[:, None]).sum(0) / walking.sum().clamp(min=1.0)).tolist()
+        return ((error * weight[:, None]).sum(0) / weight.sum().clamp(min=1.0)).tolist()
 
     def pop(self) -> dict[str, float]:
         """Averages per step since the last call, and sums and mean length of episodes; then start anew."""

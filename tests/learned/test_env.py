@@ -126,6 +126,25 @@ def test_commands_stay_in_their_ranges_and_standing_has_no_velocity() -> None:
     assert standing.float().mean().item() == pytest.approx(0.2, abs=0.04)
 
 
+def test_the_flying_leg_of_a_hop_is_to_stay_in_the_air(small_env: HumanoidEnv) -> None:
+    small_env.gait[:4], small_env.gait[4:] = int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)
+    small_env.phase[:] = 0.25
+    transition = small_env._transition(small_env.readings.dq, torch.zeros(8, dtype=torch.bool))
+    contact = torch.tensor([[1.0, 0.0]] * 4 + [[0.0, 1.0]] * 4)
+    torch.testing.assert_close(transition.contact, contact, atol=1e-5, rtol=0.0)
+    torch.testing.assert_close(transition.target_clearance, (1.0 - contact) * small_env.command[:, 4:5])
+    assert not transition.in_phase.any()
+
+
+def test_hopping_robots_are_left_without_intervention(small_env: HumanoidEnv) -> None:
+    small_env.gait[:] = int(Gait.WALKING)
+    small_env.gait[6:] = int(Gait.HOPPING_LEFT)
+    small_env.intervention.flip_probability = 1.0
+    small_env.age[:] = 10
+    small_env.step(torch.zeros(8, 19))
+    assert small_env.intervention.active.tolist() == [False] * 4 + [True] * 2 + [False] * 2
+
+
 def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> None:
     small_env.curriculum.alpha = 1.0
     small_env.intervention.active[:] = False

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc import gait as gaits
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.learned import observations as obs
@@ -77,6 +78,15 @@ def test_mirror_of_a_command_is_the_observation_of_the_mirrored_command() -> Non
     command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7, gait=Gait.WALKING)
     row = command_row(command, (0.3, -0.8))
     torch.testing.assert_close(obs.mirror_command_observation(row), command_row(mirror_command(command), (-0.8, 0.3)))
+
+
+def test_hopping_on_one_leg_mirrors_to_hopping_on_the_other() -> None:
+    phase, gait = torch.tensor([0.1, 0.1]), torch.tensor([int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)])
+    left, right = gaits.clock(gaits.homogenised_phase(gaits.foot_phases(phase, gait))).tolist()
+    command = Command(v_y=0.2, omega=-0.3, gait=Gait.HOPPING_LEFT)
+    mirrored = obs.mirror_command_observation(command_row(command, tuple(left)))
+    torch.testing.assert_close(mirrored, command_row(mirror_command(command), tuple(right)))
+    assert left[1] == -1.0 and left[0] > 0.0
 
 
 def test_mirror_maps_are_involutions() -> None:

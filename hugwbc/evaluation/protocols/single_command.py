@@ -36,6 +36,7 @@ class SingleCommandConfig:
 
     Attributes:
         gait: of all episodes.
+        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
         episodes: in all, split evenly over the commands of the gait.
         seed: of the sampled commands.
         duration: of an episode [s].
@@ -45,6 +46,7 @@ class SingleCommandConfig:
     """
 
     gait: Gait
+    both_legs: bool = False
     episodes: int = 32
     seed: int = 0
     duration: float = 10.0
@@ -58,6 +60,8 @@ class SingleCommandConfig:
             raise ConfigError(
                 f"episodes is {self.episodes}; the {self.gait.label} gait needs at least {least}, one per command"
             )
+        if self.both_legs and not self.gait.hops:
+            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
         if not 0.0 <= self.settle < self.duration < math.inf:
             raise ConfigError(
                 f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration, finite"
@@ -67,12 +71,18 @@ class SingleCommandConfig:
         if self.seed < 0:
             raise ConfigError(f"seed is {self.seed}; give 0 or more")
 
+    @property
+    def gait_label(self) -> str:
+        """Label of the gait; "hopping" for both legs."""
+        return "hopping" if self.both_legs else self.gait.label
+
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
     """One episode.
 
     Attributes:
+        gait: label.
         command: name of the sampled command.
         value: its value.
         error_name: the paper's name of the error that the episode counts towards.
@@ -82,6 +92,7 @@ class Episode:
         failures: exceptions of the controller that the safety filter caught.
     """
 
+    gait: str
     command: str
     value: float
     error_name: str
@@ -97,7 +108,7 @@ class SingleCommandResult:
 
     Attributes:
         controller: name.
-        gait: label.
+        gait: label; "hopping" for both legs.
         episodes: how many.
         falls: in how many the robot fell.
         episodes_slow: episodes with a commanded horizontal speed of at most 0.6 m/s.
@@ -131,17 +142,18 @@ def sampled_commands(gait: Gait) -> tuple[str, ...]:
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
 
 
-def sample_episodes(config: SingleCommandConfig) -> list[tuple[str, float]]:
-    """Name and value of the sampled command of every episode, stratified over each command's finishing range."""
+def sample_episodes(config: SingleCommandConfig) -> list[tuple[str, float, Gait]]:
+    """Name and value of the sampled command, and gait, of every episode, stratified over the finishing ranges."""
     rng = np.random.default_rng(config.seed)
     names = sampled_commands(config.gait)
     share, rest = divmod(config.episodes, len(names))
-    samples: list[tuple[str, float]] = []
+    gaits = (config.gait, config.gait.mirrored() if config.both_legs else config.gait)
+    samples: list[tuple[str, float, Gait]] = []
     for position, name in enumerate(names):
         count = share + (position < rest)
         low, high = command_ranges(config.gait)[name].finishing
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
-        samples += [(name, float(value)) for value in values]
+        samples += [(name, float(value), gaits[index % 2]) for index, value in enumerate(values)]
     return samples
 
 
@@ -165,7 +177,7 @@ def run_single_command(
     falls_slow = sum(row.fell for row in slow)
     return SingleCommandResult(
         controller=name,
-        gait=config.gait.label,
+        gait=config.gait_label,
         episodes=len(rows),
         falls=sum(row.fell for row in rows),
         episodes_slow=len(slow),
@@ -198,20 +210,21 @@ def _worker_equipment(factory: ControllerFactory, timestep: float) -> tuple[Cont
     return factory(), Simulation(timestep=timestep)
 
 
-def _run_in_worker(factory: ControllerFactory, config: SingleCommandConfig, sample: tuple[str, float]) -> Episode:
+def _run_in_worker(factory: ControllerFactory, config: SingleCommandConfig, sample: tuple[str, float, Gait]) -> Episode:
     return _run_episode(*_worker_equipment(factory, config.timestep), config, sample)
 
 
 def _run_episode(
-    controller: Controller, simulation: Simulation, config: SingleCommandConfig, sample: tuple[str, float]
+    controller: Controller, simulation: Simulation, config: SingleCommandConfig, sample: tuple[str, float, Gait]
 ) -> Episode:
-    name, value = sample
-    values = default_command(config.gait).array()
+    name, value, gait = sample
+    values = default_command(gait).array()
     values[COMMAND_NAMES.index(name)] = value
-    command = Command.from_array(values, config.gait)
+    command = Command.from_array(values, gait)
     trace = rollout(controller, Constant(command), simulation, duration=config.duration)
     error = episode_error(trace, name, config.settle)
     return Episode(
+        gait=gait.label,
         command=name,
         value=value,
         error_name=error_name(name, value),

@@ -1,0 +1,53 @@
+import dataclasses
+
+import pytest
+import torch
+
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.learned.command_sampling import draw_commands
+from hugwbc.learned.config import CommandConfig, CurriculumConfig
+from hugwbc.learned.curriculum import Curriculum
+
+HOPPING = CommandConfig(standing_fraction=0.1, walking_fraction=0.0, hopping_fraction=0.9)
+COUNT = 4000
+
+
+def draw(config: CommandConfig, *, max_speed: float = 0.6) -> tuple[torch.Tensor, torch.Tensor]:
+    curriculum = Curriculum(CurriculumConfig())
+    curriculum.max_speed = max_speed
+    agile = torch.arange(COUNT) % 2 == 0
+    return draw_commands(agile, config, curriculum, torch.Generator().manual_seed(0))
+
+
+def share(gait: torch.Tensor, value: Gait) -> float:
+    return (gait == value).float().mean().item()
+
+
+def test_gaits_come_in_their_fractions() -> None:
+    _, gait = draw(CommandConfig(standing_fraction=0.1, walking_fraction=0.3, hopping_fraction=0.4))
+    expected = {
+        Gait.STANDING: 0.1, Gait.WALKING: 0.3, Gait.JUMPING: 0.2, Gait.HOPPING_LEFT: 0.2, Gait.HOPPING_RIGHT: 0.2,
+    }  # fmt: skip
+    for value, fraction in expected.items():
+        assert share(gait, value) == pytest.approx(fraction, abs=0.03)
+    _, gait = draw(HOPPING)
+    assert share(gait, Gait.JUMPING) == share(gait, Gait.WALKING) == 0.0
+    _, gait = draw(CommandConfig())
+    assert share(gait, Gait.HOPPING_LEFT) == share(gait, Gait.HOPPING_RIGHT) == 0.0
+
+
+def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> None:
+    command, gait = draw(HOPPING, max_speed=2.0)
+    hopping = command[gait >= Gait.HOPPING_LEFT]
+    assert (hopping[:, :3].abs() <= 0.6).all()
+    # Uniform, not clamped from a wider range: no value piles up at the bound.
+    assert hopping[:, 0].max() < 0.6 and hopping[:, 0].unique().numel() > 0.8 * hopping.shape[0]
+    assert hopping[:, 5].min() < -0.28 and hopping[:, 5].max() == 0.0
+    defaults = torch.tensor([2.0, 0.15, 0.0, 0.0])
+    torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
+
+
+def test_fractions_that_exceed_one_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"hopping_fraction = 1\.25; valid: at most 1"):
+        dataclasses.replace(CommandConfig(), hopping_fraction=0.5)
