@@ -85,6 +85,11 @@ def describe(result: SingleCommandResult) -> str:
     lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
     lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
     lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
+    if result.foot_travel is not None:
+        seconds = result.duration - result.settle
+        lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
+    if result.held_foot_contact is not None:
+        lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
     failures = sum(row.failures for row in result.rows)
     if failures:
         lines.append(f"the controller raised {failures} exceptions, which the safety filter caught")

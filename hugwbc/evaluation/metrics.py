@@ -13,6 +13,9 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.evaluation.rollout import Trace
 from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES
+from hugwbc.state import RobotState
 
 SETTLE_S = 1.0  # [s]
 TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # columns of Trace.measured
@@ -72,6 +75,37 @@ def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
             cycle = (trace.time >= begin) & (trace.time <= end)
             errors.append(abs(float(_at(trace, np.array([end]), _L)[0] - trace.clearance[cycle, foot].max())))
     return float(np.mean(errors)) if errors else float("nan")
+
+
+def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Fraction of the time after `settle` in which the held leg of a hop touched the ground; NaN for other gaits.
+
+    The tracking errors do not tell a hop from a jump on both feet; this does.
+    """
+    gait, kept = Gait(int(trace.gait[-1])), trace.time >= settle
+    if not gait.hops or not kept.any():
+        return float("nan")
+    (hopping_foot,) = stepping_feet(gait)
+    return float(trace.foot_contact[kept, 1 - hopping_foot].mean())
+
+
+def foot_travel(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Length of the horizontal paths of both soles after `settle`, added up [m] (the paper's foot displacement).
+
+    NaN if the robot did not last that long.
+    """
+    kept = trace.qpos[trace.time >= settle]
+    if not kept.size:
+        return float("nan")
+    kinematics = Kinematics()
+    paths = np.empty((len(kept), len(SIDES), 2))
+    for row, qpos in zip(paths, kept, strict=True):
+        state = RobotState(
+            q=qpos[7:], dq=np.zeros(19), orientation=qpos[3:7], angular_velocity=np.zeros(3), position=qpos[:3]
+        )
+        kinematics.update(state)
+        row[:] = [kinematics.position(f"{side}_sole")[:2] for side in SIDES]
+    return float(np.linalg.norm(np.diff(paths, axis=0), axis=2).sum())
 
 
 def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:

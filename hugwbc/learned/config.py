@@ -139,6 +139,8 @@ class EnvConfig:
     episode_steps: int = 1000
     action_scale: float = 0.25
     """Radians of joint target per unit of action."""
+    held_foot_grace: float = 0.0
+    """Time after a command's start from which the held foot of a hop on the ground ends the episode [s]; 0 never."""
     waist_rate: float = 2.0
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
     waist to the action alone, as in the paper."""
@@ -158,6 +160,7 @@ class EnvConfig:
             value = getattr(self, name)
             _require(value > 0, f"env.{name}", value, "a positive integer")
         _require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
+        _require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
 
 

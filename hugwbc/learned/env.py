@@ -15,7 +15,7 @@ from hugwbc.learned.curriculum import Curriculum
 from hugwbc.learned.intervention import Intervention
 from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
-from hugwbc.learned.rewards import Body, Transition, evaluate_terms
+from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate_terms
 from hugwbc.learned.statistics import Statistics
 from hugwbc.robot import load_robot
 from hugwbc.sim.batch import BatchSimulation
@@ -144,6 +144,8 @@ class HumanoidEnv:
         timed_out = (done & ~fallen).nonzero().squeeze(1)
         tracking = self._relative_tracking(rewards)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
+        if self.config.command.hopping_fraction > 0.0:
+            self.statistics.add_share("held_foot_down", self._held_foot_down(), self.gait >= Gait.HOPPING_LEFT)
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         final_critic = self.observe().critic[timed_out] if timed_out.numel() else torch.empty(0, obs.CRITIC_SIZE)
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
@@ -176,7 +178,19 @@ class HumanoidEnv:
         r = self.readings
         trunk = (r.link_force[:, self._trunk] > TRUNK_FORCE) & ~self.intervention.active
         tilted = (r.pitch.abs() > FALL_PITCH) | (r.roll.abs() > FALL_ROLL)
-        return trunk | tilted | (r.height + self.robot.nominal_height < FALL_HEIGHT)
+        return trunk | tilted | (r.height + self.robot.nominal_height < FALL_HEIGHT) | self._dropped_foot()
+
+    def _held_foot_down(self) -> torch.Tensor:
+        """Whether a hopping robot's held foot touches the ground, shape (n,), bool."""
+        left, right = (self.readings.foot_force.square().sum(2) > CONTACT_THRESHOLD**2).unbind(1)
+        return ((self.gait == Gait.HOPPING_LEFT) & right) | ((self.gait == Gait.HOPPING_RIGHT) & left)
+
+    def _dropped_foot(self) -> torch.Tensor:
+        """Whether a hop ends because its held foot came down; there is time to lift it after a new command."""
+        if self.config.held_foot_grace == 0.0:
+            return torch.zeros(self.count, dtype=torch.bool)
+        settled = self.age % self.config.command.resample_steps * self.dt >= self.config.held_foot_grace
+        return settled & self._held_foot_down()
 
     def _bar_phase(self) -> torch.Tensor:
         return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))

@@ -70,6 +70,11 @@ class Statistics:
                 self._sums[name] = self._sums.get(name, 0.0) + value
         self._steps += 1
 
+    def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
+        """Add the part of some robots for which a flag is set, after `add`; both arguments of shape (n,), bool."""
+        share = float((flag & robots).sum()) / max(float(robots.sum()), 1.0)
+        self._sums[name] = self._sums.get(name, 0.0) + share
+
     def _errors(self, t: Transition, robots: torch.Tensor) -> list[float]:
         weight = robots.float()
         measured = (t.velocity[:, 0], t.velocity[:, 1], t.yaw_rate, t.height, t.pitch, t.q[:, self._waist])

@@ -147,3 +147,13 @@ def test_json_that_cannot_be_written_is_an_error(tmp_path, capsys):
     ]
     assert main([*words, "--json", str(tmp_path / "file" / "out.json")]) == 2
     assert "give a path that can be written" in capsys.readouterr().err
+
+
+def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(capsys):
+    words = ["evaluate", "--controller", "hold", "--gait", "hopping", "--episodes", "8", "--timestep", "0.005"]
+    assert main([*words, "--duration", "0.4", "--settle", "0.2", "--json"]) == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert result["gait"] == "hopping" and {row["gait"] for row in result["rows"]} == {"hopping_left", "hopping_right"}
+    assert result["paper"]["E_h"] == 0.103
+    assert "held foot on the ground: 100.0 % of the time" in printed.err

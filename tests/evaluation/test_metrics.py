@@ -29,6 +29,30 @@ def test_zero_mean_noise_has_the_mean_of_its_absolute_value_as_error(synthetic_t
         assert error == pytest.approx(0.1 * math.sqrt(2.0 / math.pi), rel=0.03)  # E|x| of a normal
 
 
+def test_held_foot_contact_counts_the_held_foot_only(synthetic_trace):
+    trace = synthetic_trace(Command(gait=Gait.HOPPING_LEFT))
+    contact = np.zeros((trace.time.size, 2), dtype=bool)
+    contact[:, 0] = True  # the hopping foot
+    contact[-45:, 1] = True  # 45 of the 450 samples after the start
+    assert metrics.held_foot_contact(dataclasses.replace(trace, foot_contact=contact)) == pytest.approx(0.1)
+    assert math.isnan(metrics.held_foot_contact(synthetic_trace(Command(gait=Gait.WALKING))))
+
+
+def test_foot_travel_is_the_length_of_both_paths(synthetic_trace):
+    trace = synthetic_trace(Command(gait=Gait.STANDING))
+    qpos = np.zeros((trace.time.size, 26))
+    qpos[:, 3] = 1.0
+    still = dataclasses.replace(trace, qpos=qpos)
+    assert metrics.foot_travel(still) == 0.0
+    # 1 cm back and forth between samples: 449 intervals after the start, two feet
+    shaken = qpos.copy()
+    shaken[::2, 0] = 0.01
+    assert metrics.foot_travel(dataclasses.replace(trace, qpos=shaken)) == pytest.approx(2 * 449 * 0.01)
+    lifted = qpos.copy()
+    lifted[::2, 2] = 0.01
+    assert metrics.foot_travel(dataclasses.replace(trace, qpos=lifted)) == 0.0
+
+
 def test_the_start_is_left_out(synthetic_trace):
     trace = synthetic_trace()
     measured = trace.measured.copy()

@@ -7,7 +7,7 @@ import torch
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.learned import observations as obs
-from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.config import CommandConfig, EnvConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.state import RobotState
 
@@ -16,6 +16,11 @@ def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
         env.step(0.3 * torch.randn((env.count, 19), generator=generator))
+
+
+def run_still(env: HumanoidEnv, steps: int) -> None:
+    for _ in range(steps):
+        env.step(torch.zeros(env.count, 19))
 
 
 def state_of(env: HumanoidEnv, i: int) -> RobotState:
@@ -134,6 +139,18 @@ def test_the_flying_leg_of_a_hop_is_to_stay_in_the_air(small_env: HumanoidEnv) -
     torch.testing.assert_close(transition.contact, contact, atol=1e-5, rtol=0.0)
     torch.testing.assert_close(transition.target_clearance, (1.0 - contact) * small_env.command[:, 4:5])
     assert not transition.in_phase.any()
+
+
+def test_a_held_foot_on_the_ground_ends_the_episode_only_if_asked_and_after_the_grace() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
+    done = {}
+    for grace in (0.0, 0.5):
+        env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=grace), seed=3, threads=1)
+        run_still(env, 5)  # on both feet by now
+        env.age[:4], env.age[4:] = 10, 40
+        done[grace] = env.step(torch.zeros(8, 19)).done.tolist()
+        assert env.statistics.pop()["held_foot_down"] > 0.5
+    assert done == {0.0: [False] * 8, 0.5: [False] * 4 + [True] * 4}
 
 
 def test_hopping_robots_are_left_without_intervention(small_env: HumanoidEnv) -> None:

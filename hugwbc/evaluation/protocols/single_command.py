@@ -89,6 +89,8 @@ class Episode:
         error: that error; None if the robot fell before it could be measured.
         fell: whether the robot fell.
         survived_s: [s].
+        foot_travel: length of both feet's paths after the settling time, standing only [m].
+        held_foot_contact: part of the time in which the held leg touched the ground, hopping only.
         failures: exceptions of the controller that the safety filter caught.
     """
 
@@ -99,6 +101,8 @@ class Episode:
     error: float | None
     fell: bool
     survived_s: float
+    foot_travel: float | None
+    held_foot_contact: float | None
     failures: int
 
 
@@ -115,6 +119,8 @@ class SingleCommandResult:
         falls_slow: in how many of these the robot fell.
         fall_rate_slow: falls_slow / episodes_slow.
         errors: mean of the episodes' errors by the paper's names; None where the gait has no such command.
+        foot_travel: mean over the episodes, standing only [m].
+        held_foot_contact: mean over the episodes, hopping only.
         paper: the paper's errors, for the names that it reports.
         seed, duration, settle, timestep: as configured.
         rows: the episodes.
@@ -128,6 +134,8 @@ class SingleCommandResult:
     falls_slow: int
     fall_rate_slow: float
     errors: dict[str, float | None]
+    foot_travel: float | None
+    held_foot_contact: float | None
     paper: dict[str, float]
     seed: int
     duration: float
@@ -184,6 +192,8 @@ def run_single_command(
         falls_slow=falls_slow,
         fall_rate_slow=falls_slow / len(slow) if slow else 0.0,
         errors={error: _mean(row.error for row in rows if row.error_name == error) for error in ERROR_NAMES},
+        foot_travel=_mean(row.foot_travel for row in rows),
+        held_foot_contact=_mean(row.held_foot_contact for row in rows),
         paper=dict(single_command_errors(config.gait)),
         seed=config.seed,
         duration=config.duration,
@@ -228,9 +238,11 @@ def _run_episode(
         command=name,
         value=value,
         error_name=error_name(name, value),
-        error=error if math.isfinite(error) else None,
+        error=_known(error),
         fell=trace.fell,
         survived_s=trace.survived_s,
+        foot_travel=_known(metrics.foot_travel(trace, config.settle)) if gait is Gait.STANDING else None,
+        held_foot_contact=_known(metrics.held_foot_contact(trace, config.settle)),
         failures=trace.safety.failures,
     )
 
@@ -242,6 +254,10 @@ def episode_error(trace: Trace, command: str, settle: float) -> float:
     if command == "l":
         return metrics.swing_height_error(trace, settle)
     return metrics.tracking_errors(trace, settle)[command]
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _mean(errors: Iterable[float | None]) -> float | None:
