@@ -32,8 +32,9 @@ def run(words: Sequence[str]) -> int:
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")
     from hugwbc.evaluation import benchmark
+    from hugwbc.learned.contract import policy_contract
     from hugwbc.learned.networks import Actor
-    from hugwbc.learned.policy import LearnedController, policy_metadata
+    from hugwbc.learned.policy import LearnedController
     from hugwbc.mbc import WholeBodyController
 
     with progress("benchmark") as advance:
@@ -42,7 +43,7 @@ def run(words: Sequence[str]) -> int:
         ticks = {"qp_tick_ms": benchmark.controller_tick(WholeBodyController(), options.seconds)}
         advance(0.9)
         # The time of a call does not depend on the weights: a fresh network will do.
-        ticks["policy_tick_ms"] = benchmark.policy_tick(LearnedController(Actor(), policy_metadata()), options.calls)
+        ticks["policy_tick_ms"] = benchmark.policy_tick(LearnedController(Actor(), policy_contract()), options.calls)
         ticks["ik_tick_ms"] = benchmark.ik_tick(options.calls)
     say(_describe(environment, ticks), options.json)
     write_json(options.json, {"environment": dataclasses.asdict(environment), **ticks, "threads": 1})

@@ -12,12 +12,14 @@ from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
 
-FORMAT = "hugwbc-1"
+_PREFIX = "hugwbc-"
+FORMAT = f"{_PREFIX}2"
+_WITHOUT_METADATA = f"{_PREFIX}1"  # an earlier format, still read: its checksum covers the tensors only
 
 
-def _digest(tensors: dict[str, torch.Tensor]) -> str:
-    """SHA-256 over names, types, shapes and bytes, independent of order."""
-    sha = hashlib.sha256()
+def _digest(tensors: dict[str, torch.Tensor], metadata: str) -> str:
+    """SHA-256 over the metadata and the tensors' names, types, shapes and bytes, independent of their order."""
+    sha = hashlib.sha256(metadata.encode())
     for name in sorted(tensors):
         tensor = tensors[name].detach().contiguous()
         sha.update(f"{name}|{tensor.dtype}|{tuple(tensor.shape)}|".encode())
@@ -36,7 +38,8 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     tensors = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
-    header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors), "metadata": json.dumps(metadata)}
+    text = json.dumps(metadata)
+    header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors, text), "metadata": text}
     temporary = path.with_name(path.name + ".partial")
     with temporary.open("wb") as file:
         file.write(save(tensors, header))
@@ -64,14 +67,29 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
             f"{path} is not a readable safetensors file ({error}); it is truncated or of another kind. "
             "Copy it again, or train a new one with 'hugwbc train'"
         ) from error
-    if header.get("format") != FORMAT:
-        found = header.get("format", "no format mark")
-        raise PolicyFileError(f"{path} has {found}, this version reads {FORMAT}; use a file written by this hugwbc")
+    _check_format(path, header.get("format", "no format mark"))
     if header.get("kind") != kind:
         raise PolicyFileError(f"{path} is a {header.get('kind')} file; a {kind} file is needed here")
-    if header.get("sha256") != _digest(tensors):
+    text = header.get("metadata", "")
+    covered = "" if header["format"] == _WITHOUT_METADATA else text
+    if header.get("sha256") != _digest(tensors, covered):
         raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
-    return tensors, json.loads(header["metadata"])
+    try:
+        metadata = json.loads(text)
+    except ValueError as error:
+        raise PolicyFileError(f"{path} is corrupted: its metadata are not JSON ({error}). Copy it again") from error
+    if not isinstance(metadata, dict):
+        raise PolicyFileError(f"{path} is corrupted: its metadata are no JSON object. Copy it again")
+    return tensors, metadata
+
+
+def _check_format(path: pathlib.Path, found: str) -> None:
+    if found in (FORMAT, _WITHOUT_METADATA):
+        return
+    version = found.removeprefix(_PREFIX)
+    if found.startswith(_PREFIX) and version.isdecimal() and int(version) > int(FORMAT.removeprefix(_PREFIX)):
+        raise PolicyFileError(f"{path} has format {found}, newer than this version's {FORMAT}; update hugwbc")
+    raise PolicyFileError(f"{path} has {found}, this version reads {FORMAT}; use a file written by this hugwbc")
 
 
 def _header(data: bytes) -> dict[str, str]:

@@ -6,6 +6,7 @@ import pathlib
 from typing import Literal
 
 from hugwbc.errors import ConfigError
+from hugwbc.learned.contract import ACTION_SCALE, WAIST_RATE
 
 
 def _require(condition: bool, name: str, value: object, valid: str) -> None:
@@ -137,11 +138,11 @@ class EnvConfig:
     substeps: int = 4
     """Physics steps of 5 ms in a control step."""
     episode_steps: int = 1000
-    action_scale: float = 0.25
+    action_scale: float = ACTION_SCALE
     """Radians of joint target per unit of action."""
     held_foot_grace: float = 0.0
     """Time after a command's start from which the held foot of a hop on the ground ends the episode [s]; 0 never."""
-    waist_rate: float = 2.0
+    waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
     waist to the action alone, as in the paper."""
     flip_probability: float = 0.005
@@ -159,6 +160,7 @@ class EnvConfig:
         for name in ("count", "substeps", "episode_steps", "noise_interval"):
             value = getattr(self, name)
             _require(value > 0, f"env.{name}", value, "a positive integer")
+        _require(0.0 < self.action_scale < math.inf, "env.action_scale", self.action_scale, "a positive number")
         _require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
         _require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")

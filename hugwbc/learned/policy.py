@@ -7,44 +7,18 @@ import numpy as np
 import torch
 
 from hugwbc import gait as gaits
-from hugwbc.commands import COMMAND_NAMES, Command
+from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError, UnknownNameError
-from hugwbc.learned import checkpoint
+from hugwbc.learned import checkpoint, self_test
 from hugwbc.learned import observations as obs
-from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.contract import complete_contract
 from hugwbc.learned.networks import Actor
 from hugwbc.robot import load_robot, model_dir
 from hugwbc.state import RobotState
 
 DEFAULT_POLICY = "h1"
-PERIOD = 0.02  # [s], the paper's control period
-ACTION_SCALE = EnvConfig.action_scale
 POLICY_FILE = "policy.safetensors"
-
-
-def policy_metadata(waist_rate: float = EnvConfig.waist_rate) -> dict[str, Any]:
-    """The contract that a policy file carries: everything needed to run it elsewhere.
-
-    Args:
-        waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
-    """
-    robot = load_robot()
-    return {
-        "robot": "h1",
-        "joint_names": list(robot.joint_names),
-        "nominal": robot.nominal.tolist(),
-        "kp": robot.kp.tolist(),
-        "kd": robot.kd.tolist(),
-        "period": PERIOD,
-        "action_scale": ACTION_SCALE,
-        "waist_rate": waist_rate,
-        "command_names": list(COMMAND_NAMES),
-        "command_scales": obs.COMMAND_SCALES,
-        "history_frames": obs.HISTORY_FRAMES,
-        "proprioception": "angular velocity x 0.25, projected gravity, q - nominal, dq x 0.05, last action",
-        "command": "eight scaled commands, psi, phi_stance (1 standing), left and right clock, intervention indicator",
-    }
 
 
 def policy_dir() -> pathlib.Path:
@@ -67,7 +41,8 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
-        PolicyFileError: if the file is truncated, corrupted, of another program or another robot.
+        PolicyFileError: if the file is truncated, corrupted, of another program or another robot, or fails its
+            self-test.
     """
     if threads is not None:
         torch.set_num_threads(threads)
@@ -79,21 +54,47 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     if path.is_dir():
         path = path / POLICY_FILE
     tensors, metadata = checkpoint.load_file(path, "policy")
-    expected = policy_metadata()
-    for key in ("robot", "joint_names", "history_frames", "command_names", "command_scales", "action_scale", "period"):
-        if metadata.get(key) != expected[key]:
-            raise PolicyFileError(
-                f"{path} has {key} = {metadata.get(key)}, this version of hugwbc runs {expected[key]}; "
-                "use a policy trained with this version"
-            )
-    if not isinstance(metadata.get("waist_rate"), int | float):
-        raise PolicyFileError(f"{path} lacks the number waist_rate; use a policy trained with this version")
+    metadata = complete_contract(metadata, path)
+    stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
     actor = Actor()
     try:
-        actor.load_state_dict(tensors)
+        actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:
         raise PolicyFileError(f"{path} does not fit the policy network: {error}") from error
-    return LearnedController(actor, metadata)
+    controller = LearnedController(actor, metadata)
+    # A file from before the contract was versioned has no self-test.
+    if "contract" in metadata:
+        _verify(controller, stored, path)
+    return controller
+
+
+def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], path: pathlib.Path) -> None:
+    """Refuse a policy that does not do here what it did where it was saved."""
+    try:
+        deviation = self_test.deviation(controller, stored)
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
+    if deviation > self_test.TOLERANCE:
+        writer = controller.metadata.get("versions", {}).get("hugwbc", "unknown")
+        raise PolicyFileError(
+            f"{path} fails its self-test: joint targets differ by up to {deviation:.2g} rad from the stored ones, "
+            f"valid is {self_test.TOLERANCE:g}. The file was changed, or this hugwbc runs policies differently than "
+            f"hugwbc {writer}, which wrote it; use that version"
+        )
+
+
+def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], training: dict[str, Any]) -> None:
+    """Write a policy file: weights, contract, training record and self-test.
+
+    Args:
+        path: of the file.
+        actor: the network.
+        contract: what `policy_contract` gave for the run.
+        training: anything about its making that JSON can hold.
+    """
+    metadata = contract | {"training": training}
+    tensors = actor.state_dict() | self_test.record(LearnedController(actor, metadata))
+    checkpoint.save_file(path, tensors, "policy", metadata)
 
 
 class LearnedController:
@@ -113,16 +114,20 @@ class LearnedController:
 
         Args:
             actor: the trained network.
-            metadata: its contract.
+            metadata: its contract, as `policy_contract` or `complete_contract` give it.
         """
-        self.period = PERIOD
+        self.period = float(metadata["period"])
         self.metadata = metadata
         self.held = 0
         self.robot = load_robot()
         self._actor = actor.eval()
-        self._nominal = torch.tensor(self.robot.nominal, dtype=torch.float32)
+        self._scale = float(metadata["action_scale"])
+        self._nominal, self._kp, self._kd = (np.array(metadata[name], dtype=float) for name in ("nominal", "kp", "kd"))
+        self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
         self._history = torch.zeros(1, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
+        self._observation = torch.zeros(1, obs.COMMAND_SIZE)
         self._action = torch.zeros(1, obs.JOINTS)
+        self._estimate = torch.zeros(1, obs.ESTIMATE_SIZE)
         self._phase = 0.0
         self._waist = 0.0
         self._waist_step = float(metadata["waist_rate"]) * self.period
@@ -144,7 +149,7 @@ class LearnedController:
         frame = obs.proprioception(
             row(state.angular_velocity),
             row(state.projected_gravity),
-            row(state.q) - self._nominal,
+            row(state.q) - self._nominal_row,
             row(state.dq),
             self._action,
         )
@@ -167,14 +172,29 @@ class LearnedController:
         command, _ = command.clamp()
         self._phase = float(gaits.advance_phase(self._phase, command.f, self.period))
         feet = gaits.foot_phases(torch.tensor([self._phase]), torch.tensor([int(command.gait)]))
-        observation = obs.command_observation(
+        self._observation = obs.command_observation(
             torch.as_tensor(command.array(), dtype=torch.float32)[None],
             torch.tensor([int(command.gait)]),
             gaits.clock(gaits.homogenised_phase(feet)),
             torch.tensor([upper_body.indicator]),
         )
-        self._action, _ = self._actor(self._history.flatten(1), observation)
-        q = self.robot.nominal + ACTION_SCALE * self._action[0].double().numpy()
+        self._action, self._estimate = self._actor(self._history.flatten(1), self._observation)
+        q = self._nominal + self._scale * self._action[0].double().numpy()
         self._waist += float(np.clip(command.w - self._waist, -self._waist_step, self._waist_step))
         q[self.robot.waist] += self._waist
-        return override_arms(JointCommand.position(self.robot, q), upper_body, self.robot)
+        zero = np.zeros_like(q)
+        own = JointCommand(q=q, dq=zero, kp=self._kp, kd=self._kd, tau=zero)
+        return override_arms(own, upper_body, self.robot)
+
+    def last_pass(self) -> dict[str, torch.Tensor]:
+        """Inputs and outputs of the network in the last call of `act`.
+
+        Returns:
+            history (1, 315), observation (1, 13), action (1, 19) and estimate (1, 6), in observation units.
+        """
+        return {
+            "history": self._history.flatten(1).clone(),
+            "observation": self._observation.clone(),
+            "action": self._action.clone(),
+            "estimate": self._estimate.clone(),
+        }

@@ -5,20 +5,19 @@ import dataclasses
 import json
 import os
 import pathlib
-import platform
 import signal
 import time
 from collections.abc import Callable
 from typing import Any
 
-import mujoco
 import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.contract import policy_contract, versions
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy import POLICY_FILE, policy_metadata
+from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
@@ -26,16 +25,6 @@ SNAPSHOT_NAME = "snapshot.safetensors"
 LOG_NAME = "metrics.csv"
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
-
-
-def versions() -> dict[str, str]:
-    """Versions that a result depends on."""
-    return {
-        "python": platform.python_version(),
-        "mujoco": mujoco.__version__,
-        "torch": torch.__version__,
-        "machine": platform.machine(),
-    }
 
 
 class Trainer:
@@ -124,9 +113,11 @@ class Trainer:
         # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
         slim = {k: v for k, v in tensors.items() if k.startswith("network.")}
         checkpoint.save_file(self.config.out / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
-        actor = self.ppo.network.actor.state_dict()
-        metadata = policy_metadata(self.config.env.waist_rate) | {"training": self._metadata()}
-        checkpoint.save_file(self.config.out / POLICY_FILE, actor, "policy", metadata)
+        settings = self.config.env
+        contract = policy_contract(
+            period=self.env.dt, action_scale=settings.action_scale, waist_rate=settings.waist_rate
+        )
+        save_policy(self.config.out / POLICY_FILE, self.ppo.network.actor, contract, self._metadata())
 
     def load(self, path: pathlib.Path) -> None:
         """Continue from a checkpoint, or from a snapshot: episodes and optimiser moments then start anew.

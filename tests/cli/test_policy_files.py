@@ -8,8 +8,9 @@ from safetensors.torch import save
 
 from hugwbc.cli import main
 from hugwbc.learned import checkpoint
+from hugwbc.learned.contract import policy_contract
 from hugwbc.learned.networks import Actor
-from hugwbc.learned.policy import policy_metadata
+from hugwbc.learned.policy import save_policy
 
 PLAY = ["play", "--headless", "--duration", "0.1", "--policy"]
 
@@ -17,7 +18,7 @@ PLAY = ["play", "--headless", "--duration", "0.1", "--policy"]
 @pytest.fixture
 def policy(tmp_path):
     path = tmp_path / "policy.safetensors"
-    checkpoint.save_file(path, Actor().state_dict(), "policy", policy_metadata())
+    save_policy(path, Actor(), policy_contract(), {})
     return path
 
 
@@ -54,7 +55,7 @@ def test_a_foreign_file_is_refused(policy, capsys):
 
 
 def test_another_robots_policy_is_refused(policy, capsys):
-    checkpoint.save_file(policy, Actor().state_dict(), "policy", policy_metadata() | {"robot": "g1"})
+    checkpoint.save_file(policy, Actor().state_dict(), "policy", policy_contract() | {"robot": "g1"})
     assert "robot = g1" in refused(policy, capsys)
 
 

@@ -51,6 +51,36 @@ def test_another_kind_is_refused(saved: pathlib.Path) -> None:
         checkpoint.load_file(saved, "checkpoint")
 
 
+def rewritten_header(path: pathlib.Path, **changes: str) -> None:
+    from safetensors import safe_open
+    from safetensors.torch import save_file
+
+    with safe_open(path, "pt") as file:
+        header = file.metadata()
+    save_file(TENSORS, path, header | changes)
+
+
+def test_changed_metadata_are_refused(saved: pathlib.Path) -> None:
+    rewritten_header(saved, metadata='{"steps": 8, "name": "\\u00e9"}')
+    with pytest.raises(PolicyFileError, match="checksum"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_a_newer_format_is_refused(saved: pathlib.Path) -> None:
+    rewritten_header(saved, format="hugwbc-37")
+    with pytest.raises(PolicyFileError, match="hugwbc-37, newer than"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_the_first_format_is_read_and_its_tensors_checked(saved: pathlib.Path) -> None:
+    digest = checkpoint._digest(TENSORS, "")
+    rewritten_header(saved, format="hugwbc-1", sha256=digest, metadata='{"steps": 9}')
+    assert checkpoint.load_file(saved, "policy")[1] == {"steps": 9}
+    rewritten_header(saved, format="hugwbc-1", sha256=digest[::-1])
+    with pytest.raises(PolicyFileError, match="checksum"):
+        checkpoint.load_file(saved, "policy")
+
+
 def test_foreign_safetensors_are_refused(tmp_path: pathlib.Path) -> None:
     from safetensors.torch import save_file
 

@@ -1,5 +1,7 @@
 import dataclasses
 import pathlib
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -11,9 +13,10 @@ from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.contract import policy_contract
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.networks import Actor
-from hugwbc.learned.policy import LearnedController, load_policy, policy_metadata
+from hugwbc.learned.policy import LearnedController, load_policy, save_policy
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
@@ -28,8 +31,14 @@ def random_actor() -> Actor:
 @pytest.fixture
 def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
     path = tmp_path / "policy.safetensors"
-    checkpoint.save_file(path, random_actor().state_dict(), "policy", policy_metadata())
+    save_policy(path, random_actor(), policy_contract(), {"steps": 7})
     return path
+
+
+def rewrite(path: pathlib.Path, tensors: dict | None = None, **entries: object) -> None:
+    """Change tensors and metadata of a policy file and give it a valid checksum again."""
+    old_tensors, metadata = checkpoint.load_file(path, "policy")
+    checkpoint.save_file(path, old_tensors | (tensors or {}), "policy", metadata | entries)
 
 
 def still_state() -> RobotState:
@@ -47,17 +56,28 @@ def test_is_a_controller(policy_file: pathlib.Path) -> None:
     assert command.is_finite
 
 
-def test_controller_sees_what_the_training_environment_shows() -> None:
-    """The same network in the environment and behind the controller gives the same actions along a trajectory."""
+@pytest.mark.parametrize(
+    ("action_scale", "waist_rate", "substeps"), [(0.25, 2.0, 4), (0.5, 1.0, 2)], ids=["defaults", "other settings"]
+)
+def test_controller_does_what_the_training_environment_does(
+    action_scale: float, waist_rate: float, substeps: int, tmp_path: pathlib.Path
+) -> None:
+    """The same network in the environment and behind the controller gives the same targets along a trajectory."""
     quiet = RandomizationConfig(
         friction=(0.8, 0.8), torso_mass=(0, 0), torso_centre=0.0, gains=(1, 1), push_velocity=0.0, noise=0.0
     )
-    env = HumanoidEnv(dataclasses.replace(EnvConfig(), count=1, randomization=quiet), seed=2, threads=1)
+    settings = EnvConfig(
+        count=1, randomization=quiet, action_scale=action_scale, waist_rate=waist_rate, substeps=substeps
+    )
+    env = HumanoidEnv(settings, seed=2, threads=1)
     env.age[:] = 0
     env.gait[:] = int(Gait.WALKING)
     env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
     actor = random_actor()
-    controller = LearnedController(actor, policy_metadata())
+    contract = policy_contract(period=0.005 * substeps, action_scale=action_scale, waist_rate=waist_rate)
+    save_policy(tmp_path / "policy.safetensors", actor, contract, {})
+    controller = load_policy(tmp_path)
+    assert controller.period == 0.005 * substeps
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
 
     def state() -> RobotState:
@@ -65,15 +85,15 @@ def test_controller_sees_what_the_training_environment_shows() -> None:
         return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
 
     controller.reset(state())
-    controller._phase = float(env.phase[0]) - 2.0 * 0.02
+    controller._phase = float(env.phase[0]) - 2.0 * controller.period
     waist = 0.0
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
         observation = env.observe()
         with torch.no_grad():
             action, _ = actor(observation.history, observation.command)
-        expected = ROBOT.nominal + 0.25 * action[0].double().numpy()
-        waist = min(waist + 2.0 * 0.02, 0.3)
+        expected = ROBOT.nominal + action_scale * action[0].double().numpy()
+        waist = min(waist + waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         env.step(action)
@@ -81,7 +101,7 @@ def test_controller_sees_what_the_training_environment_shows() -> None:
 
 
 def test_external_arms_are_passed_on_and_seen() -> None:
-    controller = LearnedController(random_actor(), policy_metadata())
+    controller = LearnedController(random_actor(), policy_contract())
     targets = np.linspace(-0.2, 0.2, 8)
     controller.reset(still_state())
     own = controller.act(still_state(), Command(), UpperBody.none())
@@ -92,7 +112,7 @@ def test_external_arms_are_passed_on_and_seen() -> None:
 
 
 def test_bad_numbers_never_pass() -> None:
-    controller = LearnedController(random_actor(), policy_metadata())
+    controller = LearnedController(random_actor(), policy_contract())
     controller.reset(still_state())
     controller.act(still_state(), Command(), UpperBody.none())
     broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
@@ -102,7 +122,7 @@ def test_bad_numbers_never_pass() -> None:
 
 
 def test_reset_makes_runs_repeatable() -> None:
-    controller = LearnedController(random_actor(), policy_metadata())
+    controller = LearnedController(random_actor(), policy_contract())
     runs = []
     for _ in range(2):
         controller.reset(still_state())
@@ -121,16 +141,57 @@ def test_truncated_policy_is_refused(policy_file: pathlib.Path) -> None:
         load_policy(policy_file)
 
 
-def test_policy_of_another_robot_is_refused(tmp_path: pathlib.Path) -> None:
-    path = tmp_path / "policy.safetensors"
-    metadata = policy_metadata() | {"joint_names": ["a", "b"]}
-    checkpoint.save_file(path, random_actor().state_dict(), "policy", metadata)
+def test_policy_of_another_robot_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, joint_names=["a", "b"])
     with pytest.raises(PolicyFileError, match="joint_names"):
-        load_policy(path)
+        load_policy(policy_file)
 
 
-def test_policy_of_another_shape_is_refused(tmp_path: pathlib.Path) -> None:
-    path = tmp_path / "policy.safetensors"
-    checkpoint.save_file(path, {"encoder.0.weight": torch.zeros(3)}, "policy", policy_metadata())
+def test_policy_of_another_shape_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, {"encoder.0.weight": torch.zeros(3)})
     with pytest.raises(PolicyFileError, match="does not fit"):
-        load_policy(path)
+        load_policy(policy_file)
+
+
+def test_gains_and_pose_are_the_policys_own(policy_file: pathlib.Path) -> None:
+    own = load_policy(policy_file)
+    stiff = LearnedController(random_actor(), own.metadata | {"kd": (2.0 * ROBOT.kd).tolist()})
+    command = stiff.act(still_state(), Command(), UpperBody.none())
+    np.testing.assert_array_equal(command.kp, ROBOT.kp)
+    np.testing.assert_array_equal(command.kd, 2.0 * ROBOT.kd)
+
+
+def test_changed_weights_fail_the_self_test(policy_file: pathlib.Path) -> None:
+    tensors, _ = checkpoint.load_file(policy_file, "policy")
+    rewrite(policy_file, {"policy.6.bias": tensors["policy.6.bias"] + 0.01})
+    with pytest.raises(PolicyFileError, match=r"self-test: joint targets differ by up to 0\.00\d+ rad"):
+        load_policy(policy_file)
+
+
+def test_a_changed_contract_fails_the_self_test(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, action_scale=0.3)
+    with pytest.raises(PolicyFileError, match="self-test"):
+        load_policy(policy_file)
+
+
+def test_a_missing_self_test_is_refused(policy_file: pathlib.Path) -> None:
+    _, metadata = checkpoint.load_file(policy_file, "policy")
+    checkpoint.save_file(policy_file, random_actor().state_dict(), "policy", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable self-test"):
+        load_policy(policy_file)
+
+
+def test_a_self_test_of_nan_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, {"self_test.target": torch.full((30, 19), float("nan"), dtype=torch.float64)})
+    with pytest.raises(PolicyFileError, match="self-test"):
+        load_policy(policy_file)
+
+
+def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
+    script = (
+        "import sys; from hugwbc.learned.policy import load_policy; load_policy(sys.argv[1]);"
+        "print([n for n in ('mujoco', *('hugwbc.learned.' + m for m in ('env', 'ppo', 'train', 'config', 'rewards')))"
+        " if n in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", script, policy_file], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

@@ -1,0 +1,104 @@
+"""The test that a policy file carries of itself: sensor readings and commands, and the joint targets they must give."""
+
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+PREFIX = "self_test."  # of its tensors in the file
+TOLERANCE = 1e-4  # [rad] on joint targets; float32 on other machines differs by about 1e-6
+_INPUTS = ("orientation", "angular_velocity", "q", "dq", "command", "gait", "arms", "intervention")
+_STEPS_EACH = 6  # one more than the history holds
+_SEED = 0
+
+
+class Recordable(Protocol):
+    """A controller that shows what its network read and wrote last."""
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past."""
+        ...
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """The joint command for the next period."""
+        ...
+
+    def last_pass(self) -> dict[str, torch.Tensor]:
+        """Inputs and outputs of the network in the last call of `act`, each of shape (1, ...)."""
+        ...
+
+
+def _inputs() -> dict[str, torch.Tensor]:
+    """A made-up episode: every gait, commands over their ranges, the arms now and then under external control."""
+    rng, robot = np.random.default_rng(_SEED), load_robot()
+    steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
+    tilt = 0.2 * rng.standard_normal((steps, 3))
+    orientation = np.column_stack((np.ones(steps), tilt))
+    ranges = command_ranges(Gait.WALKING)
+    low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
+    command = rng.uniform(low, high, (steps, len(COMMAND_NAMES)))
+    gait = np.repeat([int(gait) for gait in Gait], _STEPS_EACH)
+    command[gait == Gait.STANDING, :3] = 0.0
+    arrays = {
+        "orientation": orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
+        "angular_velocity": rng.standard_normal((steps, 3)),
+        "q": robot.nominal + 0.2 * rng.standard_normal((steps, joints)),
+        "dq": 2.0 * rng.standard_normal((steps, joints)),
+        "command": command,
+        "gait": gait,
+        "arms": rng.uniform(-0.5, 0.5, (steps, len(robot.arms))),
+        "intervention": np.arange(steps) % 3 == 2,
+    }
+    return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+
+def _run(controller: Recordable, inputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """What the controller makes of the inputs: joint targets, and the network's inputs and outputs at every step."""
+    rows = {name: inputs[name].numpy() for name in _INPUTS}
+    targets, passes = [], []
+    for i in range(len(rows["q"])):
+        state = RobotState(*(rows[name][i] for name in ("q", "dq", "orientation", "angular_velocity")))
+        if i == 0:
+            controller.reset(state)
+        command = Command.from_array(rows["command"][i], Gait(int(rows["gait"][i])))
+        upper_body = UpperBody.targets(rows["arms"][i]) if rows["intervention"][i] else UpperBody.none()
+        targets.append(torch.from_numpy(controller.act(state, command, upper_body).q))
+        passes.append(controller.last_pass())
+    outputs = {name: torch.cat([one[name] for one in passes]) for name in passes[0]}
+    return {"target": torch.stack(targets), **outputs}
+
+
+def record(controller: Recordable) -> dict[str, torch.Tensor]:
+    """Inputs and outputs to store with a policy; the names begin with `PREFIX`.
+
+    Of the controller: orientation (k, 4), angular_velocity (k, 3), q and dq (k, 19), command (k, 8), gait (k,), arms
+    (k, 8) and intervention (k,) in k successive calls after a reset give target (k, 19), the joint targets [rad]. Of
+    its network in the same calls: history (k, 315) and observation (k, 13) give action (k, 19) and estimate (k, 6).
+    """
+    inputs = _inputs()
+    return {PREFIX + name: tensor for name, tensor in (inputs | _run(controller, inputs)).items()}
+
+
+def deviation(controller: Recordable, stored: dict[str, torch.Tensor]) -> float:
+    """Largest difference between a controller's joint targets and the stored ones [rad]; inf if any is not finite.
+
+    Args:
+        controller: to test; its episode ends with the test.
+        stored: what `record` gave.
+
+    Raises:
+        KeyError, ValueError: if the stored tensors are not those of a self-test.
+    """
+    inputs = {name: stored[PREFIX + name] for name in _INPUTS}
+    expected = stored[PREFIX + "target"]
+    found = _run(controller, inputs)["target"]
+    if expected.shape != found.shape:
+        raise ValueError(f"targets of shape {tuple(expected.shape)}")
+    difference = float((found - expected).abs().max())
+    return difference if np.isfinite(difference) else float("inf")
