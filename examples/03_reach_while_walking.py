@@ -9,12 +9,13 @@ import numpy as np
 import tyro
 
 from hugwbc import Gait, rotations
+from hugwbc.hand_paths import Swing
 from hugwbc.mbc import WholeBodyController
-from hugwbc.script import HandMotion, HandPath, Script, Segment
+from hugwbc.script import HandMotion, Script, Segment
 from hugwbc.sim import Simulation
 from hugwbc.upper_ik import UpperBodySource
 
-LEFT = HandPath(centre=(0.3, 0.25, 0.2), amplitude=(0.05, 0.0, 0.08), phase=(0.0, 0.0, 0.25), period=3.0)
+LEFT = Swing(centre=(0.3, 0.25, 0.2), amplitude=(0.05, 0.0, 0.08), phase=(0.0, 0.0, 0.25), period=3.0)
 HANDS = HandMotion(left=LEFT, right=LEFT.mirrored(), frame="pelvis")
 
 

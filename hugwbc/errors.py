@@ -26,6 +26,10 @@ class TargetError(HugwbcError):
     """A hand or arm target that is not finite or has the wrong shape."""
 
 
+class ScriptError(HugwbcError):
+    """A script file that cannot be read, or says something that a script may not; names file and line."""
+
+
 class PolicyFileError(HugwbcError):
     """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
 

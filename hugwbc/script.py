@@ -1,7 +1,8 @@
 """Command scripts: what the robot is asked to do over time, the same for every controller.
 
 A script is a list of segments of plain numbers. Within a segment the commands ramp smoothly from the previous
-segment's values to its own, and then hold; the gait switches at once, at the segment's start.
+segment's values to its own, and then hold; the gait switches at once, at the segment's start. `hugwbc.script_file`
+reads scripts from YAML; the shipped ones are in `hugwbc/scripts`.
 """
 
 import bisect
@@ -13,69 +14,33 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges, default_command
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets, position
+from hugwbc.hand_paths import HandPath, smooth_step
+from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
 DEFAULT_RAMP = 1.0  # [s]
-Point = tuple[float, float, float]
-
-
-def smooth_step(u: float) -> float:
-    """Minimum-jerk blend from 0 at u <= 0 to 1 at u >= 1: velocity and acceleration vanish at both ends."""
-    u = min(max(u, 0.0), 1.0)
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-
-
-@dataclasses.dataclass(frozen=True)
-class HandPath:
-    """A hand that swings about a point: position = centre + amplitude * sin(2 pi (t / period + phase)), by axis.
-
-    Attributes:
-        centre: [m].
-        amplitude: along x, y and z [m].
-        phase: of each axis, in periods; (0, 0.25, 0) makes an ellipse of x and y.
-        period: [s].
-    """
-
-    centre: Point
-    amplitude: Point = (0.0, 0.0, 0.0)
-    phase: Point = (0.0, 0.0, 0.0)
-    period: float = 4.0
-
-    def __post_init__(self) -> None:
-        for name in ("centre", "amplitude", "phase"):
-            position(f"hand path's {name}", getattr(self, name))
-        if not (math.isfinite(self.period) and self.period > 0.0):
-            raise TargetError(f"hand path's period is {self.period}; give a finite number of seconds above 0")
-
-    def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
-        angle = 2.0 * math.pi * (t / self.period + np.asarray(self.phase))
-        return np.asarray(self.centre) + np.asarray(self.amplitude) * np.sin(angle)
-
-    def mirrored(self) -> "HandPath":
-        """The path of the other hand in a mirror: y changes sign."""
-        (cx, cy, cz), (ax, ay, az) = self.centre, self.amplitude
-        return dataclasses.replace(self, centre=(cx, -cy, cz), amplitude=(ax, -ay, az))
 
 
 @dataclasses.dataclass(frozen=True)
 class HandMotion:
-    """Paths of both hands, in one frame (see `HandTargets`)."""
+    """Paths of the hands, in one frame (see `HandTargets`); None for a hand that rests beside the body."""
 
-    left: HandPath
-    right: HandPath
+    left: HandPath | None
+    right: HandPath | None
     frame: HandFrame = "pelvis"
 
     def __post_init__(self) -> None:
+        if self.left is None and self.right is None:
+            raise TargetError("neither hand has a path; give at least one, or no hands at all")
         if self.frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", self.frame, HAND_FRAMES)
 
     def at(self, t: float) -> HandTargets:
-        """Targets at time `t` [s]."""
-        return HandTargets(self.left.at(t), self.right.at(t), self.frame)
+        """Targets at time `t` [s] since the motion's start."""
+        left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
+        return HandTargets(left, right, self.frame)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +52,7 @@ class Segment:
         duration: [s].
         gait: from the segment's start.
         commands: values by name, reached after `ramp`; commands that are not named go to their default.
-        hands: None leaves the arms to the controller.
+        hands: None leaves the arms to the controller. A motion equal to the previous segment's goes on, another starts.
         ramp: time from the previous segment's values to this one's [s]; for the hands as well.
     """
 
@@ -132,20 +97,33 @@ class Script:
     Attributes:
         name: for tables and files.
         segments: at least one.
+        about: what it shows, for people.
     """
 
     name: str
     segments: tuple[Segment, ...]
+    about: str = ""
 
     def __post_init__(self) -> None:
         if not self.segments:
             raise ConfigError(f"script '{self.name}' is empty; give it at least one segment")
         for before, after in zip(self.segments, self.segments[1:], strict=False):
-            _check_transition(before, after)
+            check_transition(before, after)
 
     @functools.cached_property
     def _ends(self) -> list[float]:
         return np.cumsum([segment.duration for segment in self.segments]).tolist()
+
+    @functools.cached_property
+    def _hand_starts(self) -> list[float]:
+        """When the hand motion of each segment began: with the first of the segments that share it [s]."""
+        starts: list[float] = []
+        begin = 0.0
+        for index, segment in enumerate(self.segments):
+            goes_on = index > 0 and segment.hands == self.segments[index - 1].hands
+            starts.append(starts[-1] if goes_on else begin)
+            begin = self._ends[index]
+        return starts
 
     @functools.cached_property
     def _values(self) -> list[np.ndarray]:
@@ -180,18 +158,30 @@ class Script:
         segment = self.segments[index]
         if segment.hands is None:
             return None
-        targets = segment.hands.at(t)
+        targets = segment.hands.at(t - self._hand_starts[index])
         before = self.segments[index - 1].hands if index else None
-        if before is None:
+        if before is None or before == segment.hands:
             return targets
-        start, blend = before.at(t), segment.blend(elapsed)
-        left = start.left + blend * (targets.left - start.left)
-        right = start.right + blend * (targets.right - start.right)
+        start, blend = before.at(t - self._hand_starts[index - 1]), segment.blend(elapsed)
+        left = _blended(start.left, targets.left, blend)
+        right = _blended(start.right, targets.right, blend)
         return HandTargets(left, right, targets.frame)
 
 
-def _check_transition(before: Segment, after: Segment) -> None:
-    """Ranges are boxes and ramps are convex: if the start of a ramp is valid in the new gait, all of it is."""
+def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> np.ndarray | None:
+    """Between two targets of a hand; at once where it had none before."""
+    return end if start is None or end is None else start + blend * (end - start)
+
+
+def check_transition(before: Segment, after: Segment) -> None:
+    """Refuse a segment that cannot follow another.
+
+    Ranges are boxes and ramps are convex: if the start of a ramp is valid in the new gait, all of it is.
+
+    Raises:
+        CommandError: if the ramp would start outside the range of the new gait.
+        TargetError: if both have hands, in different frames.
+    """
     start = before.command()
     for name in COMMAND_NAMES:
         low, high = command_ranges(after.gait)[name].finishing
@@ -210,45 +200,21 @@ def _check_transition(before: Segment, after: Segment) -> None:
         )
 
 
-_LEFT_PATH = HandPath(centre=(0.30, 0.28, 0.16), amplitude=(0.05, 0.04, 0.06), phase=(0.0, 0.25, 0.25))
-# Half a period apart: while the left hand goes up, the right one goes down.
-_RIGHT_PATH = dataclasses.replace(_LEFT_PATH.mirrored(), phase=(0.5, 0.75, 0.75))
-_MOVING_HANDS = HandMotion(left=_LEFT_PATH, right=_RIGHT_PATH)
+def while_walking(script: Script, v_x: float) -> Script:
+    """The script with a walk under it: where it stands, or walks on the spot, the robot walks ahead instead.
 
-_SCRIPTS = {
-    "loco_manipulation": (
-        Segment("stand", 2.0),
-        Segment("reach", 3.0, hands=_MOVING_HANDS),
-        Segment("walk", 4.0, Gait.WALKING, {"v_x": 0.5}, _MOVING_HANDS),
-        Segment("turn", 3.0, Gait.WALKING, {"omega": 0.4}, _MOVING_HANDS),
-        Segment("stop", 1.0, Gait.WALKING, {}, _MOVING_HANDS),
-        Segment("settle", 1.0, Gait.STANDING, {}, _MOVING_HANDS),
-        Segment("squat", 3.5, Gait.STANDING, {"h": -0.2, "p": 0.3, "w": 0.5}, _MOVING_HANDS, ramp=1.5),
-        Segment("stand up", 1.5, Gait.STANDING, {}, _MOVING_HANDS, ramp=1.5),
-        Segment("hand back", 1.0),
-    ),
-    "stand": (Segment("stand", 5.0),),
-    "walk": (
-        Segment("stand", 1.0),
-        Segment("walk", 6.0, Gait.WALKING, {"v_x": 0.5}),
-        Segment("stop", 1.5, Gait.WALKING),
-        Segment("stand still", 1.5),
-    ),
-    "squat": (
-        Segment("stand", 1.0),
-        Segment("squat", 3.5, Gait.STANDING, {"h": -0.2, "p": 0.3, "w": 0.5}, ramp=1.5),
-        Segment("stand up", 2.5, ramp=1.5),
-    ),
-}
-SCRIPT_NAMES = tuple(_SCRIPTS)
-
-
-def load_script(name: str) -> Script:
-    """The shipped script of that name.
+    Args:
+        script: whose hands, heights, pitches and waist angles stay.
+        v_x: forward velocity of the segments without one of their own [m/s].
 
     Raises:
-        UnknownNameError: if there is none.
+        CommandError: if the walking gait does not admit a value.
     """
-    if name not in _SCRIPTS:
-        raise UnknownNameError("script", name, SCRIPT_NAMES)
-    return Script(name, _SCRIPTS[name])
+    segments = []
+    for segment in script.segments:
+        commands = dict(segment.commands)
+        if segment.gait is Gait.STANDING or not any(commands.get(name) for name in VELOCITY_NAMES):
+            commands["v_x"] = v_x
+        gait = Gait.WALKING if segment.gait is Gait.STANDING else segment.gait
+        segments.append(dataclasses.replace(segment, gait=gait, commands=commands))
+    return Script(f"{script.name} while walking", tuple(segments), script.about)

@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.errors import TargetError, UnknownNameError
 
-HandFrame = Literal["pelvis", "world"]
+HandFrame = Literal["pelvis", "heading", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 
 
@@ -19,35 +19,46 @@ class HandTargets:
     checked one for users.
 
     Attributes:
-        left, right: positions [m], shape (3,).
-        frame: "pelvis" for the pelvis frame (it moves, pitches and turns with the pelvis, not with the waist), "world"
-            for the world frame.
+        left, right: positions [m], shape (3,); None for a hand without a target, which rests beside the body.
+        frame: "pelvis" for the pelvis frame (it moves, pitches and turns with the pelvis, not with the waist),
+            "heading" for one at the pelvis that turns with its yaw only and stays level, "world" for the world frame.
     """
 
-    left: np.ndarray
-    right: np.ndarray
+    left: np.ndarray | None
+    right: np.ndarray | None
     frame: HandFrame = "pelvis"
 
     @classmethod
     def of(cls, left: object, right: object, frame: str = "pelvis") -> "HandTargets":
-        """Targets from any two sequences of three finite numbers.
+        """Targets from any two sequences of three finite numbers; None for a hand without a target.
 
         Raises:
-            TargetError: if a position is not three finite numbers.
-            UnknownNameError: if the frame is neither "pelvis" nor "world".
+            TargetError: if a position is not three finite numbers, or neither hand has a target.
+            UnknownNameError: if the frame is none of `HAND_FRAMES`.
         """
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
-        return cls(position("left hand target", left), position("right hand target", right), frame)  # type: ignore[arg-type]
+        if left is None and right is None:
+            raise TargetError("neither hand has a target; give at least one position x, y, z")
+        points = [
+            None if value is None else position(f"{side} hand target", value)
+            for side, value in (("left", left), ("right", right))
+        ]
+        return cls(*points, frame)  # type: ignore[arg-type]
 
     def array(self) -> np.ndarray:
-        """Left, then right position [m], shape (2, 3)."""
-        return np.stack((self.left, self.right))
+        """Left, then right position [m], shape (2, 3); NaN for a hand without a target."""
+        return np.stack([np.full(3, np.nan) if p is None else p for p in (self.left, self.right)])
+
+    @property
+    def given(self) -> np.ndarray:
+        """Whether the left and the right hand have a target, shape (2,), bool."""
+        return np.array([self.left is not None, self.right is not None])
 
     @property
     def is_finite(self) -> bool:
-        """Whether both positions hold finite numbers only."""
-        return bool(np.all(np.isfinite(self.left)) and np.all(np.isfinite(self.right)))
+        """Whether every position that is given holds finite numbers only."""
+        return all(p is None or bool(np.all(np.isfinite(p))) for p in (self.left, self.right))
 
 
 def position(name: str, value: object) -> np.ndarray:

@@ -16,9 +16,7 @@ def test_of_takes_any_sequence_and_keeps_a_copy():
     assert targets.is_finite
 
 
-@pytest.mark.parametrize(
-    "bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2), "here", None, [[0.3, 0.2, 0.1]]]
-)
+@pytest.mark.parametrize("bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2), "here", [[0.3, 0.2, 0.1]]])
 def test_of_refuses_what_is_not_three_finite_numbers(bad):
     with pytest.raises(TargetError, match=r"right hand target is .*three finite numbers x, y, z in metres"):
         HandTargets.of((0.3, 0.2, 0.1), bad)
@@ -31,3 +29,12 @@ def test_of_refuses_an_unknown_frame():
 
 def test_plain_constructor_carries_anything_and_tells():
     assert not HandTargets(np.array([0.3, math.nan, 0.1]), np.zeros(3)).is_finite
+
+
+def test_a_hand_may_have_no_target_but_not_both():
+    targets = HandTargets.of(None, (0.3, -0.2, 0.1))
+    assert targets.given.tolist() == [False, True]
+    assert np.isnan(targets.array()[0]).all()
+    assert targets.is_finite
+    with pytest.raises(TargetError, match="neither hand has a target"):
+        HandTargets.of(None, None)

@@ -18,7 +18,9 @@ class CompareOptions:
     """Play one command script with each controller, hand targets solved by IK, and show how each did."""
 
     script: str = "loco_manipulation"
-    """Name of a shipped script."""
+    """Name of a shipped script, or path of a script file (.yaml)."""
+    walk: float | None = None
+    """Play the script while walking ahead at this velocity [m/s], where it says nothing else."""
     controllers: tuple[str, ...] = ("learned", "qp")
     """Which controllers: learned, qp, hold."""
     policy: str | None = None
@@ -42,9 +44,12 @@ def run(words: Sequence[str]) -> int:
     check_writable(options.json)
     from hugwbc.evaluation.compare import compare, summarise
     from hugwbc.evaluation.controllers import ControllerSpec
-    from hugwbc.script import load_script
+    from hugwbc.script import while_walking
+    from hugwbc.script_file import load_script
 
     script = load_script(options.script)
+    if options.walk is not None:
+        script = while_walking(script, options.walk)
     controllers = [ControllerSpec(name, options.policy).build() for name in options.controllers]
     with progress(f"{script.name} with {', '.join(options.controllers)}") as advance:
         traces = compare(controllers, script, seed=options.seed, noise=options.noise, on_progress=advance)

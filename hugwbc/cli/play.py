@@ -15,7 +15,7 @@ from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.loop import CommandSource, world_targets
 from hugwbc.gait import Gait
-from hugwbc.script import load_script
+from hugwbc.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
 
@@ -35,7 +35,7 @@ class PlayOptions:
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     script: str | None = None
-    """Play this script, with its hand targets, instead of one command."""
+    """Play this script, with its hand targets, instead of one command: a shipped one's name, or a file (.yaml)."""
     gait: str | None = None
     """Of the command; by default walking if a velocity is given, else standing."""
     v_x: float | None = None

@@ -17,7 +17,7 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.observations import JOINTS
-from hugwbc.script import load_script
+from hugwbc.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource

@@ -133,7 +133,9 @@ class ControlLoop:
     def reachable(self) -> np.ndarray:
         """Whether there is a left and a right hand target that can be reached, shape (2,), bool."""
         solution = None if self.upper_body is None else self.upper_body.solution
-        return np.zeros(2, dtype=bool) if solution is None else np.array(solution.reachable, dtype=bool)
+        if solution is None or self.hands is None:
+            return np.zeros(2, dtype=bool)
+        return solution.reachable & self.hands.given
 
 
 def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
@@ -143,4 +145,5 @@ def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
     if hands.frame == "world":
         return hands.array()
     assert state.position is not None
-    return state.position + rotations.rotate(state.orientation, hands.array())
+    turn = rotations.to_matrix(state.orientation) if hands.frame == "pelvis" else rotations.rotation_z(state.yaw)
+    return state.position + hands.array() @ turn.T

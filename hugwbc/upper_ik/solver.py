@@ -65,6 +65,7 @@ class ArmIK:
         self.lower, self.upper = self._descent.lower, self._descent.upper
         self.velocity_limit = self._descent.velocity_limit
         self._q = self._descent.q
+        self._rest = self._descent.forward(self.robot.nominal[self.robot.arms], 0.0).copy()
         self.reset(self._q)
 
     @property
@@ -89,11 +90,11 @@ class ArmIK:
         """Advance the arm configuration by one tick towards the targets. Never raises on bad numbers: holds, counts.
 
         Args:
-            targets: hand positions, in the pelvis or the world frame.
-            state: gives the waist angle and, for targets in the world frame, the pelvis pose.
+            targets: hand positions; a hand without one goes to its place beside the body.
+            state: gives the waist angle and, for targets in another frame than the pelvis', the pelvis pose.
             dt: time since the last call [s].
         """
-        goal = targets_in_pelvis(targets, state)
+        goal = targets_in_pelvis(targets, state, self._rest)
         waist = float(state.q[self.robot.waist])
         if goal is None or not np.isfinite(waist) or not 0.0 < dt < np.inf:
             self.rejected += 1
@@ -157,13 +158,25 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
         )
 
 
-def targets_in_pelvis(targets: HandTargets, state: RobotState) -> np.ndarray | None:
-    """Both target positions in the pelvis frame [m], shape (2, 3), or None if they or the pelvis pose are unusable."""
-    if np.shape(targets.left) != (3,) or np.shape(targets.right) != (3,):
-        return None
-    points = targets.array()
-    if targets.frame == "world":
-        if state.position is None:
+def targets_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) -> np.ndarray | None:
+    """Both target positions in the pelvis frame [m], shape (2, 3), or None if they or the pelvis pose are unusable.
+
+    Args:
+        targets: a hand without a target gets its `rest` position.
+        state: gives the pelvis pose.
+        rest: where the hands hang beside the body [m], shape (2, 3).
+    """
+    points = rest.copy()
+    for hand, point in enumerate((targets.left, targets.right)):
+        if point is None:
+            continue
+        if np.shape(point) != (3,):
             return None
-        points = rotations.rotate_inverse(state.orientation, points - state.position)
+        if targets.frame == "world":
+            if state.position is None:
+                return None
+            point = rotations.rotate_inverse(state.orientation, point - state.position)
+        elif targets.frame == "heading":
+            point = rotations.rotate_inverse(state.orientation, rotations.rotation_z(state.yaw) @ point)
+        points[hand] = point
     return points if np.all(np.isfinite(points)) else None

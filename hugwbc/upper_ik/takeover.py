@@ -7,8 +7,8 @@ import numpy as np
 
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.hand_paths import smooth_step
 from hugwbc.robot import load_robot
-from hugwbc.script import smooth_step
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig

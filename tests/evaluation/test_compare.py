@@ -7,10 +7,11 @@ from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.compare import compare, summarise, upper_body_source
 from hugwbc.evaluation.controllers import HoldController
+from hugwbc.hand_paths import Hold
 from hugwbc.mbc import WholeBodyController
-from hugwbc.script import HandMotion, HandPath, Script, Segment
+from hugwbc.script import HandMotion, Script, Segment
 
-REACH = HandMotion(HandPath((0.35, 0.3, 0.25)), HandPath((0.35, -0.3, 0.25)))
+REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
 SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))
 
 

@@ -8,7 +8,7 @@ from hugwbc import rotations
 from hugwbc.errors import ConfigError, TargetError
 from hugwbc.kinematics import Kinematics
 from hugwbc.mirror import load_mirror
-from hugwbc.script import load_script
+from hugwbc.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
 from hugwbc.upper_ik.solver import check_targets
@@ -62,6 +62,25 @@ def test_world_targets_follow_the_pelvis_pose(robot, make_state):
     in_world = converge(ArmIK(), world, state)
     in_pelvis = converge(ArmIK(), HandTargets(*COMFORTABLE), state)
     assert in_world.q == pytest.approx(in_pelvis.q, abs=1e-9)
+
+
+def test_heading_targets_stay_level_and_turn_with_the_yaw_alone(robot, make_state):
+    yaw, lean = 2.0, rotations.from_yaw_pitch_roll(2.0, 0.3, -0.1)
+    state = make_state(robot.nominal, orientation=lean)
+    heading = HandTargets(*COMFORTABLE, frame="heading")
+    level = COMFORTABLE @ rotations.rotation_z(yaw).T  # in the world's axes, about the pelvis
+    solution = converge(ArmIK(), heading, state)
+    hands = ArmIK().hands(solution.q, 0.0) @ rotations.to_matrix(lean).T
+    assert hands == pytest.approx(level, abs=5e-4)
+
+
+def test_a_hand_without_a_target_rests(robot, nominal_state):
+    ik = ArmIK()
+    rest = ik.hands(robot.nominal[robot.arms], 0.0)
+    solution = converge(ik, HandTargets(None, COMFORTABLE[1]), nominal_state)
+    hands = ArmIK().hands(solution.q, 0.0)
+    assert hands == pytest.approx(np.stack((rest[0], COMFORTABLE[1])), abs=1e-3)
+    assert ik.rejected == 0
 
 
 def test_a_target_out_of_reach_gives_the_stretched_arm(robot, nominal_state):

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc.controller import JointCommand, override_arms
 from hugwbc.errors import ConfigError
-from hugwbc.script import load_script
+from hugwbc.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import Takeover, TakeoverConfig, UpperBodySource
 from hugwbc.upper_ik.takeover import Phase

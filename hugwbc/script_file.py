@@ -1,0 +1,265 @@
+"""Scripts as YAML files: read without surprises, and refused with the line that is wrong.
+
+    segments:
+      - label: wave
+        duration: 3
+        gait: standing            # optional, as everything but label and duration
+        commands: {h: -0.1}
+        ramp: 1
+        hands:
+          frame: pelvis           # pelvis, heading or world
+          left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
+          right: mirror           # of the left; leave a hand out to let it rest
+
+A path is one of `hold`, `line`, `grid`, `circle`, `swing`, `wander`, with the fields of the class of that name in
+`hugwbc.hand_paths`, or `file`, the path of a CSV file (t, x, y, z) relative to the script. YAML anchors may repeat
+parts.
+"""
+
+import dataclasses
+import pathlib
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
+
+import yaml
+
+from hugwbc import hand_paths
+from hugwbc.commands import COMMAND_NAMES, Command
+from hugwbc.errors import HugwbcError, ScriptError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.hand_paths import HandPath
+from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment, check_transition
+from hugwbc.targets import HAND_FRAMES
+
+FOLDER = pathlib.Path(__file__).parent / "scripts"
+SCRIPT_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+LARGEST_FILE = 1_000_000  # [byte]
+Read = Callable[["_Reader", yaml.Node], Any]
+
+
+def load_script(name: str | pathlib.Path) -> Script:
+    """A shipped script by name, or a script from a YAML file.
+
+    Args:
+        name: one of `SCRIPT_NAMES`, or the path of a file that ends in .yaml or .yml.
+
+    Raises:
+        UnknownNameError: if no script is shipped under that name.
+        ScriptError: if the file cannot be read or is no valid script, with its line.
+    """
+    path = pathlib.Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        return read_script(path)
+    if str(name) not in SCRIPT_NAMES:
+        raise UnknownNameError("script", name, (*SCRIPT_NAMES, "or a file that ends in .yaml"))
+    return read_script(FOLDER / f"{name}.yaml")
+
+
+def read_script(path: pathlib.Path) -> Script:
+    """The script of a YAML file, named after the file.
+
+    Raises:
+        ScriptError: if the file cannot be read or is no valid script, with its line.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ScriptError(
+                f"{path} has more than {LARGEST_FILE} bytes; scripts are short, use `file` for long paths"
+            )
+        return parse_script(path.read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScriptError(f"cannot read the script {path}: {error}") from error
+
+
+def parse_script(text: str, path: pathlib.Path) -> Script:
+    """The script that a YAML text says.
+
+    Args:
+        text: YAML.
+        path: for the name, the messages, and the files that it names.
+
+    Raises:
+        ScriptError: if it is no valid script, with its line.
+    """
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
+        raise ScriptError(f"{path}{place}: no YAML: {error.problem}") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ScriptError(f"{path}: no YAML: {error}") from error
+    if root is None:
+        raise ScriptError(f"{path}:1: the file is empty; give it segments")
+    return _Reader(path).script(root)
+
+
+class _Reader:
+    """Turns YAML nodes into parts of a script; every complaint names the node's line and column."""
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self.path = path
+
+    def fail(self, node: yaml.Node, message: object) -> NoReturn:
+        mark = node.start_mark
+        raise ScriptError(f"{self.path}:{mark.line + 1}:{mark.column + 1}: {message}")
+
+    def script(self, root: yaml.Node) -> Script:
+        fields = self.fields(root, "script", {"segments": _Reader.nodes, "about": _Reader.text}, required=("segments",))
+        nodes = fields["segments"]
+        segments = [self.segment(node) for node in nodes]
+        for index in range(1, len(segments)):
+            self.checked(nodes[index], check_transition, segments[index - 1], segments[index])
+        return self.checked(root, Script, self.path.stem, tuple(segments), fields.get("about", ""))
+
+    def segment(self, node: yaml.Node) -> Segment:
+        readers: dict[str, Read] = {
+            "label": _Reader.text,
+            "duration": _Reader.number,
+            "gait": _Reader.gait,
+            "commands": lambda reader, value: value,
+            "hands": _Reader.hands,
+            "ramp": _Reader.number,
+        }
+        fields = self.fields(node, "segment", readers, required=("label", "duration"))
+        if "commands" in fields:
+            fields["commands"] = self.commands(fields["commands"], fields.get("gait", Gait.STANDING))
+        if "ramp" not in fields and fields["duration"] > 0.0:
+            fields["ramp"] = min(DEFAULT_RAMP, fields["duration"])
+        return self.checked(node, Segment, **fields)
+
+    def commands(self, node: yaml.Node, gait: Gait) -> dict[str, float]:
+        values = self.fields(node, "command", dict.fromkeys(COMMAND_NAMES, _Reader.number))
+        assert isinstance(node, yaml.MappingNode)
+        for key, value in node.value:
+            command = Command.from_mapping({key.value: values[key.value]}, gait)
+            self.checked(value, command.validate)
+        return values
+
+    def hands(self, node: yaml.Node) -> HandMotion | None:
+        if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":null"):
+            return None
+        readers = {"frame": _Reader.frame, "left": _Reader.hand, "right": _Reader.hand}
+        fields = self.fields(node, "hands", readers)
+        left, right = fields.get("left"), fields.get("right")
+        if left == right == "mirror":
+            self.fail(node, "both hands mirror each other; give one of them a path")
+        if left == "mirror" and isinstance(right, HandPath):
+            left = right.mirrored()
+        if right == "mirror" and isinstance(left, HandPath):
+            right = left.mirrored()
+        if "mirror" in (left, right):
+            self.fail(node, "there is no path to mirror; give the other hand a path")
+        return self.checked(node, HandMotion, left, right, fields.get("frame", "pelvis"))
+
+    def hand(self, node: yaml.Node) -> HandPath | str:
+        if isinstance(node, yaml.ScalarNode) and node.value == "mirror":
+            return "mirror"
+        kinds = dict.fromkeys((*_PATHS, "file"), lambda reader, value: value)
+        found = self.fields(node, "path", kinds)
+        if len(found) != 1:
+            self.fail(node, f"a hand has one path, here are {len(found)}; give one of {', '.join(kinds)}, or mirror")
+        ((kind, value),) = found.items()
+        if kind == "file":
+            return self.checked(value, hand_paths.read_path, self.path.parent / self.text(value))
+        cls = _PATHS[kind]
+        if kind == "hold" and isinstance(value, yaml.SequenceNode):
+            return self.checked(value, cls, self.point(value))
+        readers = {field.name: _FIELDS[str(field.type)] for field in dataclasses.fields(cls)}
+        required = [f.name for f in dataclasses.fields(cls) if f.default is dataclasses.MISSING]
+        return self.checked(value, cls, **self.fields(value, kind, readers, required=required))
+
+    def fields(
+        self, node: yaml.Node, kind: str, readers: Mapping[str, Read], required: tuple[str, ...] | list[str] = ()
+    ) -> dict[str, Any]:
+        """The values of a mapping, each read by the reader of its key."""
+        if not isinstance(node, yaml.MappingNode):
+            self.fail(node, f"here should be a {kind} with fields: {', '.join(readers)}")
+        values: dict[str, Any] = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else ""
+            if name not in readers:
+                self.fail(key, UnknownNameError(f"{kind} field" if kind != "command" else kind, name, readers))
+            if name in values:
+                self.fail(key, f"{kind} field '{name}' is given twice; keep one")
+            values[name] = readers[name](self, value)
+        for name in required:
+            if name not in values:
+                self.fail(node, f"{kind} field '{name}' is missing; every {kind} needs {', '.join(required)}")
+        return values
+
+    def checked(self, node: yaml.Node, make: Callable, *values: object, **fields: object) -> Any:  # noqa: ANN401
+        """What `make` returns, its complaints with the node's line."""
+        try:
+            return make(*values, **fields)
+        except HugwbcError as error:
+            self.fail(node, error)
+
+    def text(self, node: yaml.Node) -> str:
+        if not isinstance(node, yaml.ScalarNode):
+            self.fail(node, "here should be a text")
+        return node.value
+
+    def number(self, node: yaml.Node) -> float:
+        try:
+            return float(self.text(node))
+        except ValueError:
+            self.fail(node, f"'{self.text(node)}' is no number")
+
+    def integer(self, node: yaml.Node) -> int:
+        value = self.number(node)
+        if value != value // 1:
+            self.fail(node, f"{value:g} is no whole number")
+        return int(value)
+
+    def truth(self, node: yaml.Node) -> bool:
+        text = self.text(node)
+        if text not in ("true", "false"):
+            self.fail(node, f"'{text}' is neither true nor false")
+        return text == "true"
+
+    def nodes(self, node: yaml.Node) -> list[yaml.Node]:
+        if not isinstance(node, yaml.SequenceNode) or not node.value:
+            self.fail(node, "here should be a list with at least one entry")
+        return node.value
+
+    def point(self, node: yaml.Node) -> tuple[float, ...]:
+        if not isinstance(node, yaml.SequenceNode) or len(node.value) != 3:
+            self.fail(node, "here should be three numbers [x, y, z]")
+        return tuple(self.number(entry) for entry in node.value)
+
+    def points(self, node: yaml.Node) -> tuple[tuple[float, ...], ...]:
+        return tuple(self.point(entry) for entry in self.nodes(node))
+
+    def gait(self, node: yaml.Node) -> Gait:
+        return self.checked(node, Gait.parse, self.text(node))
+
+    def frame(self, node: yaml.Node) -> str:
+        if self.text(node) not in HAND_FRAMES:
+            self.fail(node, UnknownNameError("hand frame", self.text(node), HAND_FRAMES))
+        return self.text(node)
+
+
+_PATHS: dict[str, type[HandPath]] = {
+    "hold": hand_paths.Hold,
+    "line": hand_paths.Line,
+    "grid": hand_paths.Grid,
+    "circle": hand_paths.Circle,
+    "swing": hand_paths.Swing,
+    "wander": hand_paths.Wander,
+}
+# How to read the fields of the paths, by their type.
+_FIELDS: dict[str, Read] = {
+    str(field.type): read
+    for cls, name, read in (
+        (hand_paths.Hold, "point", _Reader.point),
+        (hand_paths.Line, "points", _Reader.points),
+        (hand_paths.Line, "leg_time", _Reader.number),
+        (hand_paths.Line, "repeat", _Reader.truth),
+        (hand_paths.Grid, "count", _Reader.point),
+        (hand_paths.Circle, "axis", _Reader.text),
+        (hand_paths.Wander, "seed", _Reader.integer),
+    )
+    for field in dataclasses.fields(cls)
+    if field.name == name
+}
