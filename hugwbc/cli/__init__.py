@@ -13,6 +13,7 @@ VERBS = {
     "evaluate": "run one of the paper's protocols and print the errors beside the paper's",
     "play": "watch a controller live in the browser",
     "train": "train a policy, or continue a training",
+    "export": "write a policy as an ONNX file",
     "check": "verify the installation: models, versions, a rollout",
     "bench": "measure speed: training environment, controllers, IK",
 }

@@ -104,6 +104,7 @@ class LearnedController:
         name: "learned".
         period: time between two actions [s].
         metadata: the policy's contract and training record.
+        actor: its network.
         held: how often a non-finite state was replaced by the last good observation.
     """
 
@@ -120,7 +121,7 @@ class LearnedController:
         self.metadata = metadata
         self.held = 0
         self.robot = load_robot()
-        self._actor = actor.eval()
+        self.actor = actor.eval()
         self._scale = float(metadata["action_scale"])
         self._nominal, self._kp, self._kd = (np.array(metadata[name], dtype=float) for name in ("nominal", "kp", "kd"))
         self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
@@ -178,7 +179,7 @@ class LearnedController:
             gaits.clock(gaits.homogenised_phase(feet)),
             torch.tensor([upper_body.indicator]),
         )
-        self._action, self._estimate = self._actor(self._history.flatten(1), self._observation)
+        self._action, self._estimate = self.actor(self._history.flatten(1), self._observation)
         q = self._nominal + self._scale * self._action[0].double().numpy()
         self._waist += float(np.clip(command.w - self._waist, -self._waist_step, self._waist_step))
         q[self.robot.waist] += self._waist

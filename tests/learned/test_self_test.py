@@ -34,6 +34,6 @@ def test_the_networks_part_is_what_the_network_gives() -> None:
     one = controller()
     stored = self_test.record(one)
     with torch.no_grad():
-        action, estimate = one._actor(stored["self_test.history"], stored["self_test.observation"])
+        action, estimate = one.actor(stored["self_test.history"], stored["self_test.observation"])
     np.testing.assert_allclose(action, stored["self_test.action"], atol=1e-6)
     np.testing.assert_allclose(estimate, stored["self_test.estimate"], atol=1e-6)

@@ -48,5 +48,5 @@ def test_every_policy_has_card_curve_and_snapshot(tmp_path: pathlib.Path) -> Non
         assert resumed.steps == trained
         np.testing.assert_array_equal(
             resumed.ppo.network.actor.encoder[0].weight.detach().numpy(),
-            load_policy(name)._actor.encoder[0].weight.detach().numpy(),
+            load_policy(name).actor.encoder[0].weight.detach().numpy(),
         )

@@ -1,0 +1,22 @@
+import pytest
+
+from hugwbc.cli import main
+
+
+def test_export_writes_a_file_that_agrees(tmp_path, capsys):
+    pytest.importorskip("onnxruntime")
+    path = tmp_path / "policy.onnx"
+    assert main(["export", "--policy", "h1", "--out", str(path)]) == 0
+    assert "differs from torch by" in capsys.readouterr().out
+    assert path.stat().st_size > 500_000
+
+
+def test_export_of_an_unknown_policy_is_refused(tmp_path, capsys):
+    assert main(["export", "--policy", "no_such", "--out", str(tmp_path / "x.onnx")]) == 2
+    assert "unknown policy" in capsys.readouterr().err
+
+
+def test_export_without_onnx_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
+    assert main(["export", "--out", str(tmp_path / "x.onnx")]) == 2
+    assert "pip install 'hugwbc[export]'" in capsys.readouterr().err
