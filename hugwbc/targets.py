@@ -22,11 +22,16 @@ class HandTargets:
         left, right: positions [m], shape (3,); None for a hand without a target, which rests beside the body.
         frame: "pelvis" for the pelvis frame (it moves, pitches and turns with the pelvis, not with the waist),
             "heading" for one at the pelvis that turns with its yaw only and stays level, "world" for the world frame.
+        stamp: when the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new whenever
+            they arrive, as a script's are.
+        sequence: number of the message that brought them, rising by one; None where nobody counts.
     """
 
     left: np.ndarray | None
     right: np.ndarray | None
     frame: HandFrame = "pelvis"
+    stamp: float | None = None
+    sequence: int | None = None
 
     @classmethod
     def of(cls, left: object, right: object, frame: str = "pelvis") -> "HandTargets":
@@ -56,9 +61,10 @@ class HandTargets:
         return np.array([self.left is not None, self.right is not None])
 
     @property
-    def is_finite(self) -> bool:
-        """Whether every position that is given holds finite numbers only."""
-        return all(p is None or bool(np.all(np.isfinite(p))) for p in (self.left, self.right))
+    def is_usable(self) -> bool:
+        """Whether every position that is given is three finite numbers."""
+        points = [point for point in (self.left, self.right) if point is not None]
+        return all(np.shape(point) == (3,) and bool(np.all(np.isfinite(point))) for point in points)
 
 
 def position(name: str, value: object) -> np.ndarray:

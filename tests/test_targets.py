@@ -13,7 +13,7 @@ def test_of_takes_any_sequence_and_keeps_a_copy():
     left[0] = 9.0
     assert targets.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
     assert targets.frame == "world"
-    assert targets.is_finite
+    assert targets.is_usable
 
 
 @pytest.mark.parametrize("bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2), "here", [[0.3, 0.2, 0.1]]])
@@ -28,13 +28,14 @@ def test_of_refuses_an_unknown_frame():
 
 
 def test_plain_constructor_carries_anything_and_tells():
-    assert not HandTargets(np.array([0.3, math.nan, 0.1]), np.zeros(3)).is_finite
+    assert not HandTargets(np.array([0.3, math.nan, 0.1]), np.zeros(3)).is_usable
+    assert not HandTargets(np.zeros(2), np.zeros(3)).is_usable
 
 
 def test_a_hand_may_have_no_target_but_not_both():
     targets = HandTargets.of(None, (0.3, -0.2, 0.1))
     assert targets.given.tolist() == [False, True]
     assert np.isnan(targets.array()[0]).all()
-    assert targets.is_finite
+    assert targets.is_usable
     with pytest.raises(TargetError, match="neither hand has a target"):
         HandTargets.of(None, None)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -14,16 +14,14 @@ from hugwbc.safety import SafetyFilter
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-
-if TYPE_CHECKING:
-    from hugwbc.upper_ik import IKSolution
+from hugwbc.upper_ik import HandBack, IKSolution
 
 
 class UpperBodySource(Protocol):
     """What turns hand targets into arm joint targets: `hugwbc.upper_ik.UpperBodySource`, or another."""
 
     @property
-    def solution(self) -> "IKSolution | None":
+    def solution(self) -> IKSolution | None:
         """The last IK solution; None while the arms are the controller's."""
         ...
 
@@ -107,12 +105,14 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
+        self._hand_back = HandBack()
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
         self.simulation.reset()
         self.safe.reset(self.simulation.sense())
         self._commanded_arms = None
+        self._hand_back.reset()
         if self.upper_body is not None:
             self.upper_body.reset()
 
@@ -125,7 +125,7 @@ class ControlLoop:
             begin = time.perf_counter()
             arms = self.upper_body.update(state, self.hands, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
-        command = self.safe.act(state, self.source.command_at(t), arms)
+        command = self._hand_back(self.safe.act(state, self.source.command_at(t), arms), arms, self.period)
         self._commanded_arms = command.q[self.simulation.robot.arms]
         return command
 

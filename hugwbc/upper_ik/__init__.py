@@ -2,7 +2,20 @@
 
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
+from hugwbc.upper_ik.hand_back import HandBack
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.takeover import Takeover, TakeoverConfig, UpperBodySource
+from hugwbc.upper_ik.watch import TargetCounts, TargetWatch
 
-__all__ = ["ArmIK", "ArmIKConfig", "GravityCompensation", "IKSolution", "Takeover", "TakeoverConfig", "UpperBodySource"]
+__all__ = [
+    "ArmIK",
+    "ArmIKConfig",
+    "GravityCompensation",
+    "HandBack",
+    "IKSolution",
+    "Takeover",
+    "TakeoverConfig",
+    "TargetCounts",
+    "TargetWatch",
+    "UpperBodySource",
+]

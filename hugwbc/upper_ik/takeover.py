@@ -14,6 +14,7 @@ from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
+from hugwbc.upper_ik.watch import TargetWatch
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,14 +25,16 @@ class TakeoverConfig:
         take_time: of the blend from the arms' own position to the external targets [s].
         return_time: of the blend back [s].
         speed_fraction: of the joint velocity limits that the arm command never exceeds.
+        stale_time: how long the last target is held when no new one arrives, before the arms go back [s].
     """
 
     take_time: float = 0.5
     return_time: float = 1.0
     speed_fraction: float = 0.5
+    stale_time: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("take_time", "return_time"):
+        for name in ("take_time", "return_time", "stale_time"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ConfigError(f"TakeoverConfig.{name} is {getattr(self, name)} s; give a finite time above 0")
         if not 0.0 < self.speed_fraction <= 1.0:
@@ -144,6 +147,7 @@ class UpperBodySource:
     Attributes:
         ik: the solver, with its counts of rejected targets and failures.
         takeover: the hand-over, with its phase.
+        watch: on the stream of targets, with the counts of what was not usable.
         solution: the solver's last answer, or None while the arms are released.
     """
 
@@ -164,6 +168,7 @@ class UpperBodySource:
         """
         self.ik = ArmIK(ik)
         self.takeover = Takeover(takeover)
+        self.watch = TargetWatch(self.takeover.config.stale_time)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
         self._gravity = GravityCompensation() if gravity_compensation else None
@@ -171,6 +176,7 @@ class UpperBodySource:
     def reset(self) -> None:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
+        self.watch.reset()
         self.solution = None
 
     def update(
@@ -178,14 +184,20 @@ class UpperBodySource:
     ) -> UpperBody:
         """External control of the arms for this tick. Never raises on bad numbers: holds, counts.
 
+        A stream of targets that dries up, or brings nothing usable any more, gives the arms back after `stale_time`.
+
         Args:
             state: of the robot now.
-            hands: targets; None gives the arms back to the controller.
+            hands: the targets that arrived last; None gives the arms back to the controller.
             dt: time since the last tick [s].
             commanded: the arm part of the last joint command, shape (8,) [rad], if known. A takeover starts there, and
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms (plus what they sag, under gravity compensation) and a hand-back ends in the nominal pose.
         """
+        if hands is None:
+            self.watch.forget()
+        else:
+            hands = self.watch.admit(hands, state.time, dt)
         if hands is None:
             self.solution = None
             return self.takeover.release(self._own, dt)

@@ -1,9 +1,10 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from hugwbc.controller import JointCommand, override_arms
+from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
 from hugwbc.script_file import load_script
 from hugwbc.targets import HandTargets
@@ -108,16 +109,37 @@ def test_source_never_jumps(robot, make_state, compensated):
             assert np.all(np.abs(body.q - command) <= 0.5 * LIMIT * DT + 1e-9)
             assert np.all(np.abs(body.dq) <= 0.5 * LIMIT + 1e-9)
             command = body.q
-    assert source.ik.rejected > 0
+    assert source.watch.counts.bad > 0
+    assert source.ik.failures == 0
 
 
-def test_a_first_target_of_nan_holds_the_arms(nominal_state):
+def test_a_first_target_of_nan_leaves_the_arms_alone(nominal_state):
     source = UpperBodySource(gravity_compensation=False)
-    body = source.update(nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), DT, commanded=ARMS)
-    assert body.q == pytest.approx(ARMS, abs=1e-3)
-    assert source.solution is not None
-    assert not source.solution.ok
-    assert source.ik.rejected == 1
+    assert not source.update(nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), DT, ARMS).indicator
+    assert source.watch.counts.bad == 1
+
+
+def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nominal_state):
+    source, own = UpperBodySource(gravity_compensation=False), np.full(8, 0.2)
+    state, body = nominal_state, UpperBody.targets(own)
+    for tick in range(100):
+        state = dataclasses.replace(nominal_state, time=tick * DT)
+        last = dataclasses.replace(HANDS, stamp=state.time, sequence=tick)
+        body = source.update(state, last, DT, body.q)
+    bodies = []
+    for tick in range(100, 300):
+        state = dataclasses.replace(nominal_state, time=tick * DT)
+        bodies.append(source.update(state, last, DT, bodies[-1].q if bodies else body.q))
+    taken = [b.indicator for b in bodies]
+    # The last target is from tick 99: older than 0.5 s from tick 125, back 1 s later.
+    assert taken.index(False) == pytest.approx(25 + 50, abs=2)
+    assert not any(taken[80:])
+    assert np.abs(bodies[23].q - body.q).max() < 1e-3, "held"
+    assert bodies[taken.index(False) - 1].q == pytest.approx(own)
+    assert source.watch.counts.stale == 1
+    assert source.watch.counts.repeated == 200
+    fresh = dataclasses.replace(HANDS, stamp=state.time, sequence=101)
+    assert source.update(state, fresh, DT, own).indicator, "a stream that comes back takes the arms again"
 
 
 def test_takeover_starts_where_the_command_was_and_ends_there(nominal_state):
