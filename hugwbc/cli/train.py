@@ -1,5 +1,6 @@
 """`hugwbc train`: reinforcement learning of a policy."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -27,6 +28,10 @@ def _reporter(total_steps: float, advance: Callable[[float], None]) -> Callable[
     def report(figures: dict[str, float], gates: dict[str, str]) -> None:
         nonlocal last
         advance(figures["steps"] / total_steps)
+        evaluation = {name: value for name, value in figures.items() if name.startswith("evaluation/")}
+        if any(math.isfinite(value) for value in evaluation.values()):
+            parts = [f"{name.removeprefix('evaluation/')} {value:.3f}" for name, value in evaluation.items()]
+            say(f"evaluation at iteration {figures['iteration']:.0f}: {', '.join(parts)}")
         if time.monotonic() - last < LINE_INTERVAL:
             return
         last = time.monotonic()

@@ -227,6 +227,10 @@ class TrainConfig:
     """Threads of the simulation and of torch; 1 leaves the other cores alone."""
     save_interval: int = 50
     """Iterations between two checkpoints."""
+    evaluation_interval: int = 50
+    """Iterations between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
+    evaluation_robots: int = 128
+    evaluation_seconds: float = 5.0
     device: Literal["cpu"] = "cpu"
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
@@ -237,3 +241,6 @@ class TrainConfig:
         _require(self.hours > 0, "hours", self.hours, "a positive number")
         _require(self.threads > 0, "threads", self.threads, "a positive integer")
         _require(self.save_interval > 0, "save_interval", self.save_interval, "a positive integer")
+        _require(self.evaluation_interval >= 0, "evaluation_interval", self.evaluation_interval, "0 or more")
+        _require(self.evaluation_robots > 0, "evaluation_robots", self.evaluation_robots, "a positive integer")
+        _require(self.evaluation_seconds > 0, "evaluation_seconds", self.evaluation_seconds, "a positive number")

@@ -5,6 +5,9 @@ import math
 import platform
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import PolicyFileError
@@ -18,8 +21,8 @@ PERIOD = 0.02  # [s], the paper's control period
 ACTION_SCALE = 0.25  # [rad] of joint target per unit of action
 WAIST_RATE = 2.0  # [rad/s], at which the waist's joint target follows the commanded w
 # What a policy may have of its own, with the valid range of every number; the rest must be this version's.
-_OWN_NUMBERS = {"period": (1e-4, 1.0), "action_scale": (1e-6, 10.0), "waist_rate": (0.0, 1e6)}
-_OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4)}
+_OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
+_OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
 _FIXED = (
     "robot",
     "joint_names",
@@ -45,14 +48,21 @@ def versions() -> dict[str, str]:
 
 
 def policy_contract(
-    *, period: float = PERIOD, action_scale: float = ACTION_SCALE, waist_rate: float = WAIST_RATE
+    *,
+    period: float = PERIOD,
+    action_scale: ArrayLike = ACTION_SCALE,
+    waist_rate: float = WAIST_RATE,
+    kp: ArrayLike | None = None,
+    kd: ArrayLike | None = None,
 ) -> dict[str, Any]:
     """The contract of a policy trained with this version, as JSON can hold it; SI units, radians.
 
     Args:
         period: time between two actions [s].
-        action_scale: radians of joint target per unit of action.
+        action_scale: radians of joint target per unit of action, one number or one a joint.
         waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
+        kp: stiffness that it was trained with [N*m/rad], shape (19,); None for the robot's own.
+        kd: damping, likewise [N*m*s/rad].
     """
     robot = load_robot()
     ranges = command_ranges(Gait.WALKING)
@@ -61,14 +71,14 @@ def policy_contract(
         "robot": "h1",
         "joint_names": list(robot.joint_names),
         "nominal": robot.nominal.tolist(),
-        "kp": robot.kp.tolist(),
-        "kd": robot.kd.tolist(),
+        "kp": np.asarray(robot.kp if kp is None else kp).tolist(),
+        "kd": np.asarray(robot.kd if kd is None else kd).tolist(),
         "lower": robot.lower.tolist(),
         "upper": robot.upper.tolist(),
         "velocity_limit": robot.velocity_limit.tolist(),
         "torque_limit": robot.torque_limit.tolist(),
         "period": period,
-        "action_scale": action_scale,
+        "action_scale": np.broadcast_to(np.asarray(action_scale, dtype=float), robot.kp.shape).tolist(),
         "waist_rate": waist_rate,
         "history_frames": obs.HISTORY_FRAMES,
         "proprioception": _layout(
@@ -149,6 +159,8 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
                 "use a policy trained with this version"
             )
     joints = len(expected["joint_names"])
+    if type(metadata.get("action_scale")) in (int, float):  # one number stands for all joints
+        metadata = metadata | {"action_scale": [float(metadata["action_scale"])] * joints}
     for key, (low, high) in _OWN_NUMBERS.items():
         _check_numbers(origin, key, [metadata.get(key)], 1, low, high)
     for key, (low, high) in _OWN_VECTORS.items():

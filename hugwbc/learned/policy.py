@@ -122,8 +122,8 @@ class LearnedController:
         self.held = 0
         self.robot = load_robot()
         self.actor = actor.eval()
-        self._scale = float(metadata["action_scale"])
-        self._nominal, self._kp, self._kd = (np.array(metadata[name], dtype=float) for name in ("nominal", "kp", "kd"))
+        vectors = (np.array(metadata[name], dtype=float) for name in ("nominal", "action_scale", "kp", "kd"))
+        self._nominal, self._scale, self._kp, self._kd = vectors
         self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
         self._history = torch.zeros(1, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self._observation = torch.zeros(1, obs.COMMAND_SIZE)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import torch
 from torch import nn
@@ -14,6 +14,7 @@ from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.robot import load_robot
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
+_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
@@ -110,6 +111,7 @@ class PPO:
         network: actor, critic and exploration std.
         learning_rate: current, adapted to the KL divergence.
         skipped: updates left out because a loss or gradient was not finite.
+        on_skip: called with the minibatch and the losses of such an update.
     """
 
     def __init__(self, config: PPOConfig, count: int, generator: torch.Generator) -> None:
@@ -126,6 +128,7 @@ class PPO:
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
         self.rollout = Rollout.empty(config.horizon, count)
         self.skipped = 0
+        self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
         self._generator = generator
         robot = load_robot()
         yaw = [name for name in robot.joint_names if name.endswith("hip_yaw_joint")] + ["torso_joint"]
@@ -191,12 +194,16 @@ class PPO:
         sums: dict[str, float] = {}
         count = 0
         for rows in self._minibatches(flat.numel()):
-            losses = self._step({name: value[rows] for name, value in batch.items()}, old_log_std)
-            for name, value in losses.items():
-                sums[name] = sums.get(name, 0.0) + value
-            count += 1
+            minibatch = {name: value[rows] for name, value in batch.items()}
+            losses, applied = self._step(minibatch, old_log_std)
+            if applied:
+                sums = {name: sums.get(name, 0.0) + value for name, value in losses.items()}
+                count += 1
+            else:
+                self.skipped += 1
+                self.on_skip(minibatch, losses)
         std = self.network.log_std.detach().exp()
-        return {name: value / count for name, value in sums.items()} | {
+        return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
             "learning_rate": self.learning_rate,
             "std": float(std.mean()),
             "skipped": float(self.skipped),
@@ -207,8 +214,8 @@ class PPO:
         for _ in range(self.config.epochs):
             yield from torch.randperm(samples, generator=self._generator).split(size)
 
-    def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> dict[str, float]:
-        """One gradient step on a minibatch."""
+    def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
+        """One gradient step on a minibatch: its losses, and whether it was applied."""
         c, network = self.config, self.network
         mean, estimate = network.actor(b["history"], b["command"])
         value = self._value(b["critic"])
@@ -230,14 +237,9 @@ class PPO:
         with torch.no_grad():
             kl = float(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean())
         self._adapt_learning_rate(kl)
-        self._descend(loss)
-        return {
-            "value_loss": float(l_value.detach()),
-            "policy_loss": float(l_policy.detach()),
-            "estimation_loss": float(l_estimation.detach()),
-            "symmetry_loss": float(l_symmetry.detach()),
-            "kl": kl,
-        }
+        applied = self._descend(loss)
+        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
+        return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
 
     def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
         """Mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2; the gradient flows through the mirrored branch."""
@@ -254,12 +256,12 @@ class PPO:
         for group in self.optimiser.param_groups:
             group["lr"] = self.learning_rate
 
-    def _descend(self, loss: torch.Tensor) -> None:
-        """Apply the gradient unless it is not finite; then skip and count."""
+    def _descend(self, loss: torch.Tensor) -> bool:
+        """Apply the gradient unless it is not finite; returns whether."""
         self.optimiser.zero_grad()
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
-        if bool(torch.isfinite(loss)) and bool(torch.isfinite(norm)):
+        finite = bool(torch.isfinite(loss)) and bool(torch.isfinite(norm))
+        if finite:
             self.optimiser.step()
-        else:
-            self.skipped += 1
+        return finite

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import math
 import os
 import pathlib
 import signal
@@ -17,12 +18,15 @@ from hugwbc.learned import checkpoint
 from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.contract import policy_contract, versions
 from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.evaluator import SCORE, Evaluator
 from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 LOG_NAME = "metrics.csv"
+BEST_FOLDER = "best"
+MAX_DUMPS = 3  # of skipped minibatches in a run's folder; each takes some 20 MB
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
@@ -32,6 +36,8 @@ class Trainer:
 
     Attributes:
         iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions.
+        evaluation: figures of the last evaluation, with its iteration; empty before the first.
+        best: the same of the best one, whose policy is in the folder `best`.
     """
 
     def __init__(self, config: TrainConfig) -> None:
@@ -42,12 +48,17 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(config.seed)
         self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
         self.ppo = PPO(config.ppo, config.env.count, self.generator)
+        self.ppo.on_skip = self._dump
+        self.evaluator = self._make_evaluator()
+        self.evaluation: dict[str, float] = {}
+        self.best: dict[str, float] = {}
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.stop_requested = False
         if config.resume:
             self.load(config.out / CHECKPOINT_NAME)
         elif config.start_from is not None:
             self.load(config.start_from)
+            self.best = {}  # the other run's: there is no such file in this run's folder
 
     def run(self, report: Report) -> None:
         """Train until the limits of the configuration, or until asked to stop; saves at the end.
@@ -62,7 +73,7 @@ class Trainer:
             and time.monotonic() - start < 3600.0 * self.config.hours
             and not self.stop_requested
         ):
-            row = self.iterate()
+            row = self.iterate() | self._evaluate()
             self._append_log(row)
             report(row, self.env.curriculum.gates)
             if self.iteration % self.config.save_interval == 0:
@@ -100,6 +111,28 @@ class Trainer:
             **self.env.statistics.pop(),
         }
 
+    def _make_evaluator(self) -> Evaluator | None:
+        c = self.config
+        if not c.evaluation_interval:
+            return None
+        return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
+
+    def _evaluate(self) -> dict[str, float]:
+        """Figures of an evaluation if one is due, else the same names with NaN; the best policy is kept."""
+        if self.evaluator is None:
+            return {}
+        if self.iteration % self.config.evaluation_interval:
+            return dict.fromkeys(self.evaluator.names, math.nan)
+        begin = time.monotonic()
+        figures = self.evaluator.run(self.ppo.network.actor)
+        finite = {name: value for name, value in figures.items() if math.isfinite(value)}
+        self.evaluation = finite | {"iteration": self.iteration}
+        if figures[SCORE] < self.best.get(SCORE, math.inf):
+            self.best = self.evaluation
+            self._save_product(self.config.out / BEST_FOLDER)
+        self.seconds += time.monotonic() - begin
+        return figures
+
     # Files ----------------------------------------------------------------------------------------------------------
 
     def save(self) -> None:
@@ -110,14 +143,30 @@ class Trainer:
             tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
         tensors["generator"] = self.generator.get_state()
         checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
+        self._save_product(self.config.out)
+
+    def _save_product(self, folder: pathlib.Path) -> None:
+        """Write policy and snapshot: what to ship, and what to continue from."""
         # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
-        slim = {k: v for k, v in tensors.items() if k.startswith("network.")}
-        checkpoint.save_file(self.config.out / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
+        slim = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
+        checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
         settings = self.config.env
         contract = policy_contract(
             period=self.env.dt, action_scale=settings.action_scale, waist_rate=settings.waist_rate
         )
-        save_policy(self.config.out / POLICY_FILE, self.ppo.network.actor, contract, self._metadata())
+        save_policy(folder / POLICY_FILE, self.ppo.network.actor, contract, self._metadata())
+
+    def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
+        """Keep a minibatch whose update was skipped, for the search after the cause."""
+        dumps = len(list(self.config.out.glob("skipped-*.safetensors")))
+        if dumps < MAX_DUMPS:
+            record = {
+                "iteration": self.iteration,
+                "steps": self.steps,
+                "losses": {k: str(v) for k, v in losses.items()},
+            }
+            path = self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors"
+            checkpoint.save_file(path, minibatch, "minibatch", record)
 
     def load(self, path: pathlib.Path) -> None:
         """Continue from a checkpoint, or from a snapshot: episodes and optimiser moments then start anew.
@@ -154,11 +203,21 @@ class Trainer:
             self.env.curriculum.load_state_dict(metadata["curriculum"])
         if groups["optimiser"]:
             self._load_optimiser(groups["optimiser"])
+        try:
+            self._load_metadata(metadata)
+        except (KeyError, TypeError, ValueError) as error:
+            raise PolicyFileError(
+                f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
+            ) from error
+        self.ppo.bound_std(self.steps)
+
+    def _load_metadata(self, metadata: dict[str, Any]) -> None:
         self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
         self.seconds = float(metadata["seconds"])
         self.ppo.learning_rate = float(metadata["learning_rate"])
         self.ppo.skipped = int(metadata["skipped"])
-        self.ppo.bound_std(self.steps)
+        # Checkpoints from before there were evaluations lack these two.
+        self.evaluation, self.best = dict(metadata.get("evaluation", {})), dict(metadata.get("best", {}))
 
     def _load_optimiser(self, tensors: dict[str, torch.Tensor]) -> None:
         state: dict[int, dict[str, torch.Tensor]] = {}
@@ -177,6 +236,8 @@ class Trainer:
             "learning_rate": self.ppo.learning_rate,
             "skipped": self.ppo.skipped,
             "curriculum": self.env.curriculum.state_dict(),
+            "evaluation": self.evaluation,
+            "best": self.best,
             "versions": versions(),
             "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
         }
@@ -200,7 +261,7 @@ class Trainer:
             writer = csv.DictWriter(file, fieldnames=list(row))
             if new:
                 writer.writeheader()
-            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+            writer.writerow({name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()})
 
 
 def train(config: TrainConfig, report: Report) -> Trainer:

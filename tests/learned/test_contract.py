@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from hugwbc.errors import PolicyFileError
@@ -13,7 +14,13 @@ def test_layouts_have_the_sizes_of_the_networks() -> None:
 
 def test_own_settings_are_carried() -> None:
     contract = complete_contract(policy_contract(period=0.01, action_scale=0.4, waist_rate=0.0), "x")
-    assert (contract["period"], contract["action_scale"], contract["waist_rate"]) == (0.01, 0.4, 0.0)
+    assert (contract["period"], contract["action_scale"], contract["waist_rate"]) == (0.01, [0.4] * 19, 0.0)
+
+
+def test_every_joint_may_have_its_own_scale_and_gains() -> None:
+    scale, kd = np.linspace(0.1, 0.3, 19), np.full(19, 7.0)
+    contract = complete_contract(policy_contract(action_scale=scale, kd=kd), "x")
+    assert contract["action_scale"] == scale.tolist() and contract["kd"] == kd.tolist()
 
 
 def test_a_file_from_before_the_contract_is_completed() -> None:
@@ -25,7 +32,7 @@ def test_a_file_from_before_the_contract_is_completed() -> None:
     early |= {"command_scales": full["command_scales"], "history_frames": 5, "action_scale": 0.3}
     early |= {"proprioception": "in words", "command": "in words", "training": {"steps": 3}}
     completed = complete_contract(early, "early")
-    assert completed["action_scale"] == 0.3 and completed["training"] == {"steps": 3}
+    assert completed["action_scale"] == [0.3] * 19 and completed["training"] == {"steps": 3}
     assert completed["proprioception"] == full["proprioception"]
     assert "contract" not in completed
 

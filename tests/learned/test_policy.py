@@ -169,7 +169,7 @@ def test_changed_weights_fail_the_self_test(policy_file: pathlib.Path) -> None:
 
 
 def test_a_changed_contract_fails_the_self_test(policy_file: pathlib.Path) -> None:
-    rewrite(policy_file, action_scale=0.3)
+    rewrite(policy_file, action_scale=[0.25] * 18 + [0.3])
     with pytest.raises(PolicyFileError, match="self-test"):
         load_policy(policy_file)
 

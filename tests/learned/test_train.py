@@ -7,9 +7,12 @@ import pytest
 import torch
 
 from hugwbc.errors import PolicyFileError
+from hugwbc.learned import checkpoint
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig, TrainConfig
+from hugwbc.learned.env import StepResult
+from hugwbc.learned.evaluator import Evaluator
 from hugwbc.learned.policy import load_policy
-from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, SNAPSHOT_NAME, Trainer, train
+from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
@@ -18,7 +21,11 @@ PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
 
 
 def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig:
+    changes = {"evaluation_interval": 0} | changes
     return TrainConfig(out=out, steps=iterations * 64, threads=1, env=ENV, ppo=PPO, **changes)
+
+
+EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
 
 
 def run(settings: TrainConfig) -> Trainer:
@@ -27,8 +34,9 @@ def run(settings: TrainConfig) -> Trainer:
 
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: pathlib.Path) -> None:
     straight = run(config(tmp_path / "a", 6))
-    run(config(tmp_path / "b", 3))
-    resumed = run(config(tmp_path / "b", 6, resume=True))
+    # Evaluations in between must leave no trace.
+    run(config(tmp_path / "b", 3, **EVALUATE))
+    resumed = run(config(tmp_path / "b", 6, resume=True, **EVALUATE))
     assert resumed.iteration == straight.iteration == 6
     for (name, a), b in zip(straight.ppo.network.named_parameters(), resumed.ppo.network.parameters(), strict=True):
         assert torch.equal(a, b), name
@@ -82,3 +90,70 @@ def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(PolicyFileError, match="truncated"):
         Trainer(config(tmp_path, 2, resume=True))
+
+
+def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scores = iter([3.0, 1.0, 2.0])
+    monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
+    run(config(tmp_path, 3, **EVALUATE))
+    assert load_policy(tmp_path / "best").metadata["training"]["iteration"] == 2
+    # The best survives a resumption: 1.0 is better, 2.0 afterwards is not.
+    trainer = run(config(tmp_path, 7, resume=True, **EVALUATE))
+    assert trainer.best == {"evaluation/score": 1.0, "iteration": 4}
+    best = load_policy(tmp_path / "best").metadata["training"]
+    assert best["iteration"] == 4 and best["evaluation"]["evaluation/score"] == 1.0
+    assert load_policy(tmp_path).metadata["training"]["iteration"] == 7
+    other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_NAME))
+    assert other.iteration == 4 and other.best == {}
+
+
+def test_evaluations_are_in_the_log_where_they_were_made(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 3, **EVALUATE))
+    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
+    assert [bool(row["evaluation/score"]) for row in rows] == [False, True, False]
+    assert 0.0 <= float(rows[1]["evaluation/falls"]) <= 1.0
+
+
+def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -> None:
+    trainer = Trainer(config(tmp_path, 4))
+    step = trainer.env.step
+
+    def broken(action: torch.Tensor) -> StepResult:
+        result = step(action)
+        result.reward[3] = float("nan")
+        return result
+
+    before = trainer.ppo.network.actor.encoder[0].weight.clone()
+    trainer.env.step = broken
+    row = trainer.iterate()
+    assert trainer.ppo.skipped == PPO.epochs * PPO.minibatches
+    assert torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+    dumps = sorted(tmp_path.glob("skipped-*.safetensors"))
+    assert len(dumps) == MAX_DUMPS
+    tensors, record = checkpoint.load_file(dumps[0], "minibatch")
+    assert tensors["history"].shape == (32, 315) and record["losses"]["policy_loss"] == "nan"
+    assert torch.isnan(tensors["advantage"]).any()
+    trainer.env.step = step
+    row = trainer.iterate()
+    assert row["skipped"] == 4 and not torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+
+
+@pytest.mark.parametrize("damage", ["drop iteration", "seconds is text"])
+def test_a_checkpoint_without_its_counters_is_refused(tmp_path: pathlib.Path, damage: str) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    if damage == "drop iteration":
+        del metadata["iteration"]
+    else:
+        metadata["seconds"] = "soon"
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
+def test_a_checkpoint_from_before_the_evaluations_resumes(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    del metadata["best"], metadata["evaluation"]
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    assert run(config(tmp_path, 2, resume=True)).iteration == 2
