@@ -30,6 +30,10 @@ class ScriptError(HugwbcError):
     """A script file that cannot be read, or says something that a script may not; names file and line."""
 
 
+class MotionFileError(HugwbcError):
+    """A motion file that cannot be read, or holds what is no motion of the arms."""
+
+
 class PolicyFileError(HugwbcError):
     """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
 

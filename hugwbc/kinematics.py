@@ -96,18 +96,20 @@ class Kinematics:
         """Centre of mass in the world [m], shape (3,)."""
         return pin.centerOfMass(self.model, self.data, self.q).copy()
 
-    def measured(self, ground_height: float = 0.0) -> Measured:
+    def measured(self, ground_height: float = 0.0, sole_ground: tuple[float, float] | None = None) -> Measured:
         """The commanded quantities at the updated state.
 
         Args:
             ground_height: height of the ground below the pelvis [m].
+            sole_ground: height of the ground below the left and the right sole [m]; None if level with the first.
         """
         state = self._state
         if state is None or state.position is None or state.velocity is None:
             raise ValueError("measured() needs a state with position and velocity; call update() with one first")
         velocity = rotations.rotation_z(-state.yaw) @ state.velocity
         yaw_rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
-        soles = [self.position(f"{side}_sole")[2] - ground_height for side in SIDES]
+        below = (ground_height, ground_height) if sole_ground is None else sole_ground
+        soles = [self.position(f"{side}_sole")[2] - height for side, height in zip(SIDES, below, strict=True)]
         return Measured(
             v_x=float(velocity[0]),
             v_y=float(velocity[1]),

@@ -1,4 +1,4 @@
-"""`hugwbc evaluate`: one of the paper's protocols, for any controller."""
+"""`hugwbc evaluate`: one of the protocols, for any controller, on level or rough ground, arms free or moved."""
 
 import dataclasses
 import pathlib
@@ -6,15 +6,27 @@ from collections.abc import Sequence
 
 from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
 from hugwbc.errors import UnknownNameError
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.paper import ERROR_UNITS
-from hugwbc.evaluation.protocols import PROTOCOL_NAMES, SingleCommandConfig, SingleCommandResult, run_single_command
+from hugwbc.evaluation.protocols import (
+    PROTOCOL_NAMES,
+    RandomCommandsConfig,
+    RandomCommandsResult,
+    SingleCommandConfig,
+    SingleCommandResult,
+    run_random_commands,
+    run_single_command,
+)
+from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.gait import Gait
+
+LISTED_PAIRS = 10
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluateOptions:
-    """Run a protocol of the paper and print the errors beside the paper's figures."""
+    """Run a protocol and print the errors beside the paper's figures, or where the robot falls."""
 
     controller: str = "learned"
     """learned, qp, or hold (the baseline that only holds its pose)."""
@@ -23,11 +35,18 @@ class EvaluateOptions:
     gait: str = "walking"
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"
-    """single-command: each command sampled over its range, the others at default."""
+    """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
+    at random over their full ranges at once; falls, and the combinations with which they happen."""
+    intervention: str = "none"
+    """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
+    motions: pathlib.Path | None = None
+    """Folder of motion files (.npz) for --intervention motion; without one, generated motions."""
+    terrain_roughness: float = 0.0
+    """Half-width of the random height of the ground [m], such as 0.02; 0 for a plane."""
     episodes: int = 32
-    """Episodes in all, split evenly over the commands."""
+    """Episodes in all; the single-command protocol splits them evenly over the commands."""
     seed: int = 0
-    """Of the sampled commands."""
+    """Of the sampled commands, the ground and the arms."""
     duration: float = 10.0
     """Length of an episode [s]."""
     settle: float = 1.0
@@ -47,27 +66,37 @@ def run(words: Sequence[str]) -> int:
     if options.protocol not in PROTOCOL_NAMES:
         raise UnknownNameError("protocol", options.protocol, PROTOCOL_NAMES)
     both_legs = options.gait == "hopping"
-    config = SingleCommandConfig(
-        gait=Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait),
-        both_legs=both_legs,
-        episodes=options.episodes,
-        seed=options.seed,
-        duration=options.duration,
-        settle=options.settle,
-        timestep=options.timestep,
-        workers=options.workers,
-    )
+    settings = {
+        "gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait),
+        "both_legs": both_legs,
+        "episodes": options.episodes,
+        "seed": options.seed,
+        "duration": options.duration,
+        "settle": options.settle,
+        "workers": options.workers,
+        "conditions": Conditions(
+            timestep=options.timestep,
+            terrain_roughness=options.terrain_roughness,
+            intervention=options.intervention,
+            motions=None if options.motions is None else str(options.motions),
+        ),
+    }
     spec = ControllerSpec(options.controller, options.policy)
     done = 0
-    with progress(f"{options.controller}, {config.gait_label}: {config.episodes} episodes") as advance:
+    with progress(f"{options.controller}, {options.gait}: {options.episodes} episodes") as advance:
 
         def on_episode(_: object) -> None:
             nonlocal done
             done += 1
-            advance(done / config.episodes)
+            advance(done / options.episodes)
 
-        result = run_single_command(spec.build, config, on_episode)
-    say(describe(result), options.json)
+        if options.protocol == "single-command":
+            result = run_single_command(spec.build, SingleCommandConfig(**settings), on_episode)
+            text = describe(result)
+        else:
+            result = run_random_commands(spec.build, RandomCommandsConfig(**settings), on_episode)
+            text = describe_random(result)
+    say(text, options.json)
     write_json(options.json, dataclasses.asdict(result))
     return 0
 
@@ -90,7 +119,36 @@ def describe(result: SingleCommandResult) -> str:
         lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
     if result.held_foot_contact is not None:
         lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
-    failures = sum(row.failures for row in result.rows)
-    if failures:
-        lines.append(f"the controller raised {failures} exceptions, which the safety filter caught")
-    return "\n".join(lines)
+    if result.arm_error is not None:
+        lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
+    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_random(result: RandomCommandsResult) -> str:
+    """Falls in all, falls by the third of each command's range, and the pairs of thirds with the most falls."""
+    lines = [f"falls: {result.falls} of {result.episodes} episodes ({100 * result.fall_rate:.1f} %)"]
+    if result.falls:
+        counts = _falls_by_third(result)
+        rows = [(name, *(counts[name].get(part) for part in PARTS)) for name in counts]
+        lines += ["", format_table(("falls of episodes", *(f"{part} third" for part in PARTS)), rows)]
+        pairs = [c for c in result.combinations if len(c.parts) == 2][:LISTED_PAIRS]
+        rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
+        lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
+    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:
+    counts: dict[str, dict[str, str]] = {}
+    for combination in result.combinations:
+        if len(combination.parts) == 1:
+            ((name, part),) = combination.parts.items()
+            counts.setdefault(name, {})[part] = f"{combination.falls} of {combination.episodes}"
+    return dict(sorted(counts.items(), key=lambda item: list(result.rows[0].command).index(item[0])))
+
+
+def _label(combination: Combination) -> str:
+    return ", ".join(f"{name} {part}" for name, part in combination.parts.items())
+
+
+def _failures(count: int) -> list[str]:
+    return [f"the controller raised {count} exceptions, which the safety filter caught"] if count else []

@@ -3,6 +3,7 @@
 import functools
 import pathlib
 from collections.abc import Mapping
+from typing import Any
 
 import yaml
 
@@ -25,17 +26,24 @@ HIGH_SPEED = 1.0  # [m/s]; v_x above this counts towards E_vx_high
 
 
 @functools.cache
-def _tables() -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+def _tables() -> Mapping[str, Any]:
     return yaml.safe_load((pathlib.Path(__file__).parent / "paper_tables.yaml").read_text())
 
 
-def single_command_errors(gait: Gait) -> Mapping[str, float]:
+def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str, float]:
     """The paper's single-command tracking errors of a gait, by name; errors that it does not report are missing.
 
-    The paper has one column for hopping, without telling the legs apart.
+    The paper has one column for hopping, without telling the legs apart, and no intervention for it. Its table with
+    intervention does not split E_vx by speed; that figure stands for the low speeds here.
+
+    Args:
+        gait: the gait.
+        intervention: what moves the arms: "none", "noise" or "motion".
     """
-    row = "hopping" if gait.hops else gait.label
-    return _tables()["single_command_tracking"][row]
+    if intervention == "none":
+        return _tables()["single_command_tracking"]["hopping" if gait.hops else gait.label]
+    errors = _tables()["intervention_tracking"].get(gait.label, {}).get(intervention, {})
+    return {"E_vx_low" if name == "E_vx" else name: error for name, error in errors.items()}
 
 
 def error_name(command: str, value: float) -> str:

@@ -148,7 +148,8 @@ class _Recorder:
         state = self.simulation.state()
         self.kinematics.update(state)
         assert state.position is not None
-        measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]))
+        left, right = (self.simulation.ground_height(self.kinematics.position(f"{side}_sole")[:2]) for side in SIDES)
+        measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
         target, reachable = world_targets(self.loop.hands, state), self.loop.reachable
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         row = {

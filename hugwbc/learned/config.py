@@ -145,6 +145,10 @@ class EnvConfig:
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
     waist to the action alone, as in the paper."""
+    intervention: Literal["noise", "motion", "none"] = "noise"
+    """What takes over the arms: the paper's noise, motion files, or nothing."""
+    motions: pathlib.Path | None = None
+    """Folder of motion files (.npz) for the motion intervention; without one, generated motions."""
     flip_probability: float = 0.005
     """Probability per step that the intervention indicator flips."""
     noise_interval: int = 90

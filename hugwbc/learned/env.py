@@ -9,6 +9,7 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned import observations as obs
+from hugwbc.learned.arm_targets import ArmTargets, MotionTargets, NoiseTargets
 from hugwbc.learned.command_sampling import draw_commands, uniform
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.curriculum import Curriculum
@@ -17,12 +18,14 @@ from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
 from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate_terms
 from hugwbc.learned.statistics import Statistics
+from hugwbc.motion import generate_motions, load_motions
 from hugwbc.robot import load_robot
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.scene import TRAINING_TIMESTEP
 from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL, TRUNK_FORCE
 
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
+GENERATED_MOTIONS_SEED = 0
 START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
 START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
 _W = COMMAND_NAMES.index("w")
@@ -93,7 +96,10 @@ class HumanoidEnv:
         self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
-        self.intervention = Intervention(~self.agile, config.flip_probability, config.noise_interval, self.generator)
+        self._intervenable = ~self.agile & (config.intervention != "none")
+        self.intervention = Intervention(
+            self._intervenable, config.flip_probability, self._arm_targets(), self.generator
+        )
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self._body = self._make_body()
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
@@ -122,6 +128,13 @@ class HumanoidEnv:
             waist=robot.waist,
             dt=self.dt,
         )
+
+    def _arm_targets(self) -> ArmTargets:
+        config = self.config
+        if config.intervention != "motion":
+            return NoiseTargets(self.count, config.noise_interval, self.generator)
+        motions = generate_motions(GENERATED_MOTIONS_SEED) if config.motions is None else load_motions(config.motions)
+        return MotionTargets(self.count, motions, self.generator)
 
     # Stepping -----------------------------------------------------------------------------------------------------
 
@@ -160,7 +173,7 @@ class HumanoidEnv:
         target[:, self._body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
         # The paper: hopping is too unstable for arms under external control.
-        self.intervention.eligible = ~self.agile & (self.gait < Gait.HOPPING_LEFT)
+        self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
         self.intervention.step()
         target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
         self.simulation.ctrl[:] = target.numpy()
@@ -231,7 +244,8 @@ class HumanoidEnv:
         """Move the curricula after an iteration, from the running tracking rewards of both groups."""
         tracking = self.statistics.tracking
         agile, intervened = tracking[self.agile].mean(0).tolist(), tracking[~self.agile].mean(0).tolist()
-        self.curriculum.update((agile[0], agile[1]), (intervened[0], intervened[1]))
+        off = self.config.intervention == "none"
+        self.curriculum.update((agile[0], agile[1]), None if off else (intervened[0], intervened[1]))
 
     # Episodes -----------------------------------------------------------------------------------------------------
 

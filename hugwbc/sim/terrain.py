@@ -45,8 +45,21 @@ class HeightField:
         return near + first * (corner - near) + second * (far - corner)
 
 
-def rough_terrain(amplitude: float, rng: np.random.Generator, size: float = 16.0, spacing: float = 0.2) -> HeightField:
-    """Uniformly random heights within plus or minus `amplitude` [m] on a grid of the given spacing [m].
+def rough_terrain(
+    amplitude: float,
+    rng: np.random.Generator,
+    size: float = 16.0,
+    spacing: float = 0.2,
+    start_radius: float = 0.0,
+) -> HeightField:
+    """Uniformly random heights within plus or minus `amplitude` [m] on a square grid around the world's origin.
+
+    Args:
+        amplitude: half-width of the heights [m].
+        rng: of the heights.
+        size: length of a side [m].
+        spacing: of the grid [m].
+        start_radius: distance from the origin within which the ground is level, to stand up on [m].
 
     Raises:
         ConfigError: if the amplitude is negative or not finite.
@@ -54,4 +67,7 @@ def rough_terrain(amplitude: float, rng: np.random.Generator, size: float = 16.0
     if not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"terrain amplitude is {amplitude}; give a height from 0 to 1 m")
     points = round(size / spacing) + 1
-    return HeightField(rng.uniform(-amplitude, amplitude, (points, points)), (size, size))
+    heights = rng.uniform(-amplitude, amplitude, (points, points))
+    axis = np.linspace(-size / 2.0, size / 2.0, points)
+    heights[np.hypot(*np.meshgrid(axis, axis)) < start_radius] = 0.0
+    return HeightField(heights, (size, size))

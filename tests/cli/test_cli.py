@@ -14,6 +14,9 @@ BAD_INPUT = {
     "gait": (["evaluate", "--controller", "hold", "--gait", "waking"], "gait 'waking'. Did you mean 'walking'?"),
     "controller": (["evaluate", "--controller", "qpp"], "unknown controller 'qpp'. Did you mean 'qp'?"),
     "protocol": (["evaluate", "--protocol", "single"], "unknown protocol 'single'"),
+    "intervention": (["evaluate", "--controller", "hold", "--intervention", "nois"], "Did you mean 'noise'?"),
+    "motions": (["evaluate", "--controller", "hold", "--intervention", "motion", "--motions", "no"], "no motion files"),
+    "roughness": (["evaluate", "--controller", "hold", "--terrain-roughness", "1"], "give a height from 0 to 0.5 m"),
     "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "needs at least 8"),
     "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
     "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
@@ -108,6 +111,23 @@ def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
     assert result["episodes"] == 3 and result["falls"] == 0 and result["seed"] == 3
     assert result["errors"]["E_h"] > 0.0 and result["errors"]["E_vx_low"] is None
     assert [row["command"] for row in result["rows"]] == ["h", "p", "w"]
+
+
+def test_random_commands_list_where_the_robot_falls(capsys):
+    words = ["evaluate", "--controller", "hold", "--protocol", "random-commands", "--intervention", "noise"]
+    rough = ["--terrain-roughness", "0.02", "--timestep", "0.005"]
+    assert main([*words, *rough, "--episodes", "4", "--duration", "6"]) == 0
+    printed = capsys.readouterr().out
+    assert "falls: 4 of 4 episodes (100.0 %)" in printed
+    assert "low third" in printed and "pairs with the most falls" in printed
+
+
+def test_standing_under_motions_shows_arms_and_feet(capsys):
+    words = ["evaluate", "--controller", "hold", "--gait", "standing", "--intervention", "motion"]
+    assert main([*words, "--episodes", "3", "--duration", "0.6", "--settle", "0.2"]) == 0
+    printed = capsys.readouterr().out
+    assert "0.061" in printed, "the paper's E_p under motions"
+    assert "foot travel" in printed and "rad from their external targets" in printed
 
 
 def test_json_without_a_path_goes_to_standard_output(capsys):

@@ -12,6 +12,13 @@ def test_figures_of_the_table():
     assert paper.single_command_errors(Gait.HOPPING_LEFT) == paper.single_command_errors(Gait.HOPPING_RIGHT)
 
 
+def test_figures_under_intervention():
+    noise = paper.single_command_errors(Gait.WALKING, "noise")
+    assert noise["E_vx_low"] == 0.0483 and noise["E_w"] == 0.0552 and "E_vx_high" not in noise
+    assert paper.single_command_errors(Gait.STANDING, "motion") == {"E_h": 0.0237, "E_p": 0.0611, "E_w": 0.0624}
+    assert paper.single_command_errors(Gait.HOPPING_LEFT, "noise") == {}
+
+
 @pytest.mark.parametrize(
     ("command", "value", "name"),
     [("v_x", 1.0, "E_vx_low"), ("v_x", 1.01, "E_vx_high"), ("v_x", -0.6, "E_vx_low"), ("v_y", 0.5, "E_vy"),

@@ -39,6 +39,14 @@ def test_bad_amplitude_is_refused(amplitude: float) -> None:
         rough_terrain(amplitude, np.random.default_rng(0))
 
 
+def test_the_ground_around_the_start_can_be_level() -> None:
+    field = rough_terrain(0.05, np.random.default_rng(7), size=4.0, spacing=0.2, start_radius=1.0)
+    angle = np.linspace(-np.pi, np.pi, 50)
+    inside = 0.7 * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    assert not field.height_at(inside).any()
+    assert np.abs(field.height_at(2.0 * inside)).min() > 0.0
+
+
 def test_rough_terrain_stays_within_its_amplitude_and_is_seeded() -> None:
     field = rough_terrain(0.05, np.random.default_rng(7), size=4.0, spacing=0.5)
     assert field.heights.shape == (9, 9)

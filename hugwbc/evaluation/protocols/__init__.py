@@ -1,7 +1,20 @@
 """The paper's experiments, one file per table or figure, for any controller."""
 
+from hugwbc.evaluation.protocols.random_commands import (
+    RandomCommandsConfig,
+    RandomCommandsResult,
+    run_random_commands,
+)
 from hugwbc.evaluation.protocols.single_command import SingleCommandConfig, SingleCommandResult, run_single_command
 
-PROTOCOL_NAMES = ("single-command",)
+PROTOCOL_NAMES = ("single-command", "random-commands")
 
-__all__ = ["PROTOCOL_NAMES", "SingleCommandConfig", "SingleCommandResult", "run_single_command"]
+__all__ = [
+    "PROTOCOL_NAMES",
+    "RandomCommandsConfig",
+    "RandomCommandsResult",
+    "SingleCommandConfig",
+    "SingleCommandResult",
+    "run_random_commands",
+    "run_single_command",
+]

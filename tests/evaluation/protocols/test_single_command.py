@@ -25,11 +25,11 @@ def test_samples_cover_each_range_evenly_and_follow_the_seed():
     config = SingleCommandConfig(Gait.WALKING, episodes=35, seed=3)
     samples = sample_episodes(config)
     assert samples == sample_episodes(config) != sample_episodes(dataclasses.replace(config, seed=4))
-    counts = {name: sum(n == name for n, *_ in samples) for name in WALKING_NAMES}
+    counts = {name: sum(n == name for n, _ in samples) for name in WALKING_NAMES}
     assert counts == {"v_x": 5, "v_y": 5, "omega": 5, "f": 4, "l": 4, "h": 4, "p": 4, "w": 4}
     for name in WALKING_NAMES:
         low, high = command_ranges(Gait.WALKING)[name].finishing
-        values = np.array([value for n, value, _ in samples if n == name])
+        values = np.array([getattr(command, name) for n, command in samples if n == name])
         part = np.floor((values - low) / (high - low) * counts[name]).astype(int)
         assert part.tolist() == list(range(counts[name])), "one sample in each equal part"
 
@@ -37,8 +37,9 @@ def test_samples_cover_each_range_evenly_and_follow_the_seed():
 def test_hopping_on_both_legs_alternates_over_each_range():
     config = SingleCommandConfig(Gait.HOPPING_LEFT, both_legs=True, episodes=16, seed=3)
     samples = sample_episodes(config)
-    left = [(name, value) for name, value, gait in samples if gait is Gait.HOPPING_LEFT]
-    right = [(name, value) for name, value, gait in samples if gait is Gait.HOPPING_RIGHT]
+    values = [(name, getattr(command, name), command.gait) for name, command in samples]
+    left = [(name, value) for name, value, gait in values if gait is Gait.HOPPING_LEFT]
+    right = [(name, value) for name, value, gait in values if gait is Gait.HOPPING_RIGHT]
     assert len(left) == len(right) == 8
     assert [name for name, _ in left] == [name for name, _ in right]
     assert not set(left) & set(right), "the legs share the strata of a range, each has its own"

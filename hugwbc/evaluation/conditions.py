@@ -1,0 +1,83 @@
+"""Under which conditions a controller is evaluated: physics time step, ground, external control of the arms."""
+
+import dataclasses
+import math
+import pathlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.sim import Simulation, rough_terrain
+from hugwbc.sim.scene import SIMULATION_TIMESTEP
+
+if TYPE_CHECKING:
+    from hugwbc.evaluation.intervention import ArmIntervention
+
+INTERVENTIONS = ("none", "noise", "motion")
+NOISE_INTERVAL = 90  # control steps between two targets of the noise, the paper's
+GENERATED_MOTIONS_SEED = 1  # other motions than the training's
+_START_RADIUS = 0.6  # [m] of level ground around the start
+_TOP_SPEED = 2.5  # [m/s], with which the ground must be large enough
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """Settings.
+
+    Attributes:
+        timestep: of the physics [s].
+        terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
+        intervention: one of `INTERVENTIONS`: what moves the arms during the whole episode.
+        motions: folder of motion files for the motion intervention; None for generated motions.
+    """
+
+    timestep: float = SIMULATION_TIMESTEP
+    terrain_roughness: float = 0.0
+    intervention: str = "none"
+    motions: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.intervention not in INTERVENTIONS:
+            raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
+        if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
+            raise ConfigError(f"terrain roughness is {self.terrain_roughness}; give a height from 0 to 0.5 m")
+
+    def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
+        """The robot on the ground of one episode.
+
+        Args:
+            duration: of the episode [s]; the ground is large enough for it.
+            seed: of the ground.
+        """
+        if self.terrain_roughness == 0.0:
+            return Simulation(timestep=self.timestep)
+        size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
+        rng = np.random.default_rng(seed)
+        terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS)
+        return Simulation(timestep=self.timestep, terrain=terrain)
+
+    def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
+        """What moves the arms in one episode; None leaves them to the controller.
+
+        Raises:
+            MotionFileError: if the motion files cannot be used.
+        """
+        if self.intervention == "none":
+            return None
+        # Loads torch, which only some evaluations need.
+        import torch
+
+        from hugwbc.evaluation.intervention import ArmIntervention
+        from hugwbc.learned.arm_targets import MotionTargets, NoiseTargets
+        from hugwbc.motion import generate_motions, load_motions
+
+        generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
+        if self.intervention == "noise":
+            return ArmIntervention(NoiseTargets(1, NOISE_INTERVAL, generator))
+        motions = (
+            generate_motions(GENERATED_MOTIONS_SEED)
+            if self.motions is None
+            else load_motions(pathlib.Path(self.motions))
+        )
+        return ArmIntervention(MotionTargets(1, motions, generator))

@@ -1,0 +1,135 @@
+"""What the protocols share: episodes of one constant command each, run by one process or several."""
+
+import concurrent.futures
+import dataclasses
+import functools
+import math
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.loop import Constant
+from hugwbc.evaluation.rollout import Trace, rollout
+
+ControllerFactory = Callable[[], Controller]
+Row = TypeVar("Row")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeSettings:
+    """Settings of any protocol.
+
+    Attributes:
+        seed: of the sampled commands, the ground and the arms.
+        duration: of an episode [s].
+        settle: start of an episode that is left out of the errors [s].
+        workers: processes that share the episodes.
+        conditions: physics, ground and arms.
+    """
+
+    seed: int = 0
+    duration: float = 10.0
+    settle: float = metrics.SETTLE_S
+    workers: int = 1
+    conditions: Conditions = dataclasses.field(default_factory=Conditions)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.settle < self.duration < math.inf:
+            raise ConfigError(
+                f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration, finite"
+            )
+        if self.workers < 1:
+            raise ConfigError(f"workers is {self.workers}; give 1 or more")
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; give 0 or more")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One episode that has been run.
+
+    Attributes:
+        command: of the whole episode.
+        trace: the record.
+        arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
+            external control.
+    """
+
+    command: Command
+    trace: Trace
+    arm_error: float
+
+
+def run_episodes(
+    factory: ControllerFactory,
+    commands: Sequence[Command],
+    judge: Callable[[int, Run], Row],
+    settings: EpisodeSettings,
+    on_episode: Callable[[Row], None] | None = None,
+) -> list[Row]:
+    """Run an episode of each command and keep what `judge` makes of it.
+
+    Args:
+        factory: makes the controller; with more than one worker it must be picklable.
+        commands: one per episode.
+        judge: called with the index and the run of every episode; with more than one worker it must be picklable.
+        settings: of the episodes.
+        on_episode: called with every result, in order.
+    """
+    rows: list[Row] = []
+    for row in _results(factory, commands, judge, settings):
+        rows.append(row)
+        if on_episode is not None:
+            on_episode(row)
+    return rows
+
+
+def _results(
+    factory: ControllerFactory, commands: Sequence[Command], judge: Callable[[int, Run], Row], settings: EpisodeSettings
+) -> Iterator[Row]:
+    if settings.workers == 1:
+        controller = factory()
+        yield from (_run(controller, judge, settings, task) for task in enumerate(commands))
+        return
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(settings.workers, mp_context=context) as pool:
+        yield from pool.map(functools.partial(_run_in_worker, factory, judge, settings), enumerate(commands))
+
+
+_worker_controller = functools.lru_cache(maxsize=1)(lambda factory: factory())
+
+
+def _run_in_worker(
+    factory: ControllerFactory, judge: Callable[[int, Run], Row], settings: EpisodeSettings, task: tuple[int, Command]
+) -> Row:
+    return _run(_worker_controller(factory), judge, settings, task)
+
+
+def _run(
+    controller: Controller, judge: Callable[[int, Run], Row], settings: EpisodeSettings, task: tuple[int, Command]
+) -> Row:
+    index, command = task
+    seed = (settings.seed, index)  # of its own for every episode, so that the number of workers does not matter
+    simulation = settings.conditions.simulation(settings.duration, seed)
+    arms = settings.conditions.arms(seed)
+    trace = rollout(controller, Constant(command), simulation, arms, duration=settings.duration)
+    error = float("nan") if arms is None else arms.error(trace, settings.settle)
+    return judge(index, Run(command, trace, error))
+
+
+def known(value: float) -> float | None:
+    """The value, None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Mean of the values that are known, None if there is none."""
+    found = [value for value in values if value is not None]
+    return float(np.mean(found)) if found else None

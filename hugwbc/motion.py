@@ -1,0 +1,143 @@
+"""Arm motions: files of joint positions over time, resampling, the paper's noise range, and a seeded generator.
+
+A motion file is an .npz without pickled objects, with `fps` (frames per second), `joint_names` (strings) and
+`positions` (frames x joints, radians). It holds all eight arm joints, in any order and among any others.
+"""
+
+import dataclasses
+import pathlib
+import zipfile
+
+import numpy as np
+
+from hugwbc.errors import MotionFileError
+from hugwbc.robot import load_robot
+
+MOTION_FPS = 50.0  # [Hz], the learned controller's rate; motions are resampled to it
+_FIELDS = ("fps", "joint_names", "positions")
+# Uniform arm targets of the intervention noise [rad] of the left arm; the right arm's are their mirror image (the
+# authors' ranges).
+_LEFT_NOISE = {
+    "shoulder_pitch": (-2.6, 2.6),
+    "shoulder_roll": (-0.3, 3.0),
+    "shoulder_yaw": (-1.2, 4.3),
+    "elbow": (-1.2, 2.5),
+}
+_MIRRORED = ("shoulder_roll", "shoulder_yaw")
+_REACH = 0.6  # of generated motions, as a fraction of the noise range around nominal
+_SEGMENT = (0.4, 1.6)  # [s], from one posture of a generated motion to the next
+
+
+def arm_noise_range() -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper arm targets of the intervention noise, order of `Robot.arm_names` [rad], each of shape (8,)."""
+    bounds = []
+    for name in load_robot().arm_names:
+        side, part = name.removesuffix("_joint").split("_", 1)
+        low, high = _LEFT_NOISE[part]
+        bounds.append((-high, -low) if side == "right" and part in _MIRRORED else (low, high))
+    low, high = np.array(bounds).T
+    return low, high
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArmMotion:
+    """Joint positions of both arms over time.
+
+    Attributes:
+        name: of the motion, such as its file's.
+        fps: frames per second.
+        positions: order of `Robot.arm_names` [rad], shape (frames, 8).
+    """
+
+    name: str
+    fps: float
+    positions: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last frame [s]."""
+        return (len(self.positions) - 1) / self.fps
+
+    def resampled(self, fps: float = MOTION_FPS) -> "ArmMotion":
+        """The motion at another rate, by linear interpolation; what is left of the last interval is dropped."""
+        frames = int(np.floor(self.duration * fps + 1e-9)) + 1
+        index = np.arange(frames) / fps * self.fps
+        columns = [np.interp(index, np.arange(len(self.positions)), column) for column in self.positions.T]
+        return ArmMotion(self.name, fps, np.stack(columns, axis=1))
+
+    def save(self, path: pathlib.Path) -> None:
+        """Write a motion file."""
+        names = np.array(load_robot().arm_names)
+        np.savez(path, fps=np.array(self.fps), joint_names=names, positions=self.positions)
+
+
+def load_motion(path: pathlib.Path) -> ArmMotion:
+    """Read a motion file; positions outside the joint limits are clamped to them.
+
+    Raises:
+        MotionFileError: if the file cannot be read, lacks a field or an arm joint, or holds what is no motion.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            fps, names, positions = (file[field] for field in _FIELDS)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise MotionFileError(
+            f"cannot read {path}: {error}. A motion file is an .npz with {', '.join(_FIELDS)}, without pickled objects"
+        ) from error
+    robot = load_robot()
+    found = [str(name) for name in np.ravel(names)]
+    missing = [name for name in robot.arm_names if name not in found]
+    if missing:
+        raise MotionFileError(f"{path} lacks the joints {', '.join(missing)}; it must hold all of {robot.arm_names}")
+    numbers = all(np.issubdtype(array.dtype, np.number) for array in (fps, positions))
+    if not numbers or positions.ndim != 2 or positions.shape[0] < 2 or positions.shape[1] != len(found):
+        raise MotionFileError(
+            f"{path} has positions of shape {positions.shape}, {positions.dtype}; valid: at least 2 frames of "
+            f"{len(found)} joint angles, one for each joint name"
+        )
+    if fps.size != 1 or not 0.0 < float(fps) < np.inf or not np.all(np.isfinite(positions)):
+        raise MotionFileError(f"{path} has fps = {fps} or positions that are not finite; give finite numbers, fps > 0")
+    arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
+    arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
+    return ArmMotion(pathlib.Path(path).stem, float(fps), arms)
+
+
+def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
+    """All motion files of a folder, in the order of their names.
+
+    Raises:
+        MotionFileError: if there is none, or one cannot be used.
+    """
+    paths = sorted(pathlib.Path(folder).glob("*.npz"))
+    if not paths:
+        raise MotionFileError(f"{folder} holds no motion files; give a folder with .npz files")
+    return [load_motion(path) for path in paths]
+
+
+def generate_motions(seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:
+    """Arm motions that need no recording: minimum-jerk movements between random postures, at `MOTION_FPS`.
+
+    Every movement takes 0.4 to 1.6 s. Postures are uniform over the middle 60 % of the noise range, around nominal.
+
+    Args:
+        seed: of the postures and times.
+        count: number of motions.
+        duration: of each [s].
+    """
+    rng = np.random.default_rng(seed)
+    return [ArmMotion(f"generated-{index}", MOTION_FPS, _generate(rng, duration)) for index in range(count)]
+
+
+def _generate(rng: np.random.Generator, duration: float) -> np.ndarray:
+    robot = load_robot()
+    nominal = robot.nominal[robot.arms]
+    low, high = (nominal + _REACH * (bound - nominal) for bound in arm_noise_range())
+    frames = round(duration * MOTION_FPS) + 1
+    pieces, posture, total = [nominal[None]], nominal, 1
+    while total < frames:
+        steps = round(rng.uniform(*_SEGMENT) * MOTION_FPS)
+        target = rng.uniform(low, high)
+        u = np.arange(1, steps + 1)[:, None] / steps
+        pieces.append(posture + (target - posture) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
+        posture, total = target, total + steps
+    return np.concatenate(pieces)[:frames]

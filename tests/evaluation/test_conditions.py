@@ -1,0 +1,51 @@
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.motion import ArmMotion
+
+
+def test_rough_ground_reaches_as_far_as_the_robot_can_walk_and_follows_the_seed():
+    rough = Conditions(terrain_roughness=0.02)
+    first, same, other = (rough.simulation(10.0, seed).terrain for seed in ((0, 1), (0, 1), (0, 2)))
+    assert first is not None and same is not None and other is not None
+    np.testing.assert_array_equal(first.heights, same.heights)
+    assert not np.array_equal(first.heights, other.heights)
+    assert 0.019 < np.abs(first.heights).max() <= 0.02
+    assert min(first.size) / 2 > 20.0  # 10 s at 2 m/s
+    assert first.height_at(np.array([0.2, -0.2])) == 0.0
+    assert Conditions().simulation(10.0, (0,)).terrain is None
+
+
+def test_the_robot_stands_on_rough_ground():
+    simulation = Conditions(terrain_roughness=0.05).simulation(1.0, (3,))
+    height = simulation.state().position[2]
+    assert height == pytest.approx(0.982, abs=0.002)
+
+
+def test_arms_follow_seed_and_kind(tmp_path):
+    assert Conditions().arms((0,)) is None
+    state = Conditions().simulation(1.0, (0,)).state()
+
+    def posture(conditions, seed):
+        arms = conditions.arms(seed)
+        return [arms.update(state, None, 0.02).q for _ in range(70)][-1]
+
+    noise = Conditions(intervention="noise")
+    np.testing.assert_array_equal(posture(noise, (0, 1)), posture(noise, (0, 1)))
+    assert not np.array_equal(posture(noise, (0, 1)), posture(noise, (0, 2)))
+    ArmMotion("still", 50.0, np.full((200, 8), 0.25)).save(tmp_path / "still.npz")
+    still = Conditions(intervention="motion", motions=str(tmp_path))
+    np.testing.assert_allclose(posture(still, (0, 1)), 0.25, atol=1e-6)  # wherever in the motion it started
+    assert not np.array_equal(posture(Conditions(intervention="motion"), (0,)), posture(still, (0,)))
+
+
+def test_bad_conditions_are_refused():
+    with pytest.raises(UnknownNameError, match="Did you mean 'noise'"):
+        Conditions(intervention="nois")
+    for roughness in (-0.01, 0.6, math.nan):
+        with pytest.raises(ConfigError, match=r"give a height from 0 to 0\.5 m"):
+            Conditions(terrain_roughness=roughness)
