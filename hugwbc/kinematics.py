@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 
 
@@ -46,6 +46,11 @@ def pinocchio_model() -> pin.Model:
     return model
 
 
+def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
+    """Columns of the robot's joints in the model's velocity, shape (19,): the two may order them differently."""
+    return np.array([model.joints[model.getJointId(name)].idx_v for name in robot.joint_names])
+
+
 class Kinematics:
     """Frames, centre of mass and measured commands at one state.
 
@@ -57,8 +62,7 @@ class Kinematics:
         self.robot = load_robot()
         self.model = pinocchio_model()
         self.data = self.model.createData()
-        # The model's joints may come in another order than the robot's table: columns of each by name.
-        self.columns = np.array([self.model.joints[self.model.getJointId(n)].idx_v for n in self.robot.joint_names])
+        self.columns = joint_columns(self.model, self.robot)
         self.q = pin.neutral(self.model)
         self.v = np.zeros(self.model.nv)
         self._state: RobotState | None = None

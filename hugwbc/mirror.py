@@ -72,6 +72,8 @@ class Mirror:
             position=None if state.position is None else state.position * VECTOR_SIGNS,
             velocity=None if state.velocity is None else state.velocity * VECTOR_SIGNS,
             foot_force=None if state.foot_force is None else state.foot_force[::-1] * VECTOR_SIGNS,
+            imu_gyro=None if state.imu_gyro is None else state.imu_gyro * AXIAL_SIGNS,
+            imu_accelerometer=None if state.imu_accelerometer is None else state.imu_accelerometer * VECTOR_SIGNS,
         )
 
 

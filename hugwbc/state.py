@@ -20,7 +20,11 @@ class RobotState:
         position: pelvis origin in the world [m], shape (3,), or None without an estimator.
         velocity: of the pelvis origin, in the world frame [m/s], shape (3,), or None without an estimator.
         foot_force: ground reaction on the left and right foot, in the world frame [N], shape (2, 3), or None.
-        time: [s].
+        imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
+        imu_accelerometer: specific force at the IMU (acceleration less gravity), in its own frame, mean since the last
+            reading [m/s^2], shape (3,), or None.
+        time: of the reading [s].
+        age: how long ago the reading was taken [s].
     """
 
     q: np.ndarray
@@ -30,7 +34,10 @@ class RobotState:
     position: np.ndarray | None = None
     velocity: np.ndarray | None = None
     foot_force: np.ndarray | None = None
+    imu_gyro: np.ndarray | None = None
+    imu_accelerometer: np.ndarray | None = None
     time: float = 0.0
+    age: float = 0.0
 
     @property
     def projected_gravity(self) -> np.ndarray:
@@ -45,8 +52,11 @@ class RobotState:
     @property
     def is_finite(self) -> bool:
         """Whether every field that is present holds finite numbers only."""
-        fields = (getattr(self, field.name) for field in dataclasses.fields(self))
-        return all(np.all(np.isfinite(value)) for value in fields if value is not None)
+        fields = [getattr(self, name) for name in _FIELDS]
+        return bool(np.isfinite(np.concatenate([np.ravel(value) for value in fields if value is not None])).all())
+
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
 
 
 def pelvis_from_torso_imu(

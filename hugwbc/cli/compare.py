@@ -28,7 +28,7 @@ class CompareOptions:
     seed: int = 0
     """Of the sensor noise."""
     noise: bool = False
-    """Give the sensors the paper's noise; without it nothing is random."""
+    """Give the sensors a real robot's noise and latency, and estimate the state; else it is true and nothing random."""
     out: pathlib.Path = pathlib.Path("out/compare")
     """Folder for summary.json, report.html, replay.html and the video."""
     video: bool = True

@@ -53,6 +53,8 @@ class EvaluateOptions:
     """Start of an episode that is left out of the errors [s]."""
     timestep: float = 0.002
     """Of the physics [s]; 0.005, the training's, is faster and enough for the learned controller."""
+    noise: bool = False
+    """Give the sensors a real robot's noise and latency, and estimate the state from them."""
     workers: int = 1
     """Processes that share the episodes."""
     json: pathlib.Path | None = None
@@ -77,6 +79,7 @@ def run(words: Sequence[str]) -> int:
         "conditions": Conditions(
             timestep=options.timestep,
             terrain_roughness=options.terrain_roughness,
+            noise=options.noise,
             intervention=options.intervention,
             motions=None if options.motions is None else str(options.motions),
         ),

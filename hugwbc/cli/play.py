@@ -10,13 +10,14 @@ import numpy as np
 from hugwbc.cli.output import parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
+from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation import Constant, ControlLoop
 from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.loop import CommandSource, world_targets
 from hugwbc.gait import Gait
 from hugwbc.script_file import load_script
-from hugwbc.sim import Simulation
+from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets
 
 FRAME_PERIOD = 0.04  # [s] between two pictures
@@ -58,6 +59,8 @@ class PlayOptions:
     """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
+    noise: bool = False
+    """Give the sensors a real robot's noise and latency, and estimate the state from them."""
     duration: float | None = None
     """Stop after this time [s]; by default at the end of the script, or never."""
     headless: bool = False
@@ -71,7 +74,8 @@ def run(words: Sequence[str]) -> int:
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
-    loop = ControlLoop(controller, source, Simulation(), upper_body_source(controller))
+    simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
+    loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
     draw = None if options.headless else _viewer(controller.name, options.browser)
     falls, simulated = _run(loop, duration, draw)
     say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
@@ -142,7 +146,7 @@ def _run(loop: ControlLoop, duration: float, draw: Draw | None) -> tuple[int, fl
     loop.reset()
     begin = time.monotonic()
     while simulated < duration - 1e-9:
-        state = loop.simulation.step(loop.decide(t), loop.period)
+        state = loop.step(loop.decide(t), loop.period)
         t += loop.period
         simulated += loop.period
         if draw is not None and simulated >= next_frame:

@@ -6,10 +6,11 @@ from typing import Any
 
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
+from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.rollout import Trace, rollout
 from hugwbc.script import Script
-from hugwbc.sim import SensorNoise, Simulation
+from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -74,7 +75,8 @@ def compare(
         controllers: at least one; their names must differ.
         script: commands and hand targets.
         seed: of the sensor noise.
-        noise: whether sensors carry the paper's noise; without it nothing is random.
+        noise: whether sensors have a real robot's noise and latency, and the state is estimated from them; without it
+            nothing is random and the state is true.
         on_progress: called with the fraction done.
 
     Raises:
@@ -85,7 +87,7 @@ def compare(
         raise ConfigError(f"controllers are {names}; give at least one, each once")
     traces = []
     for index, controller in enumerate(controllers):
-        simulation = Simulation(noise=SensorNoise() if noise else None, seed=seed)
+        simulation = noisy_simulation(seed=seed) if noise else Simulation()
 
         def advance(fraction: float, done: int = index) -> None:
             if on_progress is not None:
@@ -98,6 +100,7 @@ def compare(
                 simulation,
                 upper_body_source(controller),
                 duration=script.duration,
+                estimator=StateEstimator() if noise else None,
                 on_progress=advance,
             )
         )

@@ -1,6 +1,7 @@
 """Under which conditions a controller is evaluated: physics time step, ground, external control of the arms."""
 
 import dataclasses
+import functools
 import math
 import pathlib
 from typing import TYPE_CHECKING
@@ -8,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.sim import Simulation, rough_terrain
+from hugwbc.estimation import StateEstimator
+from hugwbc.sim import Simulation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP
 
 if TYPE_CHECKING:
@@ -28,12 +30,14 @@ class Conditions:
     Attributes:
         timestep: of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
+        noise: whether sensors have a real robot's noise and latency, and the state is estimated from them.
         intervention: one of `INTERVENTIONS`: what moves the arms during the whole episode.
         motions: folder of motion files for the motion intervention; None for generated motions.
     """
 
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
+    noise: bool = False
     intervention: str = "none"
     motions: str | None = None
 
@@ -48,14 +52,21 @@ class Conditions:
 
         Args:
             duration: of the episode [s]; the ground is large enough for it.
-            seed: of the ground.
+            seed: of the ground and of the sensors' noise.
         """
+        make = Simulation
+        if self.noise:
+            make = functools.partial(noisy_simulation, seed=int(np.random.SeedSequence(seed).generate_state(1)[0]))
         if self.terrain_roughness == 0.0:
-            return Simulation(timestep=self.timestep)
+            return make(timestep=self.timestep)
         size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
         rng = np.random.default_rng(seed)
         terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS)
-        return Simulation(timestep=self.timestep, terrain=terrain)
+        return make(timestep=self.timestep, terrain=terrain)
+
+    def estimator(self) -> StateEstimator | None:
+        """What gives the controller its state; None where it reads the sensors itself."""
+        return StateEstimator() if self.noise else None
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """What moves the arms in one episode; None leaves them to the controller.

@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.estimation import StateEstimator
 from hugwbc.safety import SafetyFilter
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -75,6 +76,7 @@ class ControlLoop:
         simulation: the robot.
         period: of the controller [s].
         substeps: physics steps in a period.
+        estimator: gives the controller the state from noisy sensors; None where it reads `Simulation.sense` itself.
         hands: the last hand targets, None where the arms are the controller's.
         ik_s: time that the last call of the upper-body source took [s].
     """
@@ -85,6 +87,7 @@ class ControlLoop:
         source: CommandSource,
         simulation: Simulation,
         upper_body: UpperBodySource | None = None,
+        estimator: StateEstimator | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
@@ -95,6 +98,7 @@ class ControlLoop:
         self.source = source
         self.simulation = simulation
         self.upper_body = upper_body
+        self.estimator = estimator
         self.period = self.safe.period
         self.substeps = round(self.period / simulation.timestep)
         if self.substeps < 1 or abs(self.substeps * simulation.timestep - self.period) > 1e-9:
@@ -110,7 +114,9 @@ class ControlLoop:
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
         self.simulation.reset()
-        self.safe.reset(self.simulation.sense())
+        reading = self.simulation.sense()
+        self._estimate = reading if self.estimator is None else self.estimator.reset(reading)
+        self.safe.reset(self._estimate)
         self._commanded_arms = None
         self._hand_back.reset()
         if self.upper_body is not None:
@@ -118,7 +124,7 @@ class ControlLoop:
 
     def decide(self, t: float) -> JointCommand:
         """The joint command for the next period, from what the sensors say at time t [s]."""
-        state = self.simulation.sense()
+        state = self.simulation.sense() if self.estimator is None else self._estimate
         arms = UpperBody.none()
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
@@ -128,6 +134,16 @@ class ControlLoop:
         command = self._hand_back(self.safe.act(state, self.source.command_at(t), arms), arms, self.period)
         self._commanded_arms = command.q[self.simulation.robot.arms]
         return command
+
+    def step(self, command: JointCommand, duration: float) -> RobotState:
+        """Apply a joint command for a duration [s], the estimator following every physics step; the true state."""
+        if self.estimator is None:
+            return self.simulation.step(command, duration)
+        timestep = self.simulation.timestep
+        for _ in range(max(1, round(duration / timestep))):
+            self.simulation.step(command, timestep)
+            self._estimate = self.estimator.update(self.simulation.sense())
+        return self.simulation.state()
 
     @property
     def reachable(self) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
+from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, world_targets
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
@@ -74,12 +75,13 @@ def rollout(
     upper_body: UpperBodySource | None = None,
     *,
     duration: float,
+    estimator: StateEstimator | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
     The loop runs at the controller's period, the physics at its own time step, and the record is taken every
-    `RECORD_PERIOD`. The controller reads `Simulation.sense`, the record the true state.
+    `RECORD_PERIOD`. The controller reads `Simulation.sense`, or the estimator that does; the record the true state.
 
     Args:
         controller: whatever implements `Controller`.
@@ -87,6 +89,7 @@ def rollout(
         simulation: is reset to the nominal stand at the origin.
         upper_body: turns hand targets into arm targets; without it hand targets are ignored.
         duration: [s].
+        estimator: of the state from the sensors; None where the controller reads them itself.
         on_progress: called with the fraction done, about fifty times a simulated second.
 
     Raises:
@@ -94,7 +97,7 @@ def rollout(
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
-    loop = ControlLoop(controller, source, simulation, upper_body)
+    loop = ControlLoop(controller, source, simulation, upper_body, estimator)
     recorder = _Recorder(loop)
     loop.reset()
     ticks = round(duration / loop.period)
@@ -136,7 +139,7 @@ class _Recorder:
         dt = self.simulation.timestep
         for substep in range(self.loop.substeps):
             now = t + (substep + 1) * dt
-            self._contact = _contacts(self.simulation.step(command, dt))
+            self._contact = _contacts(self.loop.step(command, dt))
             for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
                 self.touch_downs[foot].append(now)
             self._last_contact[self._contact] = now

@@ -1,5 +1,6 @@
 """One H1 in MuJoCo, driven by joint commands."""
 
+import collections
 import dataclasses
 
 import mujoco
@@ -15,6 +16,8 @@ from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 # The paper's early termination: trunk contact above 1 N, or inclinations beyond these; and a pelvis near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT, TRUNK_FORCE = 1.0, 0.8, 0.45, 1.0
+ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
+_UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
 _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
@@ -29,6 +32,7 @@ class SensorNoise:
         dq: joint velocity [rad/s].
         position: pelvis position [m].
         velocity: pelvis velocity [m/s].
+        acceleration: accelerometer [m/s^2].
     """
 
     angular_velocity: float = 0.2
@@ -37,6 +41,29 @@ class SensorNoise:
     dq: float = 1.5
     position: float = 0.0
     velocity: float = 0.0
+    acceleration: float = 0.0
+
+    @classmethod
+    def robot(cls) -> "SensorNoise":
+        """A real robot's: standard deviations of 0.02 rad/s, 0.02 rad, 0.005 rad, 0.3 rad/s and 0.1 m/s^2."""
+        return cls(
+            angular_velocity=0.02 * _UNIFORM,
+            orientation=0.02 * _UNIFORM,
+            q=0.005 * _UNIFORM,
+            dq=0.3 * _UNIFORM,
+            acceleration=0.1 * _UNIFORM,
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Reading:
+    """MuJoCo's state and sensor data at one time, and the accelerometer over the physics step before it."""
+
+    time: float
+    qpos: np.ndarray
+    qvel: np.ndarray
+    sensors: np.ndarray
+    accelerometer: np.ndarray
 
 
 class Simulation:
@@ -55,6 +82,7 @@ class Simulation:
         timestep: float = SIMULATION_TIMESTEP,
         terrain: HeightField | None = None,
         noise: SensorNoise | None = None,
+        latency: float = 0.0,
         seed: int = 0,
     ) -> None:
         """Build the model and stand the robot up.
@@ -63,6 +91,7 @@ class Simulation:
             timestep: of the physics [s].
             terrain: the ground; None for a plane.
             noise: on what `sense` returns; None for exact readings.
+            latency: age of what `sense` returns, rounded to whole physics steps [s].
             seed: of the noise.
         """
         self.robot = load_robot()
@@ -73,6 +102,13 @@ class Simulation:
         self.rejected_commands = 0
         self.diverged = False
         self._rng = np.random.default_rng(seed)
+        self._latency = latency
+        self._sensors = {
+            self.model.sensor(i).name: slice(int(adr), int(adr + dim))
+            for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
+        }
+        # Readings of the last physics steps, the oldest first: as many as the latency spans, and the present one.
+        self._readings: collections.deque[_Reading] = collections.deque(maxlen=1 + round(latency / timestep))
         self._pelvis = self.model.body("pelvis").id
         self._force_until: dict[int, float] = {}
         # With unit gain, the control is the whole affine torque; stiffness and damping go into the bias, where the
@@ -101,6 +137,9 @@ class Simulation:
         self.diverged = False
         self._command = JointCommand.position(self.robot, self.data.qpos[7:].copy())
         mujoco.mj_forward(self.model, self.data)
+        self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+        self._readings.clear()
+        self._readings.append(self._reading())
         return self.state()
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
@@ -121,7 +160,10 @@ class Simulation:
             self.data.warning.number[:] = 0
             mujoco.mj_step(self.model, self.data)
             self.diverged |= any(self.data.warning[w].number for w in _WARNINGS)
-        mujoco.mj_forward(self.model, self.data)
+            # The acceleration that made this step; `mj_forward` finds that of the next one.
+            self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+            mujoco.mj_forward(self.model, self.data)
+            self._readings.append(self._reading())
         return self.state()
 
     def push(self, velocity: np.ndarray) -> None:
@@ -149,9 +191,20 @@ class Simulation:
                 self.data.xfrc_applied[body] = 0.0
                 del self._force_until[body]
 
+    def _reading(self) -> _Reading:
+        return _Reading(
+            float(self.data.time), self.data.qpos.copy(), self.data.qvel.copy(), self.data.sensordata.copy(),
+            self._accelerometer,
+        )  # fmt: skip
+
     def state(self) -> RobotState:
         """The true state, with position, velocity and foot forces."""
-        qpos, qvel = self.data.qpos.copy(), self.data.qvel.copy()
+        return self._state(self._reading())
+
+    def _state(self, reading: _Reading) -> RobotState:
+        qpos, qvel = reading.qpos, reading.qvel
+        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
+        forces = [-reading.sensors[self._sensors[f"{side}_foot_force"]] for side in SIDES]
         return RobotState(
             q=qpos[7:],
             dq=qvel[6:],
@@ -159,23 +212,25 @@ class Simulation:
             angular_velocity=qvel[3:6],
             position=qpos[:3],
             velocity=qvel[:3],
-            foot_force=np.array([self._contact_force(f"{side}_foot_force") for side in SIDES]),
-            time=float(self.data.time),
+            foot_force=np.array(forces),
+            time=reading.time,
         )
 
     def sense(self) -> RobotState:
-        """What the sensors say: encoders and the torso IMU, carried over to the pelvis, with noise if configured.
+        """What the sensors said `latency` ago: encoders, torso IMU, foot contacts, with noise if configured.
 
-        Position and velocity of the pelvis stand for an estimator's; they carry their own noise.
+        Orientation and angular velocity are carried over from the IMU to the pelvis. Position and velocity of the
+        pelvis stand for an estimator's; they carry their own noise (`hugwbc.estimation` needs neither).
         """
-        truth = self.state()
+        # The present is read anew: a push or a viewer may have changed it since the last step.
+        reading = self._readings[0] if self._latency > 0.0 else self._reading()
+        truth = self._state(reading)
+        gyro, waist = reading.sensors[self._sensors["imu_gyro"]], float(truth.q[self.robot.waist])
         orientation, rate = pelvis_from_torso_imu(
-            self.data.sensor("imu_orientation").data,
-            self.data.sensor("imu_gyro").data,
-            float(truth.q[self.robot.waist]),
-            float(truth.dq[self.robot.waist]),
+            reading.sensors[self._sensors["imu_orientation"]], gyro, waist, float(truth.dq[self.robot.waist])
         )
         noise = self.noise or SensorNoise(0.0, 0.0, 0.0, 0.0)
+        turn = self._uniform(noise.angular_velocity, 3)
         tilt = self._uniform(noise.orientation, 3)
         error = np.concatenate(([1.0], tilt / 2.0))
         assert truth.position is not None and truth.velocity is not None
@@ -184,17 +239,16 @@ class Simulation:
             q=truth.q + self._uniform(noise.q, 19),
             dq=truth.dq + self._uniform(noise.dq, 19),
             orientation=rotations.multiply(orientation, error / np.linalg.norm(error)),
-            angular_velocity=rate + self._uniform(noise.angular_velocity, 3),
+            angular_velocity=rate + turn,
             position=truth.position + self._uniform(noise.position, 3),
             velocity=truth.velocity + self._uniform(noise.velocity, 3),
+            imu_gyro=gyro + rotations.rotation_z(-waist) @ turn,
+            imu_accelerometer=reading.accelerometer + self._uniform(noise.acceleration, 3),
+            age=float(self.data.time) - reading.time,
         )
 
     def _uniform(self, half_width: float, size: int) -> np.ndarray:
         return self._rng.uniform(-half_width, half_width, size) if half_width else np.zeros(size)
-
-    def _contact_force(self, sensor: str) -> np.ndarray:
-        # The sensor gives the force of the link on its surroundings; the reaction acts on the link.
-        return -self.data.sensor(sensor).data
 
     @property
     def torque(self) -> np.ndarray:
@@ -226,3 +280,10 @@ class Simulation:
         floor, torso = self.model.geom("floor").id, self.model.geom("torso_link").id
         contacts = self.data.contact.geom
         return bool(np.any(np.all(np.sort(contacts, axis=1) == sorted((floor, torso)), axis=1)))
+
+
+def noisy_simulation(
+    *, timestep: float = SIMULATION_TIMESTEP, terrain: HeightField | None = None, seed: int = 0
+) -> Simulation:
+    """The H1 with the sensor noise and latency of a real robot: what a state estimator is for."""
+    return Simulation(timestep=timestep, terrain=terrain, noise=SensorNoise.robot(), latency=ROBOT_LATENCY, seed=seed)

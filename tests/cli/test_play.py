@@ -49,3 +49,9 @@ def test_the_loop_keeps_real_time_and_gives_up_lost_time(monkeypatch):
     monkeypatch.setattr(play.time, "monotonic", lambda: 10.5)
     assert play._keep_pace(10.0, 0.7) == 10.0 and slept == [pytest.approx(0.2)]
     assert play._keep_pace(10.0, 0.3) == pytest.approx(10.2) and len(slept) == 1
+
+
+def test_play_on_the_estimate_of_noisy_sensors(capsys):
+    options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--noise"]
+    assert main(options) == 0
+    assert "2.0 s simulated, 0 falls" in capsys.readouterr().out

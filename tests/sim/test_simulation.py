@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import UnknownNameError
-from hugwbc.sim import HeightField, SensorNoise, Simulation, rough_terrain
+from hugwbc.sim import HeightField, SensorNoise, Simulation, noisy_simulation, rough_terrain
 
 ROBOT = load_robot()
 WEIGHT = 51.649896 * 9.81
@@ -259,3 +259,54 @@ def test_trunk_against_a_wall_of_ground_counts_as_fallen() -> None:
     simulation.reset(xy=(0.94, 0.0))
     assert simulation.ground_height(np.array([0.94, 0.0])) == pytest.approx(0.0)
     assert simulation.fallen
+
+
+def test_the_accelerometer_integrates_to_the_velocity() -> None:
+    """Thrown up turning: specific force and gravity give the velocity of the IMU, in the world."""
+    simulation = Simulation()
+    simulation.reset()
+    simulation.push(np.array([0.5, -0.3, 2.0, 0.4, -0.6, 0.5]))
+    site = simulation.model.site("imu").id
+    velocities, integral = [], np.zeros(3)
+    for step in range(60):
+        before = simulation.data.site_xmat[site].reshape(3, 3).copy()
+        simulation.step(HOLD, 0.002)
+        if step:
+            integral += 0.002 * (before @ simulation.sense().imu_accelerometer + [0.0, 0.0, -9.81])
+        velocities.append(_site_velocity(simulation, site))
+    np.testing.assert_allclose(integral, velocities[-1] - velocities[0], atol=0.02)
+
+
+def _site_velocity(simulation: Simulation, site: int) -> np.ndarray:
+    velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
+    return velocity[3:]
+
+
+def test_latency_returns_the_reading_of_that_time_ago() -> None:
+    simulation = Simulation(latency=0.01)
+    start = simulation.reset()
+    truths = [start, *(simulation.step(HOLD, 0.002) for _ in range(20))]
+    sensed = simulation.sense()
+    assert sensed.age == pytest.approx(0.01)
+    assert sensed.time == pytest.approx(truths[-6].time)
+    np.testing.assert_array_equal(sensed.q, truths[-6].q)
+    np.testing.assert_array_equal(sensed.foot_force, truths[-6].foot_force)
+    simulation.reset()
+    assert simulation.sense().age == 0.0  # nothing older is known
+
+
+def test_robot_noise_has_the_stated_standard_deviations() -> None:
+    simulation = noisy_simulation(seed=1)
+    truth = simulation.reset()
+    exact = simulation.data.sensor("imu_accelerometer").data.copy()
+    readings = [simulation.sense() for _ in range(1000)]
+    for name, expected, reference in (
+        ("q", 0.005, truth.q),
+        ("dq", 0.3, truth.dq),
+        ("imu_gyro", 0.02, np.zeros(3)),
+        ("imu_accelerometer", 0.1, exact),
+    ):
+        error = np.array([getattr(reading, name) for reading in readings]) - reference
+        assert error.std() == pytest.approx(expected, rel=0.05), name
+        assert abs(error.mean()) < 0.1 * expected, name

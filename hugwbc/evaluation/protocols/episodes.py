@@ -27,11 +27,11 @@ class EpisodeSettings:
     """Settings of any protocol.
 
     Attributes:
-        seed: of the sampled commands, the ground and the arms.
+        seed: of the sampled commands, the ground, the sensors' noise and the arms.
         duration: of an episode [s].
         settle: start of an episode that is left out of the errors [s].
         workers: processes that share the episodes.
-        conditions: physics, ground and arms.
+        conditions: physics, ground, sensors and arms.
     """
 
     seed: int = 0
@@ -119,7 +119,8 @@ def _run(
     seed = (settings.seed, index)  # of its own for every episode, so that the number of workers does not matter
     simulation = settings.conditions.simulation(settings.duration, seed)
     arms = settings.conditions.arms(seed)
-    trace = rollout(controller, Constant(command), simulation, arms, duration=settings.duration)
+    estimator = settings.conditions.estimator()
+    trace = rollout(controller, Constant(command), simulation, arms, duration=settings.duration, estimator=estimator)
     error = float("nan") if arms is None else arms.error(trace, settings.settle)
     return judge(index, Run(command, trace, error))
 

@@ -7,6 +7,7 @@ import pytest
 from hugwbc import Command, Gait, JointCommand
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec, HoldController
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
@@ -125,3 +126,19 @@ def test_two_workers_give_the_result_of_one():
 def test_bad_settings_are_refused(changes, message):
     with pytest.raises(ConfigError, match=message):
         SingleCommandConfig(Gait.WALKING, **changes)
+
+
+class Yielding(HoldController):
+    """Follows what it measures, so that noise moves it."""
+
+    def act(self, state, command, upper_body):
+        return dataclasses.replace(super().act(state, command, upper_body), q=state.q.copy())
+
+
+def test_noisy_episodes_do_not_depend_on_who_runs_them():
+    config = SingleCommandConfig(
+        Gait.STANDING, episodes=3, seed=1, duration=0.3, settle=0.1, conditions=Conditions(noise=True)
+    )
+    alone = run_single_command(Yielding, config)
+    assert run_single_command(Yielding, dataclasses.replace(config, workers=2)).rows == alone.rows
+    assert run_single_command(Yielding, dataclasses.replace(config, conditions=Conditions())).rows != alone.rows
