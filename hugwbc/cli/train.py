@@ -18,7 +18,8 @@ def run(words: Sequence[str]) -> int:
 
     with progress(f"training {config.out}") as advance:
         trainer = train(config, _reporter(config.steps, advance))
-    say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
+    if trainer.leads:
+        say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0
 
 

@@ -8,6 +8,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
+from hugwbc.learned import distributed
 from hugwbc.learned import observations as obs
 from hugwbc.learned.arm_targets import ArmTargets, MotionTargets, NoiseTargets
 from hugwbc.learned.command_sampling import draw_commands, uniform
@@ -243,7 +244,8 @@ class HumanoidEnv:
     def update_curriculum(self) -> None:
         """Move the curricula after an iteration, from the running tracking rewards of both groups."""
         tracking = self.statistics.tracking
-        agile, intervened = tracking[self.agile].mean(0).tolist(), tracking[~self.agile].mean(0).tolist()
+        groups = torch.stack((tracking[self.agile].mean(0), tracking[~self.agile].mean(0)))
+        agile, intervened = distributed.mean(groups).tolist()
         off = self.config.intervention == "none"
         self.curriculum.update((agile[0], agile[1]), None if off else (intervened[0], intervened[1]))
 

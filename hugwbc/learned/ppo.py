@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import nn
 
+from hugwbc.learned import distributed
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env import Observation, StepResult
@@ -188,12 +189,11 @@ class PPO:
             advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
         batch["returns"] = advantage.flatten() + batch["value"]
-        flat = advantage.flatten()
-        batch["advantage"] = (flat - flat.mean()) / (flat.std() + 1e-8)
+        batch["advantage"] = distributed.standardised(advantage.flatten())
         old_log_std = self.network.log_std.detach().clone()
         sums: dict[str, float] = {}
         count = 0
-        for rows in self._minibatches(flat.numel()):
+        for rows in self._minibatches(advantage.numel()):
             minibatch = {name: value[rows] for name, value in batch.items()}
             losses, applied = self._step(minibatch, old_log_std)
             if applied:
@@ -235,7 +235,7 @@ class PPO:
         )
 
         with torch.no_grad():
-            kl = float(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean())
+            kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
         self._adapt_learning_rate(kl)
         applied = self._descend(loss)
         losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
@@ -260,8 +260,9 @@ class PPO:
         """Apply the gradient unless it is not finite; returns whether."""
         self.optimiser.zero_grad()
         loss.backward()
+        distributed.average_gradients(self.network.parameters())
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
-        finite = bool(torch.isfinite(loss)) and bool(torch.isfinite(norm))
+        finite = not distributed.anywhere(not (bool(torch.isfinite(loss)) and bool(torch.isfinite(norm))))
         if finite:
             self.optimiser.step()
         return finite

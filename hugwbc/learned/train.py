@@ -1,10 +1,8 @@
 """The training loop: collect, learn, move curricula, log, save; stops and resumes cleanly."""
 
-import csv
 import dataclasses
 import json
 import math
-import os
 import pathlib
 import signal
 import time
@@ -14,30 +12,35 @@ from typing import Any
 import torch
 
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned import checkpoint
+from hugwbc.learned import checkpoint, distributed
 from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.contract import policy_contract, versions
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.evaluator import SCORE, Evaluator
 from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
+from hugwbc.learned.run_log import append_row, append_session
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
-LOG_NAME = "metrics.csv"
 BEST_FOLDER = "best"
+_SEED_STEP = 1_000_003  # between the seeds of two processes
 MAX_DUMPS = 3  # of skipped minibatches in a run's folder; each takes some 20 MB
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
 
 class Trainer:
-    """A training run: environment, learner, counters.
+    """A training run: environment, learner, counters; with torchrun, this process's part of it.
+
+    Every process simulates its own robots; gradients, KL divergence, advantage moments and the averages that move the
+    curricula are those of all. The first process evaluates, logs and saves; its figures are of its own robots.
 
     Attributes:
         iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions.
         evaluation: figures of the last evaluation, with its iteration; empty before the first.
         best: the same of the best one, whose policy is in the folder `best`.
+        leads: whether this is the first process.
     """
 
     def __init__(self, config: TrainConfig) -> None:
@@ -45,8 +48,11 @@ class Trainer:
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
-        self.generator = torch.Generator().manual_seed(config.seed)
-        self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
+        # The networks start equal in all processes; robots, commands and noise do not.
+        own_seed = config.seed + _SEED_STEP * distributed.rank()
+        self.leads = distributed.rank() == 0
+        self.generator = torch.Generator().manual_seed(own_seed)
+        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads)
         self.ppo = PPO(config.ppo, config.env.count, self.generator)
         self.ppo.on_skip = self._dump
         self.evaluator = self._make_evaluator()
@@ -67,15 +73,17 @@ class Trainer:
             report: called after every iteration with figures and the gates' words.
         """
         start = time.monotonic()
-        self._log_setup()
-        while (
-            self.steps < self.config.steps
-            and time.monotonic() - start < 3600.0 * self.config.hours
-            and not self.stop_requested
+        if self.leads:
+            session = {"versions": versions(), "config": self._metadata()["config"], "start_iteration": self.iteration}
+            append_session(self.config.out, session)
+        # What one process is told, or its clock says, all of them follow.
+        while self.steps < self.config.steps and not distributed.anywhere(
+            self.stop_requested or time.monotonic() - start >= 3600.0 * self.config.hours
         ):
             row = self.iterate() | self._evaluate()
-            self._append_log(row)
-            report(row, self.env.curriculum.gates)
+            if self.leads:
+                append_row(self.config.out, row, self.iteration)
+                report(row, self.env.curriculum.gates)
             if self.iteration % self.config.save_interval == 0:
                 self.save()
         self.save()
@@ -91,7 +99,8 @@ class Trainer:
         collected = time.monotonic()
         losses = self.ppo.update(observation)
         self.iteration += 1
-        self.steps += self.config.ppo.horizon * self.config.env.count
+        steps = self.config.ppo.horizon * self.config.env.count * distributed.size()
+        self.steps += steps
         self.ppo.bound_std(self.steps)
         self.env.update_curriculum()
         elapsed = time.monotonic() - begin
@@ -101,7 +110,7 @@ class Trainer:
             "iteration": self.iteration,
             "steps": self.steps,
             "seconds": round(self.seconds, 1),
-            "steps_per_second": self.config.ppo.horizon * self.config.env.count / elapsed,
+            "steps_per_second": steps / elapsed,
             "collect_fraction": (collected - begin) / elapsed,
             "reward": float(self.ppo.rollout.reward.mean()),
             "penalty_scale": levels.penalty_scale,
@@ -113,7 +122,7 @@ class Trainer:
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
-        if not c.evaluation_interval:
+        if not c.evaluation_interval or not self.leads:
             return None
         return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
 
@@ -136,14 +145,26 @@ class Trainer:
     # Files ----------------------------------------------------------------------------------------------------------
 
     def save(self) -> None:
-        """Write the checkpoint, its slim snapshot and the policy."""
+        """Write the checkpoint, its slim snapshot and the policy; other processes than the first their robots."""
+        if not self.leads:
+            robots = {f"env.{k}": v for k, v in self.env.state_dict().items()} | {
+                "generator": self.generator.get_state()
+            }
+            path = _rank_path(self.config.out / CHECKPOINT_NAME)
+            checkpoint.save_file(path, robots, "robots", {"iteration": self.iteration})
+            return
         tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
-        tensors |= {f"env.{k}": v for k, v in self.env.state_dict().items()}
         for index, state in self.ppo.optimiser.state_dict()["state"].items():
             tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
-        tensors["generator"] = self.generator.get_state()
-        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
+        checkpoint.save_file(
+            self.config.out / CHECKPOINT_NAME, tensors | self._robots(), "checkpoint", self._metadata()
+        )
         self._save_product(self.config.out)
+
+    def _robots(self) -> dict[str, torch.Tensor]:
+        """The part of a checkpoint that is this process's own."""
+        robots = {f"env.{name}": value for name, value in self.env.state_dict().items()}
+        return robots | {"generator": self.generator.get_state()}
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
@@ -165,7 +186,7 @@ class Trainer:
                 "steps": self.steps,
                 "losses": {k: str(v) for k, v in losses.items()},
             }
-            path = self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors"
+            path = _rank_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
             checkpoint.save_file(path, minibatch, "minibatch", record)
 
     def load(self, path: pathlib.Path) -> None:
@@ -175,6 +196,8 @@ class Trainer:
             PolicyFileError: if the file cannot be used, or holds another number of robots.
         """
         tensors, metadata = checkpoint.load_file(path, "checkpoint")
+        if not self.leads:
+            tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
         groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
         for key, value in tensors.items():
             group, _, name = key.partition(".")
@@ -242,44 +265,43 @@ class Trainer:
             "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
         }
 
-    def _log_setup(self) -> None:
-        self.config.out.mkdir(parents=True, exist_ok=True)
-        record = {"versions": versions(), "config": self._metadata()["config"], "start_iteration": self.iteration}
-        with (self.config.out / "sessions.jsonl").open("a") as file:
-            file.write(json.dumps(record) + os.linesep)
-
-    def _append_log(self, row: dict[str, float]) -> None:
-        path = self.config.out / LOG_NAME
-        if path.exists():
-            with path.open(newline="") as file:
-                header = next(csv.reader(file), [])
-            if header != list(row):
-                # Other rewards are on than in the session before: its figures keep their own file and columns.
-                path.rename(path.with_stem(f"{path.stem}-until-{self.iteration - 1}"))
-        new = not path.exists()
-        with path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(row))
-            if new:
-                writer.writeheader()
-            writer.writerow({name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()})
-
 
 def train(config: TrainConfig, report: Report) -> Trainer:
     """Train by a configuration; SIGINT and SIGTERM end the run after the current iteration, with a checkpoint.
 
     Args:
         config: the run.
-        report: called after every iteration with figures and the gates' words.
+        report: called after every iteration with figures and the gates' words, in the first process only.
     """
-    trainer = Trainer(config)
+    with distributed.process_group("gloo"):
+        trainer = Trainer(config)
 
-    def request_stop(_signal: int, _frame: object) -> None:
-        trainer.stop_requested = True
+        def request_stop(_signal: int, _frame: object) -> None:
+            trainer.stop_requested = True
 
-    previous = {s: signal.signal(s, request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        trainer.run(report)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        previous = {s: signal.signal(s, request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            trainer.run(report)
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
     return trainer
+
+
+def _rank_path(path: pathlib.Path) -> pathlib.Path:
+    """A file's name in this process: the first one's is as given."""
+    rank = distributed.rank()
+    return path.with_stem(f"{path.stem}-rank{rank}") if rank else path
+
+
+def _with_own_robots(
+    tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
+) -> dict[str, torch.Tensor]:
+    """A checkpoint with this process's robots instead of the first one's; without any if there are none to it."""
+    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "optimiser."))}
+    own = _rank_path(path)
+    if not own.exists():
+        return common
+    robots, metadata = checkpoint.load_file(own, "robots")
+    # From another time of the run, or of a run before it in the same folder: start new episodes.
+    return common | robots if metadata.get("iteration") == iteration else common

@@ -12,7 +12,8 @@ from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig, TrainC
 from hugwbc.learned.env import StepResult
 from hugwbc.learned.evaluator import Evaluator
 from hugwbc.learned.policy import load_policy
-from hugwbc.learned.train import CHECKPOINT_NAME, LOG_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
+from hugwbc.learned.run_log import LOG_NAME
+from hugwbc.learned.train import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,

@@ -1,0 +1,107 @@
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from hugwbc.learned import checkpoint, distributed
+from hugwbc.learned.policy import load_policy
+
+# What every process runs: its share of the stored samples, one update, one move of the curricula.
+LEARN = """
+import sys
+import torch
+from safetensors.torch import load_file, save_file
+from hugwbc.learned import distributed
+from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig
+from hugwbc.learned.env import HumanoidEnv, Observation
+from hugwbc.learned.ppo import PPO
+
+torch.set_num_threads(1)
+with distributed.process_group("gloo"):
+    samples = load_file(sys.argv[1])
+    # Every second robot: each process gets as many of the agile group, which comes first, as of the other.
+    share = slice(distributed.rank(), None, distributed.size())
+    samples = {name: value[:, share] for name, value in samples.items()}
+    horizon, count = samples["reward"].shape
+    curriculum = CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.5, angular_threshold=0.5)
+    env = HumanoidEnv(EnvConfig(count=count, curriculum=curriculum), seed=distributed.rank(), threads=1)
+    env.statistics.tracking = samples["tracking"][0]
+    env.update_curriculum()
+    torch.set_default_dtype(torch.float64)
+    torch.manual_seed(0)
+    config = PPOConfig(horizon=horizon, epochs=3, minibatches=1, mixed_precision=False, target_kl=1e-4)
+    learner = PPO(config, count, torch.Generator().manual_seed(distributed.rank()))
+    for name in ("history", "command", "critic", "estimate", "action", "mean", "log_prob", "value", "reward", "done"):
+        getattr(learner.rollout, name)[:] = samples[name]
+    losses = learner.update(Observation(*(samples[name][-1] for name in ("history", "command", "critic", "estimate"))))
+    result = {name: value.detach() for name, value in learner.network.named_parameters()}
+    result |= {name: torch.tensor(losses[name]) for name in ("kl", "learning_rate")}
+    result["alpha"] = torch.tensor(env.curriculum.alpha)
+    save_file(result, f"{sys.argv[2]}-{distributed.rank()}")
+"""
+
+
+def python(*words: object, processes: int = 1) -> str:
+    launcher = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"] if processes > 1 else []
+    command = [sys.executable, *launcher, *map(str, words)]
+    result = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
+    torch.manual_seed(1)
+    horizon, count = 6, 8
+    sizes = {"history": 315, "command": 13, "critic": 321, "estimate": 6, "action": 19, "mean": 19, "tracking": 2}
+    samples = {name: torch.randn(horizon, count, size, dtype=torch.float64) for name, size in sizes.items()}
+    samples |= {name: torch.randn(horizon, count, dtype=torch.float64) for name in ("log_prob", "value", "reward")}
+    samples["log_prob"] -= 40.0
+    samples["done"] = torch.rand(horizon, count) < 0.2
+    # Above the thresholds on average over all robots, below them in the first process's share alone.
+    samples["tracking"] = torch.full((horizon, count, 2), 0.8)
+    samples["tracking"][:, ::2] = 0.3
+    save_file(samples, tmp_path / "samples")
+    (tmp_path / "learn.py").write_text(LEARN)
+    python(tmp_path / "learn.py", tmp_path / "samples", tmp_path / "one")
+    python(tmp_path / "learn.py", tmp_path / "samples", tmp_path / "two", processes=2)
+    one = load_file(tmp_path / "one-0")
+    for rank in range(2):
+        two = load_file(tmp_path / f"two-{rank}")
+        for name, value in one.items():
+            torch.testing.assert_close(two[name], value, atol=1e-6, rtol=0)
+    assert one["alpha"].item() == pytest.approx(0.01)
+    assert one["learning_rate"].item() != pytest.approx(3e-4), "the KL divergence must have moved the rate"
+
+
+@pytest.mark.slow
+def test_torchrun_trains_saves_and_resumes(tmp_path: pathlib.Path) -> None:
+    words = ["-m", "hugwbc.cli", "train", "--env.count", 4, "--ppo.horizon", 8, "--threads", 1, "--out", tmp_path]
+    words += ["--evaluation-interval", 2, "--evaluation-robots", 4, "--evaluation-seconds", 0.1]
+    launcher = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    output = python(*launcher, *words, "--steps", 128)
+    assert "stopped after 2 iterations, 128 steps" in output and output.count("stopped") == 1
+    python(*launcher, *words, "--steps", 256, "--resume")
+    assert load_policy(tmp_path).metadata["training"]["iteration"] == 4
+    assert load_policy(tmp_path / "best").metadata["training"]["iteration"] in (2, 4)
+    own, metadata = checkpoint.load_file(tmp_path / "checkpoint-rank1.safetensors", "robots")
+    common, _ = checkpoint.load_file(tmp_path / "checkpoint.safetensors", "checkpoint")
+    assert metadata["iteration"] == 4
+    assert not torch.equal(own["env.history"], common["env.history"]), "each process has robots of its own"
+
+
+def test_one_process_exchanges_nothing() -> None:
+    value = torch.tensor([1.0, 3.0])
+    assert distributed.size() == 1 and distributed.rank() == 0
+    assert distributed.mean(value) is value and distributed.total(value) is value
+    assert distributed.anywhere(True) and not distributed.anywhere(False)
+
+
+def test_standardised_has_mean_zero_and_deviation_one() -> None:
+    torch.manual_seed(0)
+    values = distributed.standardised(5.0 + 3.0 * torch.randn(1000))
+    assert values.mean().item() == pytest.approx(0.0, abs=1e-5)
+    assert values.std().item() == pytest.approx(1.0, rel=1e-5)
