@@ -130,6 +130,30 @@ class CurriculumConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class TerrainConfig:
+    """Rough ground with levels; each robot has its own. Without roughness the ground is a plane."""
+
+    roughness: float = 0.0
+    """Half-width of the uniformly random heights of the highest level [m]; 0 for a plane. The paper: 0.02."""
+    levels: int = 10
+    """From a plane to the roughness, in equal steps."""
+    start_level: int = 0
+    """Highest level on which robots start at first, evenly from 0 on."""
+    threshold: float = 0.7
+    """Relative linear tracking reward from which a robot that stayed up moves to the next level; a fall moves back."""
+    mastered: float = 0.0
+    """Mean level, as a part of the highest, below which noise and speed wait; the paper lets them wait until the
+    hardest ground is mastered. 0 moves all curricula at once."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(0.0 <= self.roughness < 1.0, "terrain.roughness", self.roughness, "0 to 1 m")
+        _require(self.levels >= 2, "terrain.levels", self.levels, "at least 2")
+        _require(0 <= self.start_level < self.levels, "terrain.start_level", self.start_level, "0 to levels - 1")
+        _require(0.0 <= self.mastered <= 1.0, "terrain.mastered", self.mastered, "0 to 1")
+
+
+@dataclasses.dataclass(frozen=True)
 class EnvConfig:
     """The training environment."""
 
@@ -158,6 +182,7 @@ class EnvConfig:
     rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
     extra: ExtraWeights = dataclasses.field(default_factory=ExtraWeights)
     curriculum: CurriculumConfig = dataclasses.field(default_factory=CurriculumConfig)
+    terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
 
     def __post_init__(self) -> None:
         """Check the sizes."""

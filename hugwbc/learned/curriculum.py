@@ -41,12 +41,15 @@ class Curriculum:
         progress = (self.max_speed - MAX_SPEED[0]) / (MAX_SPEED[1] - MAX_SPEED[0])
         return MAX_YAW_RATE[0] + progress * (MAX_YAW_RATE[1] - MAX_YAW_RATE[0])
 
-    def update(self, agile: tuple[float, float], intervened: tuple[float, float] | None) -> None:
+    def update(
+        self, agile: tuple[float, float], intervened: tuple[float, float] | None, *, terrain_mastered: bool = True
+    ) -> None:
         """Move the levels after an iteration.
 
         Args:
             agile: mean linear and angular tracking reward of the agile group, relative to their maxima.
             intervened: the same of the intervention group; None where there is no intervention.
+            terrain_mastered: whether the terrain's level lets noise and speed move.
         """
         self.iteration += 1
         if self.iteration <= self.config.warm_up_iterations:
@@ -54,6 +57,9 @@ class Curriculum:
             return
         self.penalty_scale = min(1.0, self.penalty_scale * self.config.penalty_growth)
         self.gates["penalty"] = f"{self.penalty_scale:.3f}"
+        if not terrain_mastered:
+            self.gates |= dict.fromkeys(("alpha", "speed"), "closed: waits for the terrain")
+            return
         if intervened is None:
             self.gates["alpha"] = "off: no intervention"
         elif self.iteration % self.config.alpha_interval == 0:

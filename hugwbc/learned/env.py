@@ -14,6 +14,7 @@ from hugwbc.learned.arm_targets import ArmTargets, MotionTargets, NoiseTargets
 from hugwbc.learned.command_sampling import draw_commands, uniform
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.curriculum import Curriculum
+from hugwbc.learned.ground import RoughGround
 from hugwbc.learned.intervention import Intervention
 from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
@@ -31,6 +32,7 @@ START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
 START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
 _W = COMMAND_NAMES.index("w")
 _TENSOR_STATE = ("command", "gait", "phase", "age", "actions", "history", "waist")
+_ALL = slice(None)
 _SIMULATION_STATE = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -73,6 +75,7 @@ class HumanoidEnv:
 
     Attributes:
         config: the settings.
+        ground: rough ground and the robots' levels; None on a plane.
         simulation: the robots.
         readings: their state after the last step.
         curriculum: penalty, noise and speed levels.
@@ -92,7 +95,9 @@ class HumanoidEnv:
         self.count = config.count
         self.dt = TRAINING_TIMESTEP * config.substeps
         self.generator = torch.Generator().manual_seed(seed)
-        self.simulation = BatchSimulation(config.count, threads=threads)
+        self.ground = self._make_ground(seed)
+        terrain = None if self.ground is None else self.ground.terrain
+        self.simulation = BatchSimulation(config.count, terrain=terrain, threads=threads)
         self._friction = tensor(randomize(self.simulation, config.randomization, np.random.default_rng(seed)))
         self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
         self.curriculum = Curriculum(config.curriculum)
@@ -115,6 +120,10 @@ class HumanoidEnv:
         self.waist = torch.zeros(self.count)
         self._begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
+
+    def _make_ground(self, seed: int) -> RoughGround | None:
+        terrain = self.config.terrain
+        return RoughGround(self.count, terrain, np.random.default_rng(seed)) if terrain.roughness > 0.0 else None
 
     def _make_body(self) -> Body:
         robot = self.robot
@@ -145,10 +154,11 @@ class HumanoidEnv:
         previous_dq = self.readings.dq
         self._apply(action)
         self._push()
+        self._stay_on_ground()
         diverged = torch.from_numpy(self.simulation.step(self.config.substeps))
         self.age += 1
         self.phase = gaits.advance_phase(self.phase, self.command[:, 3], self.dt)
-        self.readings = read(self.simulation)
+        self.readings = read(self.simulation, self.ground)
         fallen = self._fallen() | diverged
         transition = self._transition(previous_dq, fallen)
         rewards = evaluate_terms(transition, self._body, self._weights, self.curriculum.penalty_scale)
@@ -161,10 +171,13 @@ class HumanoidEnv:
         if self.config.command.hopping_fraction > 0.0:
             self.statistics.add_share("held_foot_down", self._held_foot_down(), self.gait >= Gait.HOPPING_LEFT)
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
-        final_critic = self.observe().critic[timed_out] if timed_out.numel() else torch.empty(0, obs.CRITIC_SIZE)
+        final_critic = self.observe(timed_out).critic
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
         self._draw_commands(due)
-        self._begin_episodes(done.nonzero().squeeze(1))
+        ended = done.nonzero().squeeze(1)
+        if self.ground is not None:
+            self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
+        self._begin_episodes(ended)
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
@@ -186,6 +199,16 @@ class HumanoidEnv:
         if ids.numel():
             kick = (2.0 * torch.rand((ids.numel(), 2), generator=self.generator) - 1.0) * settings.push_velocity
             self.simulation.qvel[ids.numpy(), :2] += kick.numpy()
+
+    def _stay_on_ground(self) -> None:
+        """Move robots that near the end of their region to where the ground is the same."""
+        if self.ground is None:
+            return
+        shift = self.ground.shift(self.readings.position[:, :2])
+        ids = shift.any(1).nonzero().squeeze(1)
+        if ids.numel():
+            self.simulation.qpos[ids.numpy(), :2] += shift[ids].numpy()
+            self.simulation.forward(ids.numpy())
 
     def _fallen(self) -> torch.Tensor:
         """The paper's early termination; trunk contact does not count under intervention, when arms may hit it."""
@@ -247,7 +270,14 @@ class HumanoidEnv:
         groups = torch.stack((tracking[self.agile].mean(0), tracking[~self.agile].mean(0)))
         agile, intervened = distributed.mean(groups).tolist()
         off = self.config.intervention == "none"
-        self.curriculum.update((agile[0], agile[1]), None if off else (intervened[0], intervened[1]))
+        self.curriculum.update(
+            (agile[0], agile[1]),
+            None if off else (intervened[0], intervened[1]),
+            terrain_mastered=self.ground is None or self.ground.mastered,
+        )
+        if self.ground is not None:
+            self.curriculum.gates["terrain"] = self.ground.report()
+            self.statistics.set_level("terrain_level", self.ground.mean_level)
 
     # Episodes -----------------------------------------------------------------------------------------------------
 
@@ -267,6 +297,9 @@ class HumanoidEnv:
         qpos = np.tile(self._nominal_qpos, (count, 1))
         qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
         qpos[:, 7:] += self._symmetric(count, obs.JOINTS, START_JOINT_NOISE)
+        if self.ground is not None:
+            sample = torch.rand((count, 2), generator=self.generator)
+            qpos[:, :3] += self.ground.starts(robots, tensor(yaw), sample).numpy()
         qvel = np.zeros((count, self.simulation.qvel.shape[1]))
         qvel[:, :6] = self._symmetric(count, 6, START_VELOCITY)
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, qvel
@@ -278,7 +311,7 @@ class HumanoidEnv:
         self.waist[robots] = 0.0
         self.intervention.reset(robots)
         self._draw_commands(robots)
-        self.readings = read(self.simulation)
+        self.readings = read(self.simulation, self.ground)
         self.history[robots] = self._frame()[robots, None]
 
     def _symmetric(self, rows: int, columns: int, half_width: float) -> np.ndarray:
@@ -293,24 +326,34 @@ class HumanoidEnv:
         noise = 2.0 * torch.rand(frame.shape, generator=self.generator) - 1.0
         return frame + noise * self._noise
 
-    def observe(self) -> Observation:
-        """Observations of the current state."""
+    def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
+        """Observations of the current state, of all robots or of some (indices)."""
         r = self.readings
-        history = self.history.flatten(1)
-        clock = gaits.clock(self._bar_phase())
-        command = obs.command_observation(self.command, self.gait, clock, self.intervention.active)
+        history = self.history[robots].flatten(1)
+        clock = gaits.clock(self._bar_phase()[robots])
+        active = self.intervention.active[robots]
+        command = obs.command_observation(self.command[robots], self.gait[robots], clock, active)
+        velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
-            r.velocity,
-            r.height - self.command[:, 5],
-            r.clearance,
-            self._friction,
-            r.foot_force,
-            r.link_force > LINK_CONTACT_FORCE,
+            velocity,
+            height - self.command[robots, 5],
+            clearance,
+            self._friction[robots],
+            r.foot_force[robots],
+            r.link_force[robots] > LINK_CONTACT_FORCE,
         )
-        # Flat ground: every terrain sample lies the same distance below the pelvis.
-        terrain = (r.height * obs.LENGTH_SCALE)[:, None].expand(-1, obs.TERRAIN_SIZE)
+        terrain = self._terrain_samples(height, robots)
         critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
-        return Observation(history, command, critic, obs.estimate_target(r.velocity, r.clearance, r.height))
+        return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
+
+    def _terrain_samples(self, height: torch.Tensor, robots: torch.Tensor | slice) -> torch.Tensor:
+        """How far the ground around the robots lies below their pelvises, minus the nominal height, scaled."""
+        if self.ground is None:  # every sample lies the same distance below
+            return (height * obs.LENGTH_SCALE)[:, None].expand(-1, obs.TERRAIN_SIZE)
+        position = self.readings.position[robots]
+        ground = self.ground.samples(position[:, :2], self.readings.heading[robots])
+        below = position[:, 2:] - self.robot.nominal_height - ground
+        return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
 
     # Checkpointing ------------------------------------------------------------------------------------------------
 
@@ -323,6 +366,8 @@ class HumanoidEnv:
         state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
         state["generator"] = self.generator.get_state()
         state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
+        if self.ground is not None:
+            state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
         levels = self.curriculum.state_dict()
         return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
 
@@ -332,7 +377,7 @@ class HumanoidEnv:
             setattr(self, name, state[name].clone())
         self.statistics.tracking = state["tracking"].clone()
         self.generator.set_state(state["generator"])
-        prefixed: dict[str, dict[str, torch.Tensor]] = {"intervention": {}, "curriculum": {}}
+        prefixed: dict[str, dict[str, torch.Tensor]] = {"intervention": {}, "curriculum": {}, "terrain": {}}
         for key, value in state.items():
             group, _, name = key.partition(".")
             if name:
@@ -344,7 +389,12 @@ class HumanoidEnv:
         self.simulation.forward(np.arange(self.count))
         self._write_simulation(state)
         forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
-        self.readings = dataclasses.replace(read(self.simulation), **forces)
+        if self.ground is not None:
+            self.ground.load_state_dict(prefixed["terrain"])
+        self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)
+        if self.ground is not None:
+            # The state of a run on other ground: robots that stand elsewhere start anew on their levels.
+            self._begin_episodes(self.ground.shift(self.readings.position[:, :2]).any(1).nonzero().squeeze(1))
 
     def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
         for name in _SIMULATION_STATE:

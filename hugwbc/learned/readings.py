@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import torch
 
+from hugwbc.learned.ground import RoughGround
 from hugwbc.sim.batch import BatchSimulation
 
 
@@ -23,10 +24,12 @@ class Readings:
         angular_velocity: of the pelvis in its own frame, shape (n, 3).
         gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
         roll, pitch: of the pelvis, shape (n,).
+        position: of the pelvis in the world, shape (n, 3).
+        heading: its yaw, shape (n,).
         velocity: of the pelvis in the heading frame, shape (n, 3).
         yaw_rate: about gravity, shape (n,).
-        height: of the pelvis above the nominal one, shape (n,).
-        clearance: of both soles, shape (n, 2).
+        height: of the pelvis above the ground below it, minus the nominal one, shape (n,).
+        clearance: of both soles above the ground below each, shape (n, 2).
         foot_offset: left minus right sole in the heading frame, shape (n, 3).
         foot_velocity: of both soles in the world, shape (n, 2, 3).
         foot_force: ground reaction on both feet in the world, shape (n, 2, 3).
@@ -40,6 +43,8 @@ class Readings:
     gravity: torch.Tensor
     roll: torch.Tensor
     pitch: torch.Tensor
+    position: torch.Tensor
+    heading: torch.Tensor
     velocity: torch.Tensor
     yaw_rate: torch.Tensor
     height: torch.Tensor
@@ -50,8 +55,8 @@ class Readings:
     link_force: torch.Tensor
 
 
-def read(simulation: BatchSimulation) -> Readings:
-    """Copy the current state of all robots of a batch."""
+def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Readings:
+    """Copy the current state of all robots of a batch, which stand on the given ground or on a plane."""
     qpos, qvel = tensor(simulation.qpos), tensor(simulation.qvel)
     w, x, y, z = torch.nn.functional.normalize(qpos[:, 3:7], dim=1).unbind(1)
     heading = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -59,6 +64,10 @@ def read(simulation: BatchSimulation) -> Readings:
     gravity = -torch.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), dim=1)
     angular_velocity = qvel[:, 3:6]
     soles = tensor(simulation.sole_position())
+    height, clearance = qpos[:, 2] - simulation.robot.nominal_height, soles[..., 2]
+    if ground is not None:
+        height = height - ground.height_at(qpos[:, :2])
+        clearance = clearance - ground.height_at(soles[..., :2])
     return Readings(
         q=qpos[:, 7:],
         dq=qvel[:, 6:],
@@ -67,11 +76,13 @@ def read(simulation: BatchSimulation) -> Readings:
         gravity=gravity,
         roll=torch.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
         pitch=torch.asin((2.0 * (w * y - x * z)).clamp(-1.0, 1.0)),
+        position=qpos[:, :3],
+        heading=heading,
         velocity=_to_heading(qvel[:, :3], heading),
         # World z component of the angular velocity: its projection on the up direction, which is minus gravity.
         yaw_rate=-(gravity * angular_velocity).sum(1),
-        height=qpos[:, 2] - simulation.robot.nominal_height,
-        clearance=soles[..., 2],
+        height=height,
+        clearance=clearance,
         foot_offset=_to_heading(soles[:, 0] - soles[:, 1], heading),
         foot_velocity=tensor(simulation.sole_velocity()),
         foot_force=tensor(simulation.foot_force()),

@@ -35,6 +35,7 @@ class Statistics:
         self._waist = waist
         self._sums: dict[str, float] = {}
         self._steps = 0
+        self._levels: dict[str, float] = {}
 
     def add(
         self,
@@ -75,6 +76,10 @@ class Statistics:
         share = float((flag & robots).sum()) / max(float(robots.sum()), 1.0)
         self._sums[name] = self._sums.get(name, 0.0) + share
 
+    def set_level(self, name: str, value: float) -> None:
+        """A level that `pop` reports as it is, not as an average."""
+        self._levels[name] = value
+
     def _errors(self, t: Transition, robots: torch.Tensor) -> list[float]:
         weight = robots.float()
         measured = (t.velocity[:, 0], t.velocity[:, 1], t.yaw_rate, t.height, t.pitch, t.q[:, self._waist])
@@ -88,4 +93,4 @@ class Statistics:
         result = {name: value / steps for name, value in sums.items() if name not in _COUNTS}
         result |= {name: sums.get(name, 0.0) for name in ("episodes", "falls", "diverged")}
         result["episode_length"] = sums.get("finished_steps", 0.0) / max(sums.get("episodes", 0.0), 1.0)
-        return result
+        return result | self._levels

@@ -1,4 +1,4 @@
-"""Ground as a height field: a grid of heights, the height between them as MuJoCo sees it, and a generator."""
+"""Ground as a height field: a grid of heights, the height between them as MuJoCo sees it, and two generators."""
 
 import dataclasses
 
@@ -71,3 +71,50 @@ def rough_terrain(
     axis = np.linspace(-size / 2.0, size / 2.0, points)
     heights[np.hypot(*np.meshgrid(axis, axis)) < start_radius] = 0.0
     return HeightField(heights, (size, size))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LevelGround:
+    """Random ground of growing roughness: one square region per level, side by side along x.
+
+    Within a region the heights repeat with a period, so that a robot that is moved by a period finds the same ground:
+    a walk never ends at an edge.
+
+    Attributes:
+        field: all regions.
+        centres: of the regions [m], shape (levels, 2).
+        period: of the heights along x and y [m]; a region is two periods wide.
+    """
+
+    field: HeightField
+    centres: np.ndarray
+    period: float
+
+
+def level_terrain(
+    levels: int, amplitude: float, rng: np.random.Generator, period: float = 4.0, spacing: float = 0.2
+) -> LevelGround:
+    """Regions of uniformly random heights, from a level plane to plus or minus `amplitude` [m], in equal steps.
+
+    Args:
+        levels: number of regions, at least 2.
+        amplitude: half-width of the heights of the last one [m].
+        rng: of the heights.
+        period: after which the heights repeat [m]; a multiple of the spacing.
+        spacing: of the grid [m].
+
+    Raises:
+        ConfigError: if there are fewer than two levels, or the amplitude is not from 0 to 1 m.
+    """
+    if levels < 2 or not 0.0 <= amplitude < 1.0:
+        raise ConfigError(f"{levels} terrain levels up to {amplitude} m; give at least 2 levels, and 0 to 1 m")
+    cells = round(period / spacing)
+    tiles = [np.tile(rng.uniform(-1.0, 1.0, (cells, cells)), (2, 2)) for _ in range(levels)]
+    scaled = [tile * amplitude * level / (levels - 1) for level, tile in enumerate(tiles)]
+    heights = np.concatenate(scaled, axis=1)
+    # A grid has a point more than cells along each axis; the last ones repeat the first of their own region.
+    heights = np.concatenate((heights, scaled[-1][:, :1]), axis=1)
+    heights = np.concatenate((heights, heights[:1]), axis=0)
+    width = 2.0 * period
+    centres = np.stack(((np.arange(levels) - (levels - 1) / 2.0) * width, np.zeros(levels)), axis=1)
+    return LevelGround(HeightField(heights, (levels * width, width)), centres, period)

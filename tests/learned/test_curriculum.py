@@ -59,6 +59,20 @@ def test_speed_grows_to_the_paper_s_limit() -> None:
     assert "0.10 < 0.70" in curriculum.gates["speed"]
 
 
+def test_noise_and_speed_wait_for_the_terrain_and_say_so() -> None:
+    curriculum = started()
+    curriculum.update((0.9, 0.9), (0.9, 0.9), terrain_mastered=False)
+    assert (curriculum.alpha, curriculum.max_speed) == (0.0, 0.6)
+    assert curriculum.gates["alpha"] == curriculum.gates["speed"] == "closed: waits for the terrain"
+    assert curriculum.penalty_scale > 0.2
+
+
+def test_without_intervention_alpha_rests() -> None:
+    curriculum = started()
+    curriculum.update((0.9, 0.9), None)
+    assert curriculum.alpha == 0.0 and curriculum.gates["alpha"] == "off: no intervention"
+
+
 def test_state_survives_a_round_trip() -> None:
     curriculum = started()
     curriculum.update((0.9, 0.9), (0.9, 0.9))
