@@ -6,7 +6,6 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import highest_clearance, lowest_walking_height
 
@@ -68,7 +67,7 @@ class CommandFilter:
             self._valid = self._clamp(command)
         command, report = self._valid
         gait = command.gait
-        stepping = stepping or gait is Gait.WALKING
+        stepping = stepping or gait is not Gait.STANDING
         params = self._params
         wanted = np.array([command.v_x, command.v_y, command.omega])
         step = self._velocity_rate * dt
@@ -109,9 +108,7 @@ class CommandFilter:
 
     @staticmethod
     def _clamp(command: Command) -> tuple[Command, tuple[str, ...]]:
-        gait, replaced = supported(command.gait)
-        valid, clamped = dataclasses.replace(command, gait=gait).clamp()
-        return valid, replaced + clamped
+        return command.clamp()
 
     def _follow(self, target: np.ndarray, dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""

@@ -13,7 +13,7 @@ from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.odometry import LegOdometry
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
-from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, Task, TaskTerms
+from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
@@ -54,7 +54,6 @@ class WholeBodyController:
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
         self._odometry = LegOdometry()
-        self._momentum = AngularMomentumTask(self.params)
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
@@ -102,9 +101,9 @@ class WholeBodyController:
         smooth, report = self._filter.update(command, self.period, stepping=not self._locomotion.settled)
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
-        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms, self._momentum]
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
-        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact_points(self.dynamics))
+        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact_points(self.dynamics), self._locomotion.planned_forces)
         if solution.status is QpStatus.FAILED:
             return self._fall_back(state, solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED

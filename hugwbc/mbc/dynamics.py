@@ -41,6 +41,7 @@ class Dynamics(Kinematics):
         com_jacobian, com_drift: with d(com_velocity)/dt = com_jacobian dv/dt + com_drift; shapes (3, nv), (3,).
         momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
         momentum_jacobian, momentum_drift: likewise for the angular momentum.
+        inertia: of all links about the centre of mass, world axes [kg m^2], shape (3, 3).
     """
 
     def __init__(self, model: pin.Model | None = None) -> None:
@@ -77,6 +78,7 @@ class Dynamics(Kinematics):
         self.momentum = data.hg.angular.copy()
         self.momentum_jacobian = data.Ag[3:].copy()
         self.momentum_drift = drift[3:]
+        self.inertia = data.Ig.inertia.copy()
         # The frames must be read before another call overwrites the accelerations of forwardKinematics(q, v, 0).
         pin.forwardKinematics(model, data, self.q, self.v, np.zeros(model.nv))
         self._frames: dict[str, FrameMotion] = {}

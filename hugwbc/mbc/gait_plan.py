@@ -1,4 +1,4 @@
-"""Which foot stands and which swings: standing, the weight shift before the first step, and walking."""
+"""Which foot stands and which swings: standing, shifting weight, walking, jumping, hopping and landing."""
 
 import enum
 
@@ -13,51 +13,73 @@ class Mode(enum.Enum):
     STANDING = "standing"
     SHIFTING = "shifting weight"
     WALKING = "walking"
+    LEAPING = "leaping"
+    LANDING = "landing"
 
 
-def supported(gait: Gait) -> tuple[Gait, tuple[str, ...]]:
-    """The gait that this controller executes for a commanded one, and a report if it is another."""
-    if gait in (Gait.STANDING, Gait.WALKING):
-        return gait, ()
-    return Gait.WALKING, (f"gait {gait.label} is not in the model-based controller: using walking",)
+_LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 
 class GaitPlan:
     """Gait clock of the model-based controller: modes change at the ends of steps only.
 
+    A leap, of one leg or of two, is a stance of half a stride and a flight of the other half. The first stance of a
+    series is longer, for the countermovement, and the stance after the last flight only brakes.
+
     Attributes:
         mode: what the plan is doing.
+        gait: that the mode belongs to; standing where the mode belongs to none.
         phase: common phase of `hugwbc.gait`, in [0, 1); steps end at 0 and 0.5.
         frequency: stride frequency [Hz].
-        swing: index of the foot in the air (0 left, 1 right), or None.
+        swing: index of the foot in the air of a walk (0 left, 1 right), or None.
         elapsed: since the last change of mode or step [s].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, gather_time: float = 0.0) -> None:
+        """A plan that stands.
+
+        Args:
+            gather_time: by which the first stance of a series of leaps, and the last, is longer [s].
+        """
+        self._gather_time = gather_time
         self.reset()
 
     def reset(self) -> None:
         """Stand."""
         self.mode = Mode.STANDING
+        self.gait = Gait.STANDING
         self.phase = 0.0
         self.frequency = 2.0
         self.swing: int | None = None
         self.elapsed = 0.0
+        self._gather = 0.0
 
     @property
     def step_time(self) -> float:
-        """Duration of a step [s]: half a stride."""
+        """Duration of a step, of a stance or of a flight [s]: half a stride."""
         return 0.5 / self.frequency
 
     @property
     def remaining(self) -> float:
-        """Time to the end of the step [s]; zero unless walking."""
-        return (0.5 - self.phase % 0.5) / self.frequency if self.mode is Mode.WALKING else 0.0
+        """Time to the end of the step, of the stance or of the flight [s]; zero when standing or shifting."""
+        if self.mode in (Mode.WALKING, Mode.LEAPING):
+            return self._gather + (0.5 - self.phase % 0.5) / self.frequency
+        return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
 
     @property
     def stance(self) -> int | None:
-        """Index of the foot that carries the step, or None when both do."""
+        """Index of the foot that carries a walk's step, or None when both do."""
         return None if self.swing is None else 1 - self.swing
+
+    @property
+    def airborne(self) -> bool:
+        """Whether the clock has the robot in flight."""
+        return self.mode is Mode.LEAPING and self.phase >= 0.5
+
+    @property
+    def legs(self) -> tuple[int, ...]:
+        """Feet that leap or land; none in other modes."""
+        return _LEGS[self.gait] if self.mode in (Mode.LEAPING, Mode.LANDING) else ()
 
     def advance(
         self, gait: Gait, frequency: float, dt: float, *, may_start: bool, may_stop: bool, first_swing: int = 0
@@ -65,7 +87,7 @@ class GaitPlan:
         """Move on by one tick.
 
         Args:
-            gait: standing or walking, as commanded.
+            gait: as commanded.
             frequency: stride frequency [Hz].
             dt: [s].
             may_start: whether the weight is where the first step needs it.
@@ -78,31 +100,59 @@ class GaitPlan:
         self.frequency = frequency
         self.elapsed += dt
         if self.mode is Mode.STANDING:
-            if gait is Gait.WALKING:
-                self._enter(Mode.SHIFTING)
+            if gait is Gait.JUMPING:
+                self._enter(Mode.LEAPING, gait)
+                self._gather = self._gather_time
+            elif gait is not Gait.STANDING:
+                self._enter(Mode.SHIFTING, gait)
             return False
         if self.mode is Mode.SHIFTING:
-            if gait is Gait.STANDING:
-                self._enter(Mode.STANDING)
-            elif may_start:
-                self._enter(Mode.WALKING, 0.5 * first_swing)
-                return True
+            return self._shift(gait, may_start=may_start, first_swing=first_swing)
+        if self.mode is Mode.LANDING:
+            if self.remaining <= 0.0:
+                self._enter(Mode.STANDING, Gait.STANDING)
             return False
-        step = self.phase >= 0.5
+        if self._gather > 0.0:
+            self._gather = max(self._gather - dt, 0.0)
+            return False
+        half = self.phase >= 0.5
         self.phase = float(advance_phase(self.phase, frequency, dt))
-        if (self.phase >= 0.5) is step:
+        if (self.phase >= 0.5) is half:
             return False
         self.elapsed = 0.0
-        if gait is Gait.STANDING and may_stop:
-            self._enter(Mode.STANDING)
+        return self._end_of_step(gait, may_stop=may_stop)
+
+    def _shift(self, gait: Gait, *, may_start: bool, first_swing: int) -> bool:
+        if gait is not self.gait:
+            self._enter(Mode.STANDING, Gait.STANDING)
             return False
-        self._set_swing()
+        if not may_start:
+            return False
+        if gait is Gait.WALKING:
+            self._enter(Mode.WALKING, gait, 0.5 * first_swing)
+        else:
+            self._enter(Mode.LEAPING, gait)
+            self._gather = self._gather_time
         return True
 
-    def _enter(self, mode: Mode, phase: float = 0.0) -> None:
+    def _end_of_step(self, gait: Gait, *, may_stop: bool) -> bool:
+        stops = gait is not self.gait and may_stop
+        if self.mode is Mode.WALKING:
+            if stops:
+                self._enter(Mode.STANDING, Gait.STANDING)
+            self._set_swing()
+            return not stops
+        if stops and not self.airborne:
+            self._enter(Mode.LANDING, self.gait)
+            self._gather = self._gather_time + self.step_time
+        return self.airborne
+
+    def _enter(self, mode: Mode, gait: Gait, phase: float = 0.0) -> None:
         self.mode = mode
+        self.gait = gait
         self.elapsed = 0.0
         self.phase = phase
+        self._gather = 0.0
         self._set_swing()
 
     def _set_swing(self) -> None:

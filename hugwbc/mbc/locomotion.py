@@ -1,4 +1,4 @@
-"""From a smooth command to task targets and contacts: standing, shifting weight and walking."""
+"""From a smooth command to task targets and contacts: standing, shifting weight, walking and leaping."""
 
 import numpy as np
 
@@ -8,11 +8,13 @@ from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import balance_point, toe_down
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import (
+    AngularMomentumTask,
     CentreOfMassTask,
     PelvisHeightTask,
     PelvisOrientationTask,
@@ -40,26 +42,38 @@ class Locomotion:
         plan: the gait clock.
         contact: whether the left and the right foot stand, shape (2,), bool.
         foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
-        height, orientation, com, travel, stance, swing: tasks.
+        height, orientation, momentum, com, travel, stance, swing: tasks.
         clipped: number of ticks with a foothold out of reach.
     """
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
-        self.plan = GaitPlan()
+        self.plan = GaitPlan(params.gather_time)
         self.height = PelvisHeightTask(params)
         self.orientation = PelvisOrientationTask(params)
         self.com = CentreOfMassTask(params)
+        self.momentum = AngularMomentumTask(params)
         self.travel = PelvisTravelTask(params)
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
         self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
         self._trajectory = SwingTrajectory(params)
         self._trim = VelocityTrim(params)
+        self._leap = Leap(params)
+        self._swing_weights = {
+            "flight": np.array(params.flight_swing_weight),
+            "ground": np.array([*params.swing_weight, *params.swing_rotation_weight]),
+        }
+        self._orientation_weights = {
+            "ground": np.array(params.orientation_weight),
+            "leap": np.array(params.leap_orientation_weight),
+            "flight": np.array(params.flight_orientation_weight),
+        }
 
     def reset(self, dynamics: Dynamics) -> None:
         """Stand where the robot is."""
         self.plan.reset()
         self._trim.reset()
+        self._leap.reset()
         self.contact = np.ones(2, dtype=bool)
         self.foothold: np.ndarray | None = None
         self.clipped = 0
@@ -73,8 +87,13 @@ class Locomotion:
 
     def tasks(self) -> list[Task]:
         """The tasks that count at this tick."""
-        walking = self.plan.mode is Mode.WALKING
-        tasks: list[Task] = [self.height, self.orientation, self.travel if walking else self.com]
+        self.momentum.planned = self._leap.momentum_rate
+        tasks: list[Task] = [self.orientation, self.momentum]
+        if self.plan.legs:
+            if self.planned_forces is not None:
+                tasks.append(self._leap.motion)
+        else:
+            tasks += [self.height, self.travel if self.plan.mode is Mode.WALKING else self.com]
         for foot in range(2):
             tasks.append(self.stance[foot] if self.contact[foot] else self.swing[foot])
         return tasks
@@ -94,13 +113,21 @@ class Locomotion:
         self._update_references(dynamics, command, dt)
         if self.plan.mode is Mode.WALKING:
             self._walk(dynamics, command, dt, lift_off)
+        elif self.plan.legs:
+            self._jump(dynamics, command, dt, lift_off)
         else:
             self.contact[:] = True
             self.foothold = None
             self._trim.reset()
+            self._leap.fly()
             self._stand(dynamics, command)
         for foot in np.flatnonzero(self.contact):
             self.stance[foot].settle = self._settle_speed(dynamics, foot)
+
+    @property
+    def planned_forces(self) -> np.ndarray | None:
+        """Contact forces of the force plan [N], shape (4, 3); None without one."""
+        return self._leap.forces
 
     @property
     def settled(self) -> bool:
@@ -120,9 +147,12 @@ class Locomotion:
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
         ground = soles.mean() if self.plan.stance is None else soles[self.plan.stance]
+        if self.plan.airborne:
+            ground = self._ground
         self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
         yaw = self._measured_yaw(dynamics)
-        if self.plan.mode is Mode.WALKING:
+        moving = self.plan.mode in (Mode.WALKING, Mode.LEAPING)
+        if moving:
             self._yaw += command.omega * dt
         else:
             back = rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)
@@ -132,7 +162,10 @@ class Locomotion:
         self.height.target = self._ground + dynamics.robot.nominal_height + command.h
         self.height.rate = command.h_rate
         self.orientation.yaw = self.com.heading = self._yaw
-        self.orientation.yaw_rate = command.omega if self.plan.mode is Mode.WALKING else 0.0
+        self.orientation.yaw_rate = command.omega if moving else 0.0
+        self.orientation.weight = self._orientation_weights[
+            "flight" if self.plan.airborne else "leap" if self.plan.legs else "ground"
+        ]
         self._balance = balance_point(self._params, command.h, command.p, walking=self.plan.mode is not Mode.STANDING)
         self.orientation.pitch, self.orientation.pitch_rate = command.p, command.p_rate
 
@@ -211,11 +244,51 @@ class Locomotion:
         task = self.swing[swing]
         task.position, task.velocity = self._trajectory.position, self._trajectory.velocity
         task.acceleration = self._trajectory.acceleration
+        task.weight = self._swing_weights["ground"]
         task.yaw = landing_yaw
         task.pitch = self._toe_down(dynamics, swing)
         forward = rotations.rotation_z(self._yaw)[:2, 0]
         self.travel.heading, self.travel.speed = self._yaw, float(command.velocity[0])
         self.travel.feedforward = float(pendulum.omega**2 * (forward @ (pendulum.com - step.cop)))
+
+    def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
+        plan, leap = self.plan, self._leap
+        soles = [dynamics.frame(f"{side}_sole") for side in SIDES]
+        measured = rotations.rotation_z(-self._yaw)[:2, :2] @ dynamics.frame("pelvis").velocity[:2]
+        self._trim.measure(measured, command.velocity, dt)
+        velocity = command.velocity + self._trim.value
+        if lift_off:
+            self._trim.end_step()
+            for foot in plan.legs:
+                leap.trajectories[foot].start(soles[foot].position)
+            self.contact[:] = False
+        if plan.airborne:
+            elapsed = plan.step_time - plan.remaining
+            for foot in plan.legs:
+                self._fly(dynamics, command, foot, velocity, elapsed, dt)
+        else:
+            self.contact[list(plan.legs)] = True
+        if all(self.contact[foot] for foot in plan.legs):
+            leap.push(dynamics, command, plan, self.orientation, velocity, self.height.target, dt)
+        else:
+            leap.fly()
+
+    def _fly(
+        self, dynamics: Dynamics, command: SmoothCommand, foot: int, velocity: np.ndarray, elapsed: float, dt: float
+    ) -> None:
+        """Path of a foot in flight."""
+        plan, trajectory, task = self.plan, self._leap.trajectories[foot], self.swing[foot]
+        yaw = self._leap.landing_yaw(command, plan, self._yaw)
+        pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot)
+        ahead = np.mean(dynamics.robot.sole_x) - self._balance
+        self.foothold = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
+        trajectory.advance(self.foothold, command.l, self._ground, elapsed, plan.remaining, dt)
+        if elapsed > self._params.early_contact_phase * plan.step_time:
+            self.contact[foot] |= self._lowest(dynamics, foot) - self._ground < self._params.early_contact_height
+        task.position, task.velocity = trajectory.position, trajectory.velocity
+        task.acceleration = trajectory.acceleration
+        task.yaw, task.pitch = yaw, self._toe_down(dynamics, foot)
+        task.weight = self._swing_weights["flight"]
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:

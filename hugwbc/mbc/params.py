@@ -110,6 +110,50 @@ class ControllerParams:
     max_velocity_trim: float = 0.3
     """Bound on that correction [m/s]."""
 
+    # --- jumping and hopping
+    motion_weight: tuple[float, float, float] = (10.0, 10.0, 100.0)
+    """Leaping: the centre of mass as the force plan moves it, along the world's axes."""
+    planned_momentum_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Leaping: angular momentum as the force plan moves it: roll, pitch, yaw [1/(kg m^2)^2]."""
+    planned_force_weight: float = 1e-4
+    """Weight on the departure of every contact force from the force plan [1/kg^2]."""
+    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.02)
+    """Pelvis in the stance of a leap: the plan of the angular momentum comes first."""
+    flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
+    """Pelvis in flight, where angular momentum is conserved: turning it costs the legs their places."""
+    flight_swing_weight: tuple[float, float, float, float, float] = (40.0, 40.0, 40.0, 2.0, 10.0)
+    """Feet in flight, where no foot has to bear the reaction: x, y, z, pitch and yaw."""
+    mpc_intervals: int = 6
+    """Intervals of constant force in a stance."""
+    mpc_period: float = 0.01
+    """Time between two force plans [s]."""
+    mpc_shortest_stance: float = 0.03
+    """Time to take-off below which the plan does not shrink [s]."""
+    mpc_velocity_weight: float = 30.0
+    """Weights of the force plan, per squared m/s, m, rad, rad/s: horizontal velocity at take-off,"""
+    mpc_rise_weight: float = 300.0
+    """vertical velocity at take-off,"""
+    mpc_height_weight: float = 3000.0
+    """height at take-off,"""
+    mpc_sway_weight: float = 10.0
+    """horizontal velocity on the way,"""
+    mpc_tilt_weight: float = 20.0
+    """tilt on the way,"""
+    mpc_landing_tilt_weight: float = 300.0
+    """tilt at the landing,"""
+    mpc_spin_weight: float = 10.0
+    """angular velocity at take-off,"""
+    mpc_force_weight: float = 20.0
+    """and departure of the forces from an even vertical push, in units of the robot's weight, per time."""
+    gather_time: float = 0.3
+    """By which the first and the last stance of a series of leaps are longer [s]."""
+    leap_width: float = 0.36
+    """Distance between the feet's centre lines when jumping in place [m]."""
+    leap_placement: float = 0.08
+    """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
+    leap_room: float = 0.02
+    """Height of the pelvis that is left at the bottom of a stance [m]."""
+
     # --- posture
     balance_ahead: float = 0.02
     """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque

@@ -53,7 +53,7 @@ class WholeBodyQp:
 
     .. math::
         \min_{\dot v, f}\; & \sum_i \| J_i \dot v + \dot J_i v - a_i^* \|^2_{W_i}
-            + \epsilon_v \|\dot v\|^2 + \epsilon_f \|f\|^2 \\
+            + \epsilon_v \|\dot v\|^2 + \epsilon_f \|f - f^*\|^2 \\
         \text{s.t. } & M_b \dot v + h_b = J_b^T f \quad\text{(base, 6 rows)} \\
         & |M_j \dot v + h_j - J_j^T f| \le \tau_{max} \quad\text{(joints, 19 rows)} \\
         & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad\text{(4 points)} \\
@@ -81,7 +81,6 @@ class WholeBodyQp:
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
-        self._H[nv:, nv:] = params.force_regularisation * np.eye(_FORCES)
         self._add_friction(joints)
         self._points = np.zeros((_FORCES, nv))
         self.reset()
@@ -108,15 +107,22 @@ class WholeBodyQp:
         self._solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 
-    def solve(self, dynamics: Dynamics, terms: Sequence[TaskTerms], contact: np.ndarray) -> QpSolution:
+    def solve(
+        self,
+        dynamics: Dynamics,
+        terms: Sequence[TaskTerms],
+        contact: np.ndarray,
+        planned: np.ndarray | None = None,
+    ) -> QpSolution:
         """The optimum at the dynamics' state.
 
         Args:
             dynamics: updated.
             terms: of every task.
             contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
+            planned: forces f* to stay close to [N], shape (4, 3); None for none, f* = 0 with a tiny weight.
         """
-        self._fill_cost(terms)
+        self._fill_cost(terms, planned)
         self._fill_dynamics(dynamics)
         self._fill_contact(contact)
         self._fill_joint_limits(dynamics)
@@ -136,7 +142,7 @@ class WholeBodyQp:
             status = QpStatus.FAILED
         return QpSolution(status, iterations, acceleration, forces.reshape(-1, 3), torque)
 
-    def _fill_cost(self, terms: Sequence[TaskTerms]) -> None:
+    def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
         jacobian = np.vstack([t.jacobian for t in terms])
         weight = np.concatenate([t.weight for t in terms])
         target = np.concatenate([t.acceleration - t.drift for t in terms])
@@ -145,6 +151,10 @@ class WholeBodyQp:
         self._H[:nv, :nv] = jacobian.T @ weighted
         self._H.flat[: nv * len(self._g) : len(self._g) + 1] += self._params.acceleration_regularisation
         self._g[:nv] = -(target @ weighted)
+        params = self._params
+        weight = params.force_regularisation if planned is None else params.planned_force_weight
+        self._H[nv:, nv:] = weight * np.eye(_FORCES)
+        self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
         nv, columns = self._nv, self._columns

@@ -2,6 +2,7 @@
 
 from hugwbc.mbc.tasks.angular_momentum import AngularMomentumTask
 from hugwbc.mbc.tasks.centre_of_mass import CentreOfMassTask
+from hugwbc.mbc.tasks.centre_of_mass_motion import CentreOfMassMotionTask
 from hugwbc.mbc.tasks.pelvis_height import PelvisHeightTask
 from hugwbc.mbc.tasks.pelvis_orientation import PelvisOrientationTask
 from hugwbc.mbc.tasks.pelvis_travel import PelvisTravelTask
@@ -12,6 +13,7 @@ from hugwbc.mbc.tasks.task import Task, TaskTerms
 
 __all__ = [
     "AngularMomentumTask",
+    "CentreOfMassMotionTask",
     "CentreOfMassTask",
     "PelvisHeightTask",
     "PelvisOrientationTask",

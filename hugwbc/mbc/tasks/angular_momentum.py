@@ -10,11 +10,14 @@ from hugwbc.mbc.tasks.task import TaskTerms
 
 
 class AngularMomentumTask:
-    r"""Damped angular momentum about the centre of mass.
+    r"""Angular momentum about the centre of mass: damped, or as a plan of contact forces has it.
 
-    .. math:: \dot k^* = -k_d\, k, \qquad k = A_G(q)\, v
+    .. math:: \dot k^* = \dot k_{ff} - k_d\, k, \qquad k = A_G(q)\, v
 
-    in world axes [kg m^2/s].
+    in world axes [kg m^2/s], with :math:`k_d = 0` under a plan.
+
+    Attributes:
+        planned: :math:`\dot k_{ff}`, world axes [N m], shape (3,); None without a plan.
     """
 
     name = "angular momentum"
@@ -22,7 +25,9 @@ class AngularMomentumTask:
     level: Literal["position", "velocity"] = "velocity"
 
     def __init__(self, params: ControllerParams) -> None:
+        self.planned: np.ndarray | None = None
         self._weight = np.array(params.momentum_weight)
+        self._planned_weight = np.array(params.planned_momentum_weight)
         self._damping = params.momentum_damping
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -30,7 +35,7 @@ class AngularMomentumTask:
         return TaskTerms(
             dynamics.momentum_jacobian,
             dynamics.momentum_drift,
-            -self._damping * dynamics.momentum,
-            self._weight,
+            -self._damping * dynamics.momentum if self.planned is None else self.planned,
+            self._weight if self.planned is None else self._planned_weight,
             -dynamics.momentum,
         )

@@ -21,6 +21,7 @@ class PelvisOrientationTask:
     Attributes:
         yaw, pitch: of R_d [rad]; its roll is zero.
         yaw_rate, pitch_rate: of R_d [rad/s].
+        weight: of the three rows, shape (3,).
     """
 
     name = "pelvis orientation"
@@ -33,7 +34,7 @@ class PelvisOrientationTask:
         self.yaw_rate = 0.0
         self.pitch_rate = 0.0
         self._gains = params.orientation_gains
-        self._weight = np.array(params.orientation_weight)
+        self.weight = np.array(params.orientation_weight)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Three rows: roll, pitch and yaw in the heading frame."""
@@ -46,5 +47,5 @@ class PelvisOrientationTask:
         rate = np.array([0.0, self.pitch_rate, self.yaw_rate])
         acceleration = kp * error + kd * (rate - to_heading @ pelvis.velocity[3:])
         return TaskTerms(
-            to_heading @ pelvis.jacobian[3:], to_heading @ pelvis.drift[3:], acceleration, self._weight, error
+            to_heading @ pelvis.jacobian[3:], to_heading @ pelvis.drift[3:], acceleration, self.weight, error
         )

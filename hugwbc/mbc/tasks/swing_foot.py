@@ -23,6 +23,7 @@ class SwingFootTask:
     Attributes:
         position, velocity, acceleration: p_d and its derivatives in the world, shape (3,).
         yaw, pitch: of R_d [rad].
+        weight: of the five rows, shape (5,).
     """
 
     unit = "m, rad"
@@ -38,7 +39,7 @@ class SwingFootTask:
         self._frame = f"{side}_sole"
         self._gains = params.swing_gains
         self._rotation_gains = params.swing_rotation_gains
-        self._weight = np.array([*params.swing_weight, *params.swing_rotation_weight])
+        self.weight = np.array([*params.swing_weight, *params.swing_rotation_weight])
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
@@ -56,6 +57,6 @@ class SwingFootTask:
             np.vstack((foot.jacobian[:3], (to_foot @ foot.jacobian[3:])[1:])),
             np.concatenate((foot.drift[:3], (to_foot @ foot.drift[3:])[1:])),
             np.concatenate((acceleration, turn[1:])),
-            self._weight,
+            self.weight,
             np.concatenate((linear, angular[1:])),
         )

@@ -1,0 +1,149 @@
+"""Jumping on two feet: contact forces in stance, footholds and foot trajectories in flight."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.mbc.command_filter import SmoothCommand
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.qp import CONTACT_POINTS
+from hugwbc.mbc.rigid_body_mpc import ForcePlan, RigidBody, RigidBodyMpc, Stance, TakeOff
+from hugwbc.mbc.swing import SwingTrajectory
+from hugwbc.mbc.tasks import CentreOfMassMotionTask, PelvisOrientationTask
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import GRAVITY
+
+
+class Leap:
+    """Plans the forces of the feet on the ground and the paths of those in the air.
+
+    Attributes:
+        motion: task of the centre of mass in stance.
+        trajectories: of the left and right foot in flight.
+        forces: planned, on every contact point [N], shape (4, 3); None in flight.
+        momentum_rate: planned, of the angular momentum, world axes [N m], shape (3,); None in flight.
+        failures: force plans that were not solved since the reset.
+    """
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._params = params
+        robot = load_robot()
+        ankle = float(robot.torque_limit[robot.index("left_ankle_joint")])
+        self._mpc = {legs: RigidBodyMpc(params, 2 * legs, ankle) for legs in (1, 2)}
+        self.motion = CentreOfMassMotionTask(params)
+        self.trajectories = tuple(SwingTrajectory(params) for _ in SIDES)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.forces: np.ndarray | None = None
+        self.momentum_rate: np.ndarray | None = None
+        self.failures = 0
+        self._age = np.inf
+        for mpc in self._mpc.values():
+            mpc.reset()
+
+    def fly(self) -> None:
+        """The feet leave the ground: no forces."""
+        self.forces = None
+        self.momentum_rate = None
+        self._age = np.inf
+
+    def push(
+        self,
+        dynamics: Dynamics,
+        command: SmoothCommand,
+        plan: GaitPlan,
+        orientation: PelvisOrientationTask,
+        velocity: np.ndarray,
+        height: float,
+        dt: float,
+    ) -> None:
+        """Forces of the feet that stand; planned anew every `mpc_period`.
+
+        Args:
+            dynamics: updated.
+            command: to follow.
+            plan: in a leap or a landing.
+            orientation: with this tick's targets; its yaw is the heading.
+            velocity: planned velocity, heading frame [m/s], shape (2,).
+            height: of the pelvis at take-off, in the world [m].
+            dt: [s].
+        """
+        self._age += dt
+        # A foot that lands before its time carries on through the stance to come.
+        time_left = plan.remaining + plan.step_time * plan.airborne
+        young = self._age < self._params.mpc_period - 0.5 * dt
+        if young or (self.forces is not None and time_left < self._params.mpc_shortest_stance):
+            return
+        self._age = 0.0
+        landing = plan.mode is Mode.LANDING
+        flight = 0.0 if landing else plan.step_time
+        turn = command.omega * (time_left + 0.5 * flight)
+        horizontal = np.zeros(2) if landing else rotations.rotation_z(turn)[:2, :2] @ velocity
+        pelvis = dynamics.frame("pelvis")
+        target = TakeOff(
+            float(height + dynamics.com[2] - pelvis.position[2]),
+            np.array([*horizontal, 0.5 * GRAVITY * flight]),
+            np.array([0.0, orientation.pitch_rate, orientation.yaw_rate]),
+            flight,
+        )
+        to_heading = rotations.rotation_z(-orientation.yaw)
+        body = RigidBody(
+            dynamics.mass,
+            to_heading @ dynamics.inertia @ to_heading.T,
+            to_heading @ dynamics.com,
+            to_heading @ dynamics.com_velocity,
+            -orientation.evaluate(dynamics).error,
+            to_heading @ dynamics.momentum,
+        )
+        result = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
+        self._use(result, plan, to_heading.T, target)
+
+    def _stance(self, dynamics: Dynamics, plan: GaitPlan, to_heading: np.ndarray, time_left: float) -> Stance:
+        points = [dynamics.point(CONTACT_POINTS[2 * foot + end])[0] for foot in plan.legs for end in (0, 1)]
+        ankles = [dynamics.point(f"{SIDES[foot]}_ankle_link")[0] for foot in plan.legs]
+        lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in plan.legs]
+        return Stance(
+            np.array(points) @ to_heading.T, np.array(ankles) @ to_heading.T, np.array(lateral) @ to_heading.T, time_left
+        )
+
+    def _use(self, result: ForcePlan, plan: GaitPlan, from_heading: np.ndarray, target: TakeOff) -> None:
+        self.failures += not result.solved
+        self.forces = np.zeros((len(CONTACT_POINTS), 3))
+        for k, foot in enumerate(plan.legs):
+            self.forces[2 * foot : 2 * foot + 2] = result.forces[2 * k : 2 * k + 2] @ from_heading.T
+        self.momentum_rate = from_heading @ result.momentum_rate
+        self.motion.feedforward = from_heading @ result.acceleration
+        self.motion.velocity = from_heading @ target.velocity
+
+    def foothold(
+        self, dynamics: Dynamics, command: SmoothCommand, plan: GaitPlan, yaw: float, velocity: np.ndarray, foot: int
+    ) -> np.ndarray:
+        r"""Where a foot's centre of pressure should be after the flight, in the world [m], shape (2,).
+
+        The centre of mass then passes over the middle of the feet in the middle of the stance,
+        :math:`p = c + \dot c\, t + \dot c\, T / 2 + k (\dot c - \dot c_d)`, with t the time to the landing and T the
+        stance; the last term slows down what is too fast.
+
+        Args:
+            dynamics: updated.
+            command: to follow.
+            plan: in flight.
+            yaw: heading now [rad].
+            velocity: planned velocity, heading frame [m/s], shape (2,).
+            foot: 0 left or 1 right.
+        """
+        params = self._params
+        half = 0.5 * plan.step_time
+        moving = dynamics.com_velocity[:2]
+        wanted = rotations.rotation_z(yaw + command.omega * plan.remaining)[:2, :2] @ velocity
+        middle = dynamics.com[:2] + moving * (plan.remaining + half) + params.leap_placement * (moving - wanted)
+        sideways = rotations.rotation_z(self.landing_yaw(command, plan, yaw))[:2, 1]
+        return middle + sideways * (0.5 - foot) * params.leap_width
+
+    @staticmethod
+    def landing_yaw(command: SmoothCommand, plan: GaitPlan, yaw: float) -> float:
+        """Heading of the feet at the landing: the pelvis's in the middle of the stance [rad]."""
+        return yaw + command.omega * (plan.remaining + 0.5 * plan.step_time)
