@@ -14,6 +14,8 @@ from hugwbc.mbc.tasks import CentreOfMassMotionTask, PelvisOrientationTask
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import GRAVITY
 
+_DAMPING = 1e-3  # [m^2], of the inverse of a leg's Jacobian, so that a straight knee stays harmless
+
 
 class Leap:
     """Plans the forces of the feet on the ground and the paths of those in the air.
@@ -31,6 +33,9 @@ class Leap:
         robot = load_robot()
         ankle = float(robot.torque_limit[robot.index("left_ankle_joint")])
         self._mpc = {legs: RigidBodyMpc(params, 2 * legs, ankle) for legs in (1, 2)}
+        names = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
+        columns = Dynamics().columns
+        self._leg_columns = [columns[robot.indices([f"{side}_{part}_joint" for part in names])] for side in SIDES]
         self.motion = CentreOfMassMotionTask(params)
         self.trajectories = tuple(SwingTrajectory(params) for _ in SIDES)
         self.reset()
@@ -82,6 +87,7 @@ class Leap:
         flight = 0.0 if landing else plan.step_time
         turn = command.omega * (time_left + 0.5 * flight)
         horizontal = np.zeros(2) if landing else rotations.rotation_z(turn)[:2, :2] @ velocity
+        to_heading = rotations.rotation_z(-orientation.yaw)
         pelvis = dynamics.frame("pelvis")
         target = TakeOff(
             float(height + dynamics.com[2] - pelvis.position[2]),
@@ -89,17 +95,38 @@ class Leap:
             np.array([0.0, orientation.pitch_rate, orientation.yaw_rate]),
             flight,
         )
-        to_heading = rotations.rotation_z(-orientation.yaw)
-        body = RigidBody(
+        body = self._body(dynamics, plan, to_heading, -orientation.evaluate(dynamics).error)
+        result = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
+        self._use(result, plan, to_heading.T, target)
+
+    def _body(self, dynamics: Dynamics, plan: GaitPlan, to_heading: np.ndarray, tilt: np.ndarray) -> RigidBody:
+        """The robot as a body whose leaping legs keep their feet where they are.
+
+        Of the motions of the whole robot that leaves those of the pelvis, [v, omega], which all velocities follow from.
+        """
+        base = np.zeros((dynamics.nv, 6))
+        rotation = dynamics.frame("pelvis").rotation
+        base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
+        for foot in plan.legs:
+            sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), self._leg_columns[foot]
+            jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[1:]))
+            leg = jacobian[:, columns]
+            square = leg.T @ leg + _DAMPING * np.eye(columns.size)
+            base[columns] = -np.linalg.solve(square, leg.T @ jacobian[:, :6] @ base[:6])
+        com = to_heading @ dynamics.com_jacobian @ base
+        momentum = to_heading @ dynamics.momentum_jacobian @ base
+        # Exchange the pelvis's velocity for that of the centre of mass.
+        coupling = np.linalg.solve(com[:, :3].T, momentum[:, :3].T).T
+        return RigidBody(
             dynamics.mass,
+            momentum[:, 3:] - coupling @ com[:, 3:],
+            coupling,
             to_heading @ dynamics.inertia @ to_heading.T,
             to_heading @ dynamics.com,
             to_heading @ dynamics.com_velocity,
-            -orientation.evaluate(dynamics).error,
+            tilt,
             to_heading @ dynamics.momentum,
         )
-        result = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
-        self._use(result, plan, to_heading.T, target)
 
     def _stance(self, dynamics: Dynamics, plan: GaitPlan, to_heading: np.ndarray, time_left: float) -> Stance:
         points = [dynamics.point(CONTACT_POINTS[2 * foot + end])[0] for foot in plan.legs for end in (0, 1)]

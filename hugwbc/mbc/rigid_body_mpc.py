@@ -20,7 +20,9 @@ class RigidBody:
 
     Attributes:
         mass: [kg].
-        inertia: about the centre of mass [kg m^2], shape (3, 3).
+        inertia: angular momentum per angular velocity of the pelvis while the feet stay [kg m^2], shape (3, 3).
+        coupling: angular momentum per velocity of the centre of mass while the feet stay [kg m], shape (3, 3).
+        frozen_inertia: of all links together about the centre of mass [kg m^2], shape (3, 3).
         com, velocity: of the centre of mass [m], [m/s], shape (3,).
         tilt: rotation from the desired to the actual orientation of the pelvis [rad], shape (3,).
         momentum: angular, about the centre of mass [kg m^2/s], shape (3,).
@@ -28,6 +30,8 @@ class RigidBody:
 
     mass: float
     inertia: np.ndarray
+    coupling: np.ndarray
+    frozen_inertia: np.ndarray
     com: np.ndarray
     velocity: np.ndarray
     tilt: np.ndarray
@@ -90,9 +94,12 @@ class RigidBodyMpc:
 
     .. math::
         m \ddot c = \sum_i f_i + m g, \qquad \dot k = \sum_i (r_i - \bar c) \times f_i, \qquad
-        \dot\theta = I^{-1} k - \omega_d
+        k = I (\dot\theta + \omega_d) + K (\dot c - \dot r) + (I_0 - I)\, \omega_r
 
-    with the centre of mass in the moment arm, c bar, predicted at its present velocity: the problem is then linear and is
+    The legs weigh as much as the trunk, so that it matters how they move: they keep the feet where the plan has them,
+    and :math:`\dot r`, :math:`\omega_r` are the velocity and the turning rate of the feet: zero in stance; in flight, on
+    average, twice those of the body, since the feet catch up. I is the inertia that the pelvis then feels, I_0 that of
+    the frozen robot. The centre of mass in the moment arm, c bar, is predicted at its present velocity: the problem is then linear and is
     solved again, many times per stance. The rest of the stance is cut into `mpc_intervals` equal parts of constant
     force, so that the grid always ends where the feet leave the ground; the flight is ballistic, with
     :math:`k` conserved. States are eliminated (condensed): the unknowns are the forces of the scheduled contacts, in
@@ -188,10 +195,18 @@ class RigidBodyMpc:
         speed = dt * past
         place = dt**2 * past * (ends[:, None] - np.arange(n) - 0.5)
         t = dt * ends
-        spin = np.linalg.solve(body.inertia, body.momentum) - target.spin
+        spin, sway, frozen = (
+            np.linalg.solve(body.inertia, x) for x in (body.momentum, body.coupling, body.frozen_inertia)
+        )
+        spin = spin - target.spin
+        # Rate of the tilt in flight beyond that which the angular momentum gives.
+        drift = sway[:, :2] @ target.velocity[:2] - 2.0 * (frozen - np.eye(3)) @ target.spin
+        if target.flight == 0.0:
+            drift = np.zeros(3)
         free_velocity = body.velocity + np.outer(t, [0.0, 0.0, -GRAVITY])
         free_height = body.com[2] + body.velocity[2] * time_left - 0.5 * GRAVITY * time_left**2
-        free_tilt = body.tilt + np.outer(t, spin)
+        path = np.outer(t, body.velocity) + np.outer(0.5 * t**2, [0.0, 0.0, -GRAVITY])
+        free_tilt = body.tilt + np.outer(t, spin) - path @ sway.T
 
         def rows(weights: np.ndarray, block: np.ndarray) -> np.ndarray:
             """Row vectors of sum over j of weights_kj block_j: shape (K * rows, size)."""
@@ -199,7 +214,7 @@ class RigidBodyMpc:
             return np.einsum("kj,jab->kajb", weights, blocks).reshape(-1, self._size)
 
         velocity_rows = rows(speed, linear[:2])
-        tilt_rows = rows(place, angular)
+        tilt_rows = rows(place, angular - sway @ linear)
         last = speed[-1:]
         parts = (
             (velocity_rows[:-2], (target.velocity[:2] - free_velocity[:-1, :2]).ravel(), params.mpc_sway_weight * dt),
@@ -207,10 +222,10 @@ class RigidBodyMpc:
             (rows(last, linear[2:]), target.velocity[2:] - free_velocity[-1, 2:], params.mpc_rise_weight),
             (rows(place[-1:], linear[2:]), np.array([target.height - free_height]), params.mpc_height_weight),
             (tilt_rows, -free_tilt.ravel(), params.mpc_tilt_weight / n),
-            (rows(last, angular), -spin, params.mpc_spin_weight),
+            (rows(last, angular), -spin - drift, params.mpc_spin_weight),
             (
-                rows(place[-1:] + target.flight * last, angular),
-                -(free_tilt[-1] + target.flight * spin),
+                tilt_rows[-3:] + target.flight * rows(last, angular),
+                -(free_tilt[-1] + target.flight * (spin + drift)),
                 params.mpc_landing_tilt_weight,
             ),
         )
