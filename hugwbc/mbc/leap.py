@@ -45,12 +45,14 @@ class Leap:
         self.forces: np.ndarray | None = None
         self.momentum_rate: np.ndarray | None = None
         self.failures = 0
+        self._plan: ForcePlan | None = None
         self._age = np.inf
         for mpc in self._mpc.values():
             mpc.reset()
 
     def fly(self) -> None:
         """The feet leave the ground: no forces."""
+        self._plan = None
         self.forces = None
         self.momentum_rate = None
         self._age = np.inf
@@ -79,9 +81,22 @@ class Leap:
         self._age += dt
         # A foot that lands before its time carries on through the stance to come.
         time_left = plan.remaining + plan.step_time * plan.airborne
+        to_heading = rotations.rotation_z(-orientation.yaw)
         young = self._age < self._params.mpc_period - 0.5 * dt
-        if young or (self.forces is not None and time_left < self._params.mpc_shortest_stance):
-            return
+        if not young and (self._plan is None or time_left > self._params.mpc_shortest_stance):
+            self._solve(dynamics, command, plan, orientation, velocity, height, time_left)
+        self._use(dynamics, plan, to_heading.T)
+
+    def _solve(
+        self,
+        dynamics: Dynamics,
+        command: SmoothCommand,
+        plan: GaitPlan,
+        orientation: PelvisOrientationTask,
+        velocity: np.ndarray,
+        height: float,
+        time_left: float,
+    ) -> None:
         self._age = 0.0
         landing = plan.mode is Mode.LANDING
         flight = 0.0 if landing else plan.step_time
@@ -96,8 +111,9 @@ class Leap:
             flight,
         )
         body = self._body(dynamics, plan, to_heading, -orientation.evaluate(dynamics).error)
-        result = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
-        self._use(result, plan, to_heading.T, target)
+        self._plan = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
+        self.failures += not self._plan.solved
+        self.motion.velocity = to_heading.T @ target.velocity
 
     def _body(self, dynamics: Dynamics, plan: GaitPlan, to_heading: np.ndarray, tilt: np.ndarray) -> RigidBody:
         """The robot as a body whose leaping legs keep their feet where they are.
@@ -136,14 +152,16 @@ class Leap:
             np.array(points) @ to_heading.T, np.array(ankles) @ to_heading.T, np.array(lateral) @ to_heading.T, time_left
         )
 
-    def _use(self, result: ForcePlan, plan: GaitPlan, from_heading: np.ndarray, target: TakeOff) -> None:
-        self.failures += not result.solved
+    def _use(self, dynamics: Dynamics, plan: GaitPlan, from_heading: np.ndarray) -> None:
+        """Give the plan's forces of this moment to the tasks, with what they do to the body."""
+        assert self._plan is not None
+        planned = self._plan.at(self._age) @ from_heading.T
         self.forces = np.zeros((len(CONTACT_POINTS), 3))
-        for k, foot in enumerate(plan.legs):
-            self.forces[2 * foot : 2 * foot + 2] = result.forces[2 * k : 2 * k + 2] @ from_heading.T
-        self.momentum_rate = from_heading @ result.momentum_rate
-        self.motion.feedforward = from_heading @ result.acceleration
-        self.motion.velocity = from_heading @ target.velocity
+        self.momentum_rate = np.zeros(3)
+        for k, point in enumerate(2 * foot + end for foot in plan.legs for end in (0, 1)):
+            self.forces[point] = planned[k]
+            self.momentum_rate += np.cross(dynamics.point(CONTACT_POINTS[point])[0] - dynamics.com, planned[k])
+        self.motion.feedforward = planned.sum(axis=0) / dynamics.mass - [0.0, 0.0, GRAVITY]
 
     def foothold(
         self, dynamics: Dynamics, command: SmoothCommand, plan: GaitPlan, yaw: float, velocity: np.ndarray, foot: int

@@ -143,7 +143,7 @@ class ControllerParams:
     """tilt at the landing,"""
     mpc_spin_weight: float = 10.0
     """angular velocity at take-off,"""
-    mpc_force_weight: float = 20.0
+    mpc_force_weight: float = 10.0
     """and departure of the forces from an even vertical push, in units of the robot's weight, per time."""
     gather_time: float = 0.3
     """By which the first and the last stance of a series of leaps are longer [s]."""

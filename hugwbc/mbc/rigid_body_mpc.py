@@ -74,19 +74,21 @@ class TakeOff:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ForcePlan:
-    """What the ground is to do now.
+    """What the ground is to do until the feet leave it.
 
     Attributes:
         solved: whether the solver converged.
-        forces: on each point [N], shape (P, 3).
-        acceleration: of the centre of mass [m/s^2], shape (3,).
-        momentum_rate: of the angular momentum about it [N m], shape (3,).
+        forces: on each point, in N intervals of equal length [N], shape (N, P, 3).
+        interval: its length [s].
     """
 
     solved: bool
     forces: np.ndarray
-    acceleration: np.ndarray
-    momentum_rate: np.ndarray
+    interval: float
+
+    def at(self, time: float) -> np.ndarray:
+        """Forces at a time after the plan was made [N], shape (P, 3)."""
+        return self.forces[min(int(time / self.interval), len(self.forces) - 1)]
 
 
 class RigidBodyMpc:
@@ -146,7 +148,7 @@ class RigidBodyMpc:
         self._started = False
 
     def solve(self, body: RigidBody, stance: Stance, target: TakeOff) -> ForcePlan:
-        """The forces to apply now; with `solved` false those of a quiet stand."""
+        """The forces to apply from now on; with `solved` false those of a quiet stand."""
         weight = body.mass * GRAVITY
         time_left = max(stance.time_left, self._params.mpc_shortest_stance)
         influence, moments = self._influence(body, stance, time_left)
@@ -167,10 +169,8 @@ class RigidBodyMpc:
         if not solved:
             self.reset()
             x = np.tile([0.0, 0.0, 1.0 / self._points], self._intervals * self._points)
-        forces = weight * x[: 3 * self._points].reshape(-1, 3)
-        gravity = np.array([0.0, 0.0, -GRAVITY])
-        arms = stance.points - body.com
-        return ForcePlan(solved, forces, forces.sum(axis=0) / body.mass + gravity, np.cross(arms, forces).sum(axis=0))
+        forces = weight * x.reshape(self._intervals, self._points, 3)
+        return ForcePlan(solved, forces, time_left / self._intervals)
 
     def _influence(self, body: RigidBody, stance: Stance, time_left: float) -> tuple[np.ndarray, np.ndarray]:
         """Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and of the tilt [rad/s^2], shape (N, 3, 3 P)."""
