@@ -129,13 +129,13 @@ class ControllerParams:
     """Time between two force plans [s]."""
     mpc_shortest_stance: float = 0.03
     """Time to take-off below which the plan does not shrink [s]."""
-    mpc_velocity_weight: float = 30.0
+    mpc_velocity_weight: float = 100.0
     """Weights of the force plan, per squared m/s, m, rad, rad/s: horizontal velocity at take-off,"""
     mpc_rise_weight: float = 300.0
     """vertical velocity at take-off,"""
     mpc_height_weight: float = 3000.0
     """height at take-off,"""
-    mpc_sway_weight: float = 10.0
+    mpc_sway_weight: float = 30.0
     """horizontal velocity on the way,"""
     mpc_tilt_weight: float = 20.0
     """tilt on the way,"""
@@ -143,7 +143,7 @@ class ControllerParams:
     """tilt at the landing,"""
     mpc_spin_weight: float = 10.0
     """angular velocity at take-off,"""
-    mpc_force_weight: float = 10.0
+    mpc_force_weight: float = 5.0
     """and departure of the forces from an even vertical push, in units of the robot's weight, per time."""
     gather_time: float = 0.3
     """By which the first and the last stance of a series of leaps are longer [s]."""
