@@ -6,8 +6,14 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
+from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import highest_clearance, lowest_walking_height
+from hugwbc.mbc.reach import (
+    highest_clearance,
+    highest_leap_clearance,
+    lowest_leaping_height,
+    lowest_walking_height,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,7 +21,7 @@ class SmoothCommand:
     """A command that never jumps, with the rates of its body posture.
 
     Attributes:
-        gait: standing or walking.
+        gait: standing, walking or jumping.
         velocity: v_x, v_y [m/s], shape (2,).
         omega: yaw rate [rad/s].
         f: stride frequency [Hz].
@@ -54,13 +60,16 @@ class CommandFilter:
         self._posture = np.array([h, p, w])
         self._rate = np.zeros(3)
 
-    def update(self, command: Command, dt: float, *, stepping: bool = False) -> tuple[SmoothCommand, tuple[str, ...]]:
+    def update(
+        self, command: Command, dt: float, *, stepping: bool = False, running: Gait = Gait.STANDING
+    ) -> tuple[SmoothCommand, tuple[str, ...]]:
         """The command to follow now, and a report of what could not be followed as asked.
 
         Args:
             command: as given; NaN and values out of range are replaced and reported.
             dt: since the last call [s].
             stepping: whether the robot still steps, whatever the command: the limits of walking hold until it stands.
+            running: the gait that the robot is still in; it comes to rest before it changes to the commanded one.
         """
         if command is not self._given:
             self._given = command
@@ -69,7 +78,8 @@ class CommandFilter:
         gait = command.gait
         stepping = stepping or gait is not Gait.STANDING
         params = self._params
-        wanted = np.array([command.v_x, command.v_y, command.omega])
+        changing = running not in (Gait.STANDING, gait)
+        wanted = np.zeros(3) if changing else np.array([command.v_x, command.v_y, command.omega])
         step = self._velocity_rate * dt
         self._velocity += np.clip(wanted - self._velocity, -step, step)
         if self._frequency is None:
@@ -81,14 +91,18 @@ class CommandFilter:
         if stepping:
             h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
             lowest = lowest_walking_height(params, self._velocity[0], 0.5 / self._frequency, self._posture[1])
+            if gait is Gait.JUMPING:
+                lowest = max(lowest, lowest_leaping_height(params, self._frequency))
             if command.h < lowest - 0.005:
-                report += (f"h = {command.h:g} m leaves the stance leg no room to walk: using {lowest:.2f} m",)
+                report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {lowest:.2f} m",)
             h = max(h, lowest) if command.h < lowest else h
         self._follow(np.array([h, command.p, command.w]), dt)
-        apex = min(
-            command.l,
-            highest_clearance(params, float(self._posture[0]), self._frequency, float(self._velocity[0])),
-        )
+        height, speed = float(self._posture[0]), float(self._velocity[0])
+        if gait is Gait.JUMPING:
+            apex = highest_leap_clearance(params, height, self._frequency)
+        else:
+            apex = highest_clearance(params, height, self._frequency, speed)
+        apex = min(command.l, apex)
         if stepping and apex < command.l - 0.005:
             report += (
                 f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
@@ -108,7 +122,9 @@ class CommandFilter:
 
     @staticmethod
     def _clamp(command: Command) -> tuple[Command, tuple[str, ...]]:
-        return command.clamp()
+        gait, replaced = supported(command.gait)
+        valid, clamped = dataclasses.replace(command, gait=gait).clamp()
+        return valid, replaced + clamped
 
     def _follow(self, target: np.ndarray, dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""

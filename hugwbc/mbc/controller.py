@@ -98,12 +98,16 @@ class WholeBodyController:
             self._start(state)
         state = self._odometry.complete(state, self._locomotion.contact, self.period)
         self.dynamics.update(state)
-        smooth, report = self._filter.update(command, self.period, stepping=not self._locomotion.settled)
+        smooth, report = self._filter.update(
+            command, self.period, stepping=not self._locomotion.settled, running=self._locomotion.plan.gait
+        )
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
-        solution = self._qp.solve(self.dynamics, terms, self._locomotion.contact_points(self.dynamics), self._locomotion.planned_forces)
+        solution = self._qp.solve(
+            self.dynamics, terms, self._locomotion.contact_points(self.dynamics), self._locomotion.planned_forces
+        )
         if solution.status is QpStatus.FAILED:
             return self._fall_back(state, solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED

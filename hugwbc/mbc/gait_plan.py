@@ -17,6 +17,13 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
+def supported(gait: Gait) -> tuple[Gait, tuple[str, ...]]:
+    """The gait that this controller executes for a commanded one, and a report if it is another."""
+    if gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
+        return gait, ()
+    return Gait.WALKING, (f"gait {gait.label} is not in the model-based controller: using walking",)
+
+
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 

@@ -149,7 +149,10 @@ class Leap:
         ankles = [dynamics.point(f"{SIDES[foot]}_ankle_link")[0] for foot in plan.legs]
         lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in plan.legs]
         return Stance(
-            np.array(points) @ to_heading.T, np.array(ankles) @ to_heading.T, np.array(lateral) @ to_heading.T, time_left
+            np.array(points) @ to_heading.T,
+            np.array(ankles) @ to_heading.T,
+            np.array(lateral) @ to_heading.T,
+            time_left,
         )
 
     def _use(self, dynamics: Dynamics, plan: GaitPlan, from_heading: np.ndarray) -> None:

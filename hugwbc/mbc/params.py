@@ -151,8 +151,10 @@ class ControllerParams:
     """Distance between the feet's centre lines when jumping in place [m]."""
     leap_placement: float = 0.08
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
-    leap_room: float = 0.02
-    """Height of the pelvis that is left at the bottom of a stance [m]."""
+    leap_depth: float = -0.26
+    """Lowest h at the bottom of the stance of a leap [m]."""
+    leap_tuck: float = 1.5
+    """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 
     # --- posture
     balance_ahead: float = 0.02

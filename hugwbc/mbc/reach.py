@@ -3,6 +3,7 @@
 import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.state import GRAVITY
 
 _LEVEL_SHANK = 0.80  # [rad], lean of the shank up to which the ankle keeps the sole level
 _LEAD = 0.03  # [s], by which the sole turns before the shank forces it to
@@ -52,6 +53,28 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
     reaction = params.swing_reaction / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
     return max(params.min_clearance, min(reach, reaction))
+
+
+def leap_rise(f: float) -> float:
+    """Height that the body rises in the flight of a leap, and sinks in its stance [m]: g T^2 / 8 with T = 1 / (2 f)."""
+    return GRAVITY / (32.0 * f**2)
+
+
+def lowest_leaping_height(params: ControllerParams, f: float) -> float:
+    """Lowest h at take-off that leaves the legs room to sink in the stance of a leap [m]."""
+    return params.leap_depth + leap_rise(f)
+
+
+def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> float:
+    """Highest apex of the feet in a leap [m]: they rise with the body, and cannot be drawn in further than in a walk.
+
+    Args:
+        params: bounds.
+        h: pelvis height above nominal at take-off [m].
+        f: stride frequency [Hz].
+    """
+    rise = leap_rise(f)
+    return max(params.min_clearance, min(params.clearance_at_nominal + h + rise, rise + params.leap_tuck / f**2))
 
 
 def toe_down(shank_pitch: float, shank_rate: float) -> float:

@@ -99,17 +99,17 @@ class RigidBodyMpc:
         k = I (\dot\theta + \omega_d) + K (\dot c - \dot r) + (I_0 - I)\, \omega_r
 
     The legs weigh as much as the trunk, so that it matters how they move: they keep the feet where the plan has them,
-    and :math:`\dot r`, :math:`\omega_r` are the velocity and the turning rate of the feet: zero in stance; in flight, on
-    average, twice those of the body, since the feet catch up. I is the inertia that the pelvis then feels, I_0 that of
-    the frozen robot. The centre of mass in the moment arm, c bar, is predicted at its present velocity: the problem is then linear and is
-    solved again, many times per stance. The rest of the stance is cut into `mpc_intervals` equal parts of constant
-    force, so that the grid always ends where the feet leave the ground; the flight is ballistic, with
-    :math:`k` conserved. States are eliminated (condensed): the unknowns are the forces of the scheduled contacts, in
-    units of the robot's weight.
+    and :math:`\dot r`, :math:`\omega_r` are velocity and turning rate of the feet: zero in stance; in flight, on
+    average twice those of the body, since the feet catch up. I is the inertia that the pelvis then feels, I_0 that of
+    the frozen robot. The centre of mass in the moment arm, c bar, is predicted at its present velocity: the problem is
+    then linear and is solved again, many times per stance. The rest of the stance is cut into `mpc_intervals` equal
+    parts of constant force, so that the grid always ends where the feet leave the ground; the flight is ballistic, with
+    k conserved. States are eliminated (condensed): the unknowns are the forces of the scheduled contacts, in units of
+    the robot's weight.
 
     The cost asks for height and velocity at take-off, for an upright body then and at the landing, for small departures
-    from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, normal forces, and the moment
-    that the ankles hold.
+    from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, normal
+    forces, and the moment that the ankles hold.
     """
 
     def __init__(self, params: ControllerParams, points: int, ankle_torque: float) -> None:

@@ -67,7 +67,23 @@ def test_fast_walking_lowers_the_pelvis():
     assert fast.h == pytest.approx(-PARAMS.speed_lowering * (2.0 - PARAMS.lowering_from), abs=1e-3)
 
 
-def test_other_gaits_walk():
-    smooth, report = CommandFilter(PARAMS).update(Command(gait=Gait.JUMPING), DT)
-    assert smooth.gait is Gait.WALKING
-    assert "jumping" in report[0]
+def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
+    commands, command = CommandFilter(PARAMS), Command(h=-0.3, l=0.35, f=1.5, gait=Gait.JUMPING)
+    for _ in range(2000):
+        smooth, report = commands.update(command, DT)
+    # The body rises and sinks by g / (32 f^2) = 0.1363 m.
+    assert smooth.h == pytest.approx(PARAMS.leap_depth + 0.1363, abs=1e-3)
+    assert smooth.l == pytest.approx(PARAMS.clearance_at_nominal + smooth.h + 0.1363, abs=1e-3)
+    assert len(report) == 2
+
+
+def test_it_comes_to_rest_before_it_changes_gait():
+    commands = CommandFilter(PARAMS)
+    for _ in range(1000):
+        commands.update(Command(v_x=0.5, gait=Gait.WALKING), DT, running=Gait.WALKING)
+    for _ in range(1000):
+        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, running=Gait.WALKING)
+    assert smooth.velocity == pytest.approx([0.0, 0.0], abs=1e-9)
+    for _ in range(1000):
+        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, running=Gait.JUMPING)
+    assert smooth.velocity == pytest.approx([0.5, 0.0], abs=1e-9)

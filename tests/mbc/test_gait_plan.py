@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from hugwbc import Gait
@@ -60,9 +61,46 @@ def test_remaining_time_counts_down_to_the_change_of_feet():
     assert 0.0 < plan.remaining <= plan.step_time
 
 
-@pytest.mark.parametrize("gait", [Gait.JUMPING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
+@pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
 def test_other_gaits_become_walking_and_are_reported(gait):
     executed, report = supported(gait)
     assert executed is Gait.WALKING
     assert gait.label in report[0]
-    assert supported(Gait.STANDING) == (Gait.STANDING, ())
+    assert supported(Gait.JUMPING) == (Gait.JUMPING, ())
+
+
+@pytest.mark.parametrize("frequency", [1.5, 3.5])
+def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(frequency):
+    plan = GaitPlan(gather_time=0.3)
+    airborne = []
+    for _ in range(round(4.0 / DT)):
+        plan.advance(Gait.JUMPING, frequency, DT, may_start=False, may_stop=False)
+        airborne.append(plan.airborne)
+    assert plan.mode is Mode.LEAPING and plan.legs == (0, 1) and plan.swing is None
+    change = np.flatnonzero(np.diff(airborne)) * DT
+    assert change[0] == pytest.approx(0.3 + 0.5 / frequency, abs=3 * DT)
+    assert np.diff(change) == pytest.approx(np.full(len(change) - 1, 0.5 / frequency), abs=1.5 * DT)
+
+
+def test_a_jump_ends_with_a_landing_and_then_stands():
+    plan = GaitPlan(gather_time=0.3)
+    _run(plan, Gait.JUMPING, 0.7)
+    assert plan.airborne
+    while plan.airborne:
+        plan.advance(Gait.STANDING, 2.0, DT, may_start=False, may_stop=True)
+    assert plan.mode is Mode.LANDING and plan.legs == (0, 1)
+    assert plan.remaining == pytest.approx(0.55, abs=2 * DT)
+    _run(plan, Gait.STANDING, 0.5)
+    assert plan.mode is Mode.LANDING
+    _run(plan, Gait.STANDING, 0.1)
+    assert plan.mode is Mode.STANDING and plan.legs == ()
+
+
+def test_a_walk_turns_into_a_jump_by_way_of_a_stand_at_the_end_of_a_step():
+    plan = GaitPlan(gather_time=0.3)
+    _run(plan, Gait.WALKING, 1.1)
+    remaining = plan.remaining
+    _run(plan, Gait.JUMPING, remaining - 2 * DT)
+    assert plan.mode is Mode.WALKING
+    _run(plan, Gait.JUMPING, 6 * DT)
+    assert plan.mode is Mode.LEAPING and not plan.airborne

@@ -131,6 +131,48 @@ def test_it_starts_stops_and_starts_again():
     assert moving[:, 1].mean() > 0.25
 
 
+def test_it_jumps_in_time_and_comes_to_rest_again():
+    def script(t):
+        return Command(v_x=0.3, gait=Gait.JUMPING if t < 3.5 else Gait.STANDING)
+
+    run = Run(script, 6.0, since=1.0)
+    assert run.good
+    jumping = run.table[run.table[:, 0] < 3.5]
+    assert jumping[:, 1].mean() == pytest.approx(0.3, abs=0.1)
+    assert np.abs(jumping[:, 5]).max() < 0.15
+    assert jumping[:, 7:].max(axis=0) == pytest.approx([0.15, 0.15], abs=0.02)
+    # Both feet are off the ground for close to half of the time.
+    assert (jumping[:, 7:].min(axis=1) > 0.01).mean() == pytest.approx(0.45, abs=0.1)
+    lift_offs = [t for t in run.lift_offs[0] if 1.0 < t < 3.5]
+    assert np.diff(lift_offs) == pytest.approx(np.full(len(lift_offs) - 1, 0.5), abs=0.01)
+    standing = run.table[run.table[:, 0] > 5.5]
+    assert np.abs(standing[:, 1:4]).max() < 0.05
+    assert standing[:, 4].mean() == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [{"v_x": 1.8}, {"v_x": -0.6}, {"v_y": 0.6}, {"omega": 1.0}, {"f": 1.5}, {"f": 3.5}, {"h": -0.3}, {"p": 0.4}],
+    ids=str,
+)
+def test_it_jumps_over_the_command_range(command):
+    assert Run(Command(gait=Gait.JUMPING, **command), 5.0).good
+
+
+@pytest.mark.slow
+def test_it_changes_between_walking_and_jumping():
+    def script(t):
+        return Command(v_x=0.3, gait=Gait.JUMPING if 2.0 < t < 5.0 else WALKING)
+
+    run = Run(script, 8.0)
+    assert run.good
+    flight = run.table[:, 7:].min(axis=1) > 0.05
+    assert flight[(run.table[:, 0] > 4.0) & (run.table[:, 0] < 5.0)].any()
+    assert not flight[run.table[:, 0] < 2.0].any() and not flight[run.table[:, 0] > 7.0].any()
+    assert run.table[run.table[:, 0] > 7.0][:, 1].mean() == pytest.approx(0.3, abs=0.05)
+
+
 def test_standing_it_steps_to_catch_itself_and_stands_again():
     run = Run(Command(), 4.0, push=(0.7, 0.0, 0.0))
     assert run.good

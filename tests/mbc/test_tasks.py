@@ -10,6 +10,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.tasks import (
     AngularMomentumTask,
+    CentreOfMassMotionTask,
     CentreOfMassTask,
     PelvisHeightTask,
     PelvisOrientationTask,
@@ -42,7 +43,7 @@ def _tasks_on_target(dynamics, state):
     travel = PelvisTravelTask(PARAMS)
     travel.heading = -1.2
     contact, momentum = StanceContactTask(PARAMS, "left"), AngularMomentumTask(PARAMS)
-    return [height, orientation, com, travel, swing, posture, contact, momentum]
+    return [height, orientation, com, travel, swing, posture, contact, momentum, CentreOfMassMotionTask(PARAMS)]
 
 
 def _upright(state, foot_frame="right_sole"):
@@ -108,7 +109,7 @@ def test_shapes_and_units_are_consistent(random_state):
         assert terms.drift.shape == terms.acceleration.shape == terms.error.shape == (rows,)
         assert np.all(terms.weight > 0.0) and task.unit
         names.add(task.name)
-    assert len(names) == 8
+    assert len(names) == 9
 
 
 def test_height_law(standing_state):
@@ -151,3 +152,13 @@ def test_line_contact_has_no_roll_row(standing_state):
     assert terms.jacobian.shape[0] == 5
     # Turning the leg about x turns the foot about x: neither its pitch nor its yaw row sees it.
     assert (terms.jacobian @ roll)[3:] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(dataclasses.replace(standing_state, angular_velocity=np.array([0.0, 1.0, 0.0])))
+    task = AngularMomentumTask(ControllerParams(momentum_damping=5.0))
+    # The robot turns as one piece: its momentum is inertia times angular velocity.
+    assert task.evaluate(dynamics).acceleration == pytest.approx(-5.0 * dynamics.inertia[:, 1])
+    task.planned = np.array([1.0, 2.0, 3.0])
+    assert task.evaluate(dynamics).acceleration == pytest.approx([1.0, 2.0, 3.0])
