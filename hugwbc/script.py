@@ -17,7 +17,7 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.hand_paths import HandPath, smooth_step
+from hugwbc.hand_paths import HandPath, Point, smooth_step
 from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
 DEFAULT_RAMP = 1.0  # [s]
@@ -25,22 +25,37 @@ DEFAULT_RAMP = 1.0  # [s]
 
 @dataclasses.dataclass(frozen=True)
 class HandMotion:
-    """Paths of the hands, in one frame (see `HandTargets`); None for a hand that rests beside the body."""
+    """Paths of the hands, in one frame; None for a hand that rests beside the body. The rest as in `HandTargets`."""
 
     left: HandPath | None
     right: HandPath | None
     frame: HandFrame = "pelvis"
+    left_direction: Point | None = None
+    right_direction: Point | None = None
+    together: bool = False
 
     def __post_init__(self) -> None:
         if self.left is None and self.right is None:
             raise TargetError("neither hand has a path; give at least one, or no hands at all")
         if self.frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", self.frame, HAND_FRAMES)
+        self.at(0.0)
 
     def at(self, t: float) -> HandTargets:
         """Targets at time `t` [s] since the motion's start."""
         left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
-        return HandTargets(left, right, self.frame)
+        return HandTargets(left, right, self.frame, *self._directions, self.together)
+
+    @functools.cached_property
+    def _directions(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        checked = HandTargets.of(
+            self.left and (0, 0, 0),
+            self.right and (0, 0, 0),
+            left_direction=self.left_direction,
+            right_direction=self.right_direction,
+            together=self.together,
+        )
+        return checked.left_direction, checked.right_direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,7 +180,7 @@ class Script:
         start, blend = before.at(t - self._hand_starts[index - 1]), segment.blend(elapsed)
         left = _blended(start.left, targets.left, blend)
         right = _blended(start.right, targets.right, blend)
-        return HandTargets(left, right, targets.frame)
+        return dataclasses.replace(targets, left=left, right=right)
 
 
 def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> np.ndarray | None:

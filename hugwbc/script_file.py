@@ -8,6 +8,8 @@
         ramp: 1
         hands:
           frame: pelvis           # pelvis, heading or world
+          right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
+          together: true          # both hands hold one thing
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
           right: mirror           # of the left; leave a hand out to let it rest
 
@@ -139,9 +141,16 @@ class _Reader:
     def hands(self, node: yaml.Node) -> HandMotion | None:
         if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":null"):
             return None
-        readers = {"frame": _Reader.frame, "left": _Reader.hand, "right": _Reader.hand}
+        readers = {
+            "frame": _Reader.frame,
+            "left": _Reader.hand,
+            "right": _Reader.hand,
+            "left_direction": _Reader.point,
+            "right_direction": _Reader.point,
+            "together": _Reader.truth,
+        }
         fields = self.fields(node, "hands", readers)
-        left, right = fields.get("left"), fields.get("right")
+        left, right = fields.pop("left", None), fields.pop("right", None)
         if left == right == "mirror":
             self.fail(node, "both hands mirror each other; give one of them a path")
         if left == "mirror" and isinstance(right, HandPath):
@@ -150,7 +159,7 @@ class _Reader:
             right = left.mirrored()
         if "mirror" in (left, right):
             self.fail(node, "there is no path to mirror; give the other hand a path")
-        return self.checked(node, HandMotion, left, right, fields.get("frame", "pelvis"))
+        return self.checked(node, HandMotion, left, right, **fields)
 
     def hand(self, node: yaml.Node) -> HandPath | str:
         if isinstance(node, yaml.ScalarNode) and node.value == "mirror":

@@ -22,6 +22,9 @@ class HandTargets:
         left, right: positions [m], shape (3,); None for a hand without a target, which rests beside the body.
         frame: "pelvis" for the pelvis frame (it moves, pitches and turns with the pelvis, not with the waist),
             "heading" for one at the pelvis that turns with its yaw only and stays level, "world" for the world frame.
+        left_direction, right_direction: unit vectors along which the forearms should point, shape (3,); None where it
+            does not matter. With four joints an arm has one left to turn towards it, once its hand is in place.
+        together: whether the hands hold one thing: their relative position then goes before where they are.
         stamp: when the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new whenever
             they arrive, as a script's are.
         sequence: number of the message that brought them, rising by one; None where nobody counts.
@@ -30,15 +33,28 @@ class HandTargets:
     left: np.ndarray | None
     right: np.ndarray | None
     frame: HandFrame = "pelvis"
+    left_direction: np.ndarray | None = None
+    right_direction: np.ndarray | None = None
+    together: bool = False
     stamp: float | None = None
     sequence: int | None = None
 
     @classmethod
-    def of(cls, left: object, right: object, frame: str = "pelvis") -> "HandTargets":
+    def of(
+        cls,
+        left: object,
+        right: object,
+        frame: str = "pelvis",
+        *,
+        left_direction: object = None,
+        right_direction: object = None,
+        together: bool = False,
+    ) -> "HandTargets":
         """Targets from any two sequences of three finite numbers; None for a hand without a target.
 
         Raises:
-            TargetError: if a position is not three finite numbers, or neither hand has a target.
+            TargetError: if a position or direction is not three finite numbers, or a target is missing: of both hands,
+                or of one where they hold one thing.
             UnknownNameError: if the frame is none of `HAND_FRAMES`.
         """
         if frame not in HAND_FRAMES:
@@ -49,7 +65,13 @@ class HandTargets:
             None if value is None else position(f"{side} hand target", value)
             for side, value in (("left", left), ("right", right))
         ]
-        return cls(*points, frame)  # type: ignore[arg-type]
+        if together and (left is None or right is None):
+            raise TargetError("hands that hold one thing both need a target; give left and right, or together=False")
+        directions = [
+            None if value is None else direction(f"{side} pointing direction", value)
+            for side, value in (("left", left_direction), ("right", right_direction))
+        ]
+        return cls(*points, frame, *directions, together)  # type: ignore[arg-type]
 
     def array(self) -> np.ndarray:
         """Left, then right position [m], shape (2, 3); NaN for a hand without a target."""
@@ -62,8 +84,9 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether every position that is given is three finite numbers."""
-        points = [point for point in (self.left, self.right) if point is not None]
+        """Whether every position and direction that is given is three finite numbers."""
+        vectors = (self.left, self.right, self.left_direction, self.right_direction)
+        points = [vector for vector in vectors if vector is not None]
         return all(np.shape(point) == (3,) and bool(np.all(np.isfinite(point))) for point in points)
 
 
@@ -81,3 +104,18 @@ def position(name: str, value: object) -> np.ndarray:
         raise TargetError(f"{name} is {value}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1)")
     point.setflags(write=False)
     return point
+
+
+def direction(name: str, value: object) -> np.ndarray:
+    """The value as a read-only unit vector, shape (3,).
+
+    Raises:
+        TargetError: naming `name`, if the value is not three finite numbers, or has no length.
+    """
+    vector = position(name, value)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-6:
+        raise TargetError(f"{name} is {value}; give a vector that points somewhere, such as (1, 0, 0)")
+    unit = vector / length
+    unit.setflags(write=False)
+    return unit

@@ -45,6 +45,22 @@ def test_a_script_is_what_the_file_says():
     assert script.segments == (go, Segment("stop", 0.5, Gait.WALKING, ramp=0.5), point)
 
 
+def test_directions_and_hands_that_hold_one_thing():
+    text = "segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, right: mirror, %s}}]"
+    hands = parse(text % "left_direction: [0, 0, -2], together: true").segments[0].hands
+    assert hands is not None
+    targets = hands.at(0.5)
+    assert targets.together
+    assert targets.left_direction == pytest.approx([0.0, 0.0, -1.0])
+    assert targets.right_direction is None
+    with pytest.raises(ScriptError, match=r"yaml:1:43: left pointing direction is .*points somewhere"):
+        parse(text % "left_direction: [0, 0, 0]")
+    with pytest.raises(ScriptError, match=r"'maybe' is neither true nor false"):
+        parse(text % "together: maybe")
+    with pytest.raises(ScriptError, match=r"hold one thing both need a target"):
+        parse("segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, together: true}}]")
+
+
 def test_paths_by_kind(tmp_path):
     (tmp_path / "wipe.csv").write_text("t,x,y,z\n0,0.3,0.2,0.1\n1,0.4,0.2,0.1\n")
     (tmp_path / "scene.yaml").write_text(

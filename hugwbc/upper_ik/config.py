@@ -15,9 +15,19 @@ class ArmIKConfig:
         limit_margin: distance kept from the joint position limits [rad].
         speed_fraction: of the joint velocity limits that the solution may use; half leaves the joint's controller
             room to catch up after a disturbance.
-        hand_speed: highest speed of a hand towards its target [m/s].
+        acceleration: highest acceleration of a joint [rad/s^2].
+        hand_speed: highest speed of a hand towards its target, on top of the target's own [m/s].
+        hand_deceleration: with which a hand can stop at its target [m/s^2].
         posture_weight: of the pull towards the nominal posture, against 1 for the hands [m^2/rad^2]; small, because
             it is also the error it leaves in the hands (below 0.5 mm with the default).
+        pointing_weight: of the elbows' places that make the forearms point where they should, against 1 for the hands;
+            where both cannot be had, the hand is a hundredth of the elbow's error off its target.
+        grip_weight: of the relative position of hands that hold one thing.
+        collision_weight: of the distances between links, which may be violated where there is no other way.
+        collision_margin: distance kept between links [m].
+        collision_trigger: distance from which on links are kept apart [m].
+        collision_deceleration: with which a hand can stop before its forearm touches something [m/s^2].
+        touch_speed: of a hand whose forearm is next to something [m/s].
         damping: lambda where the hands are on target [m^2/rad^2].
         tolerance: distance within which a hand counts as on target [m].
         detour_gain: how much nearer another posture must bring a stalled hand for the arm to go there [m].
@@ -26,8 +36,17 @@ class ArmIKConfig:
 
     limit_margin: float = 0.02
     speed_fraction: float = 0.5
+    acceleration: float = 60.0
     hand_speed: float = 1.5
+    hand_deceleration: float = 6.0
     posture_weight: float = 1e-5
+    pointing_weight: float = 1e-2
+    grip_weight: float = 100.0
+    collision_weight: float = 1e3
+    collision_margin: float = 0.01
+    collision_trigger: float = 0.05
+    collision_deceleration: float = 15.0
+    touch_speed: float = 0.4
     damping: float = 1e-3
     tolerance: float = 0.005
     detour_gain: float = 0.02

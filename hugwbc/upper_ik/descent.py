@@ -1,15 +1,35 @@
 """One step of velocity-level inverse kinematics of both arms, with placo."""
 
-import xml.etree.ElementTree as ElementTree
+import dataclasses
 
 import numpy as np
 import placo
 
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance, upper_body
 
 # Nearer by less than this part of the step asked for: the hand has arrived at the nearest point it can reach.
 STALL = 0.02
+FOREARM = float(np.hypot(0.28, 0.015))  # from the elbow to the hand [m]
+NOWHERE = np.full((2, 3), np.nan)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Goal:
+    """Where the hands should be, in the pelvis frame.
+
+    Attributes:
+        points: positions [m], shape (2, 3).
+        directions: unit vectors from the elbows to the hands, NaN where they do not matter, shape (2, 3).
+        together: whether the hands hold one thing: their relative position goes before where it is.
+        speed: at which each point moves [m/s], shape (2,).
+    """
+
+    points: np.ndarray
+    directions: np.ndarray = dataclasses.field(default_factory=lambda: NOWHERE)
+    together: bool = False
+    speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 class Descent:
@@ -17,13 +37,17 @@ class Descent:
 
     A step solves
 
-        min over dq:  sum over hands |J dq - e|^2  +  w_posture |q + dq - q_nominal|^2  +  lambda |dq|^2
+        min over dq:  sum over hands |J dq - e|^2  +  w_pointing |J_elbow dq - e_elbow|^2
+                      +  w_posture |q + dq - q_nominal|^2  +  lambda |dq|^2
         subject to    lower + margin <= q + dq <= upper - margin,   |dq| <= v_max dt,
+        softly to     the distance of every pair of links that could touch stays above a margin,
+                      and, for hands that hold one thing, J_right dq - J_left dq = their relative error,
 
-    where e is the hand's error, cut to the length that `hand_speed` allows in one step, and lambda = damping + |e|
-    (Sugihara's error-damped Levenberg-Marquardt). Both together make the steps towards a target out of reach settle
-    at the nearest pose, where plain Gauss-Newton steps would overshoot and chatter across the stretched arm. Every
-    task is soft, so that the problem always has a solution.
+    where e is the hand's error, cut to what the hand may go in one step, and lambda = damping + |e| (Sugihara's
+    error-damped Levenberg-Marquardt). Both together make the steps towards a target out of reach settle at the nearest
+    pose, where plain Gauss-Newton steps would overshoot and chatter across the stretched arm. A hand's speed is limited
+    so that it can stop at its target with a given deceleration. Every task is soft, so that the problem always has a
+    solution; should the solver fail nevertheless, the step is repeated without collision avoidance.
 
     Attributes:
         q: arm joint positions [rad], shape (8,).
@@ -32,6 +56,9 @@ class Descent:
         stalled: whether a hand was off its target and the last step brought it no nearer, shape (2,), bool.
         lower, upper: joint position limits less the margin [rad], shape (8,).
         velocity_limit: highest joint speeds [rad/s], shape (8,).
+        placo: the wrapper, at the posture `q`.
+        clearance: measures the forearms' distances at that posture.
+        without_collisions: how many steps had to be solved without collision avoidance.
     """
 
     def __init__(self, config: ArmIKConfig) -> None:
@@ -41,89 +68,151 @@ class Descent:
         self.lower = self._robot.lower[arms] + config.limit_margin
         self.upper = self._robot.upper[arms] - config.limit_margin
         self.velocity_limit = self._robot.velocity_limit[arms] * config.speed_fraction
-        self._placo = _arms_on_a_fixed_pelvis(self._robot)
-        self._columns = np.array([self._placo.get_joint_offset(name) for name in self._robot.arm_names])
-        self._waist_column = self._placo.get_joint_offset("torso_joint")
+        self.placo = upper_body(self._robot)
+        self.clearance = Clearance(self.placo)
+        self._columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
+        body = ("torso_joint", *HIP_NAMES)
+        self._body = self._robot.indices(body)
+        self._body_columns = np.array([self.placo.get_joint_offset(name) for name in body])
         self._frames = [f"{side}_hand" for side in SIDES]
-        self._build_solver()
+        self._elbows = [f"{side}_elbow_link" for side in SIDES]
+        self._build_solver(body)
         self.residual = np.full(2, np.nan)
         self.stalled = np.zeros(2, dtype=bool)
-        self.place(self._robot.nominal[arms], 0.0)
+        self.without_collisions = 0
+        self.place(self._robot.nominal[arms], self._robot.nominal)
 
-    def _build_solver(self) -> None:
+    def _build_solver(self, body: tuple[str, ...]) -> None:
         names = self._robot.arm_names
         limits = zip(names, self.lower, self.upper, self.velocity_limit, strict=True)
         for name, lower, upper, speed in limits:
-            self._placo.set_joint_limits(name, float(lower), float(upper))
-            self._placo.set_velocity_limit(name, float(speed))
-        self._solver = placo.KinematicsSolver(self._placo)
+            self.placo.set_joint_limits(name, float(lower), float(upper))
+            self.placo.set_velocity_limit(name, float(speed))
+        self._solver = placo.KinematicsSolver(self.placo)
         self._solver.mask_fbase(True)
-        self._solver.mask_dof("torso_joint")
+        for name in body:
+            self._solver.mask_dof(name)
         self._solver.enable_joint_limits(True)
         self._solver.enable_velocity_limits(True)
         self._hand_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._frames]
-        for frame, task in zip(self._frames, self._hand_tasks, strict=True):
-            task.configure(frame, "soft", 1.0)
+        # A point on the axis instead of placo's own axis task, which is not a number where the axis is as it should be.
+        self._elbow_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._elbows]
+        for hand, elbow, task, pointing in zip(
+            self._frames, self._elbows, self._hand_tasks, self._elbow_tasks, strict=True
+        ):
+            task.configure(hand, "soft", 1.0)
+            pointing.configure(elbow, "soft", 0.0)
+        self._pointing = np.zeros(2, dtype=bool)
         posture = self._solver.add_joints_task()
         nominal = self._robot.nominal[self._robot.arms].tolist()
         posture.set_joints(dict(zip(names, nominal, strict=True)))
         posture.configure("posture", "soft", self.config.posture_weight)
         self._damping_task = self._solver.add_regularization_task(1.0)
         self._damping_task.configure("damping", "soft", 1.0)
+        self._grip: placo.JointSpaceHalfSpacesConstraint | None = None
+        self._avoid()
 
-    def place(self, q: np.ndarray, waist: float) -> None:
-        """Go to arm positions (8,) and a waist angle [rad]."""
+    def _avoid(self) -> None:
+        self._collisions = self._solver.add_avoid_self_collisions_constraint()
+        self._collisions.self_collisions_margin = self.config.collision_margin
+        self._collisions.self_collisions_trigger = self.config.collision_trigger
+        self._collisions.configure("collisions", "soft", self.config.collision_weight)
+
+    def place(self, q: np.ndarray, body: np.ndarray) -> None:
+        """Go to arm positions (8,) [rad], with waist and hips where joint positions (19,) [rad] have them."""
         self.q = np.clip(q, self.lower, self.upper)
-        self._put(self.q, waist)
+        self._put(self.q, body)
+        # Near something to touch only as fast as the arm can still stop.
+        room = np.maximum(self.clearance() - self.config.collision_margin, 0.0)
+        stopping = np.sqrt(2.0 * self.config.collision_deceleration * room)
+        self._safe_speed = np.minimum(np.maximum(stopping, self.config.touch_speed), self.config.hand_speed)
 
-    def forward(self, q: np.ndarray, waist: float) -> np.ndarray:
-        """Positions of both hands [m], shape (2, 3), at arm positions (8,) and a waist angle; forgets its own."""
-        self._put(q, waist)
+    def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
+        """Positions of both hands [m], shape (2, 3), at arm positions (8,) and a body (19,); forgets its own."""
+        self._put(q, body)
         return self.hands
 
-    def _put(self, q: np.ndarray, waist: float) -> None:
-        configuration = self._placo.state.q.copy()
+    def _put(self, q: np.ndarray, body: np.ndarray) -> None:
+        configuration = self.placo.state.q.copy()
         configuration[self._columns] = q
         # placo finds a problem infeasible if any joint, even a masked one, is the least outside its limits.
-        index = self._robot.waist
-        configuration[self._waist_column] = np.clip(waist, self._robot.lower[index], self._robot.upper[index])
-        self._placo.state.q = configuration
+        lower, upper = self._robot.lower[self._body], self._robot.upper[self._body]
+        configuration[self._body_columns] = np.minimum(np.maximum(body[self._body], lower), upper)
+        self.placo.state.q = configuration
         self._locate_hands()
 
     def _locate_hands(self) -> None:
-        self._placo.update_kinematics()
-        self.hands = np.array([self._placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
+        self.placo.update_kinematics()
+        self.hands = np.array([self.placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
 
-    def step(self, goal: np.ndarray, dt: float) -> None:
-        """Go one step of `dt` [s] towards the targets (2, 3) [m].
+    def step(self, goal: Goal, dt: float) -> None:
+        """Go one step of `dt` [s] towards the goal.
 
         Raises:
             RuntimeError: if placo cannot solve it.
         """
-        error = goal - self.hands
-        distance = np.linalg.norm(error, axis=1)
-        step = np.minimum(distance, self.config.hand_speed * dt)
+        error = goal.points - self.hands
+        distance = np.sqrt(np.einsum("ij,ij->i", error, error))
+        brake = np.minimum(np.sqrt(2.0 * self.config.hand_deceleration * distance), self._safe_speed)
+        step = np.minimum(distance, (brake + goal.speed) * dt)
         aim = self.hands + error * (step / np.maximum(distance, 1e-9))[:, None]
         for task, point in zip(self._hand_tasks, aim, strict=True):
             task.target_world = point
+        self._point(goal, dt)
+        self._hold_together(aim if goal.together else None)
         self._damping_task.set_weight(self.config.damping + float(step.max()))
         self._solver.dt = dt
-        self._solver.solve(True)
+        self._solve()
         # The solver meets its limits to rounding only.
-        self.q = np.clip(self._placo.state.q[self._columns], self.lower, self.upper)
+        self.q = np.minimum(np.maximum(self.placo.state.q[self._columns], self.lower), self.upper)
         self._locate_hands()
-        self.residual = np.linalg.norm(goal - self.hands, axis=1)
+        self.residual = np.linalg.norm(goal.points - self.hands, axis=1)
         self.stalled = (distance - self.residual < STALL * step) & (self.residual > self.config.tolerance)
 
+    def _solve(self) -> None:
+        try:
+            self._solver.solve(True)
+        except RuntimeError:
+            self.without_collisions += 1
+            self._solver.remove_constraint(self._collisions)  # type: ignore[arg-type]  placo's stubs lack the base class
+            try:
+                self._solver.solve(True)
+            finally:
+                self._avoid()
 
-def _arms_on_a_fixed_pelvis(robot: Robot) -> placo.RobotWrapper:
-    """The upper body, without geometry and with the legs stiff."""
-    root = ElementTree.parse(robot.urdf_path).getroot()
-    for link in root.findall("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(shape)
-    legs = {robot.joint_names[index] for index in robot.legs}
-    for joint in root.findall("joint"):
-        if joint.get("name") in legs:
-            joint.set("type", "fixed")
-    return placo.RobotWrapper("h1", placo.Flags.ignore_collisions, ElementTree.tostring(root, encoding="unicode"))
+    def _point(self, goal: Goal, dt: float) -> None:
+        """Send each elbow to where the hand, at its target, has it if the forearm points along the direction."""
+        for hand, direction in enumerate(goal.directions):
+            wanted = bool(direction[0] == direction[0])
+            if wanted:
+                error = goal.points[hand] - FOREARM * direction - self.elbow(hand)
+                longest = self.config.hand_speed * dt
+                error *= min(1.0, longest / max(float(np.linalg.norm(error)), 1e-9))
+                self._elbow_tasks[hand].target_world = self.elbow(hand) + error
+            if wanted != self._pointing[hand]:
+                weight = self.config.pointing_weight if wanted else 0.0
+                self._elbow_tasks[hand].configure(self._elbows[hand], "soft", weight)
+                self._pointing[hand] = wanted
+
+    def elbow(self, hand: int) -> np.ndarray:
+        """Position of an elbow [m], shape (3,)."""
+        return self.placo.get_T_world_frame(self._elbows[hand])[:3, 3]
+
+    def _hold_together(self, aim: np.ndarray | None) -> None:
+        """Tie the hands to their relative position at the aims (2, 3) [m], or untie them."""
+        if aim is None:
+            if self._grip is not None:
+                self._solver.remove_constraint(self._grip)  # type: ignore[arg-type]
+                self._grip = None
+            return
+        configuration = self.placo.state.q
+        left, right = (self.placo.frame_jacobian(frame, "local_world_aligned")[:3] for frame in self._frames)
+        # placo's half-spaces are in the configuration, which is one number longer than the velocity.
+        rows = np.zeros((3, configuration.size))
+        rows[:, self._columns] = (right - left)[:, self._columns - 1]
+        wanted = (aim[1] - aim[0]) - (self.hands[1] - self.hands[0]) + rows @ configuration
+        matrix, bound = np.concatenate((rows, -rows)), np.concatenate((wanted, -wanted))
+        if self._grip is None:
+            self._grip = self._solver.add_joint_space_half_spaces_constraint(matrix, bound)
+            self._grip.configure("grip", "soft", self.config.grip_weight)
+        self._grip.A, self._grip.b = matrix, bound

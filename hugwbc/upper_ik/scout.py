@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent
+from hugwbc.upper_ik.descent import Descent, Goal
 
 # Left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward; the right arm's are mirrored.
 _POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
@@ -32,7 +32,9 @@ class Scout:
 
     def __init__(self, config: ArmIKConfig) -> None:
         # Nothing moves that could break: large steps.
-        self._descent = Descent(dataclasses.replace(config, hand_speed=4.0, speed_fraction=1.0))
+        self._descent = Descent(
+            dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
+        )
         self._seeds = np.stack((_POSTURES, _POSTURES * _MIRROR))
         self._seed = np.full(2, -1)
         self._goal = np.zeros((2, 3))
@@ -64,16 +66,16 @@ class Scout:
         self.done[arm] = reached or self._seed[arm] == len(_POSTURES)
         self.q[joints] = self._best[arm] if self.done[arm] else self._seeds[arm, self._seed[arm]]
 
-    def advance(self, goal: np.ndarray, waist: float) -> None:
-        """Let both arms descend for a few steps towards the targets (2, 3) [m].
+    def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
+        """Let both arms descend for a few steps towards the targets (2, 3) [m], on a body (19,) [rad].
 
         Raises:
             RuntimeError: if placo cannot solve it.
         """
-        self._descent.place(self.q, waist)
+        self._descent.place(self.q, body)
         before = np.linalg.norm(goal - self._descent.hands, axis=1)
         for _ in range(STEPS):
-            self._descent.step(goal, STEP_TIME)
+            self._descent.step(Goal(goal), STEP_TIME)
         self.q = self._descent.q
         self.residual = self._descent.residual
         self._settled = (before - self.residual < SETTLED) | (self.residual <= self._descent.config.tolerance)

@@ -11,11 +11,13 @@ from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent
+from hugwbc.upper_ik.descent import Descent, Goal
+from hugwbc.upper_ik.limiter import JointLimiter
 from hugwbc.upper_ik.scout import Scout
 
-LONGEST_STEP = 0.005  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
+LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
 ARRIVED = 0.02  # [rad]; end of a detour
+PROBE_STEP = 0.1  # [s] between two looks ahead on a detour
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class ArmIK:
 
     The measured arms are read at `reset` only: feeding them back would make the sag of soft joints drift into the
     targets. A hand goes to its target directly (see `Descent`); where that ends short of it, a search for a better
-    posture goes on in the background (see `Scout`), and the arm moves there if it finds one.
+    posture goes on in the background (see `Scout`), and the arm moves there if it finds one and the way is clear.
 
     Attributes:
         rejected: how many calls had unusable numbers (a target or the waist angle that is not finite, a target in the
@@ -52,6 +54,7 @@ class ArmIK:
         failures: how many calls the solver failed in; each held the last configuration.
         lower, upper: joint position limits of the solution [rad], shape (8,).
         velocity_limit: joint speed limits of the solution [rad/s], shape (8,).
+        acceleration_limit: joint acceleration limit of the solution [rad/s^2].
     """
 
     def __init__(self, config: ArmIKConfig | None = None) -> None:
@@ -64,60 +67,98 @@ class ArmIK:
         self._scout = Scout(self.config)
         self.lower, self.upper = self._descent.lower, self._descent.upper
         self.velocity_limit = self._descent.velocity_limit
-        self._q = self._descent.q
-        self._rest = self._descent.forward(self.robot.nominal[self.robot.arms], 0.0).copy()
-        self.reset(self._q)
+        self.acceleration_limit = self.config.acceleration
+        self._limiter = JointLimiter(self.lower, self.upper, self.velocity_limit, self.acceleration_limit)
+        self._limiter.place(self._descent.q)
+        self._body = self.robot.nominal.copy()
+        self._rest = self._descent.forward(self._limiter.q, self._body).copy()
+        self.reset(self._limiter.q)
 
     @property
     def q(self) -> np.ndarray:
         """The current arm configuration [rad], shape (8,)."""
-        return self._q.copy()
+        return self._limiter.q.copy()
+
+    @property
+    def without_collisions(self) -> int:
+        """How many steps could not be solved with collision avoidance, and were without."""
+        return self._descent.without_collisions
 
     def reset(self, q: np.ndarray) -> None:
-        """Continue from arm positions (8,) [rad], moved into the limits; values that are not finite are ignored."""
-        self._q = np.clip(np.where(np.isfinite(q), q, self._q), self.lower, self.upper)
+        """Continue at rest from arm positions (8,) [rad], moved into the limits; what is not finite is ignored."""
+        self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
         self._residual = np.full(2, np.nan)
         self._reachable = np.ones(2, dtype=bool)
         self._detour = np.zeros(2, dtype=bool)
+        self._blocked = np.zeros(2, dtype=bool)
+        self._last_points: np.ndarray | None = None
         for arm in range(2):
             self._scout.rest(arm)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
         """Positions of both hands in the pelvis frame [m], shape (2, 3), at arm positions (8,) and a waist angle."""
-        return self._descent.forward(q, waist)
+        self._body[self.robot.waist] = waist
+        return self._descent.forward(q, self._body)
+
+    def pointing(self, q: np.ndarray, waist: float) -> np.ndarray:
+        """Unit vectors from the elbows to the hands in the pelvis frame, shape (2, 3); arguments as for `hands`."""
+        forearms = self.hands(q, waist) - np.array([self._descent.elbow(hand) for hand in range(2)])
+        return forearms / np.linalg.norm(forearms, axis=1, keepdims=True)
+
+    def clearance(self, q: np.ndarray) -> np.ndarray:
+        """Least distance of each forearm to trunk, head, thighs and the other, on the body as it was last seen.
+
+        Args:
+            q: arm positions [rad], shape (8,).
+
+        Returns:
+            Distances of the surfaces, negative inside something [m], shape (2,).
+        """
+        self._descent.forward(q, self._body)
+        return self._descent.clearance()
 
     def solve(self, targets: HandTargets, state: RobotState, dt: float) -> IKSolution:
         """Advance the arm configuration by one tick towards the targets. Never raises on bad numbers: holds, counts.
 
         Args:
             targets: hand positions; a hand without one goes to its place beside the body.
-            state: gives the waist angle and, for targets in another frame than the pelvis', the pelvis pose.
+            state: gives the waist and hip angles and, for targets in another frame than the pelvis', the pelvis pose.
             dt: time since the last call [s].
         """
-        goal = targets_in_pelvis(targets, state, self._rest)
-        waist = float(state.q[self.robot.waist])
-        if goal is None or not np.isfinite(waist) or not 0.0 < dt < np.inf:
+        goal = goal_in_pelvis(targets, state, self._rest)
+        if goal is None or not np.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
             self.rejected += 1
-            return self._hold()
+            return self._hold(dt)
+        self._body = np.where(np.isfinite(state.q), state.q, self._body)
+        goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt))
         try:
-            q = self._descend(goal, waist, dt)
-            q = self._go_round(q, goal, waist, dt)
+            q = self._descend(goal, dt)
+            q = self._go_round(q, goal, dt)
         except RuntimeError:  # placo reports an infeasible problem so
             self.failures += 1
-            return self._hold()
-        dq = (q - self._q) / dt
-        self._q = q
-        return IKSolution(q.copy(), dq, self._residual.copy(), self._reachable.copy(), ok=True)
+            return self._hold(dt)
+        moved = self._limiter.follow(q, (q - self._limiter.q) / dt, dt)
+        if np.abs(moved - q).max() > 1e-9:
+            self._residual = np.linalg.norm(goal.points - self._descent.forward(moved, self._body), axis=1)
+        return self._solution(ok=True)
 
-    def _descend(self, goal: np.ndarray, waist: float, dt: float) -> np.ndarray:
+    def _speed(self, points: np.ndarray, dt: float) -> np.ndarray:
+        """At which the target points (2, 3) move [m/s], shape (2,); 0 where they jumped."""
+        last, self._last_points = self._last_points, points
+        if last is None:
+            return np.zeros(2)
+        speed = np.linalg.norm(points - last, axis=1) / dt
+        return np.where(speed <= self.config.hand_speed, speed, 0.0)
+
+    def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
-        self._descent.place(self._q, waist)
+        self._descent.place(self._limiter.q, self._body)
         for _ in range(count):
             self._descent.step(goal, dt / count)
         self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
         return self._descent.q
 
-    def _go_round(self, q: np.ndarray, goal: np.ndarray, waist: float, dt: float) -> np.ndarray:
+    def _go_round(self, q: np.ndarray, goal: Goal, dt: float) -> np.ndarray:
         """The arm positions `q` of the direct way, or those of a detour for an arm that is stuck on it."""
         seeking = ~self._reachable | self._detour
         if not seeking.any():
@@ -126,22 +167,45 @@ class ArmIK:
             if not seeking[arm]:
                 self._scout.rest(arm)
             elif not self._detour[arm]:
-                self._scout.search(arm, goal)
-        self._scout.advance(goal, waist)
+                self._scout.search(arm, goal.points)
+        self._scout.advance(goal.points, self._body)
         better = self._scout.done & (self._scout.residual < self._residual - self.config.detour_gain)
-        self._detour |= ~self._reachable & better
+        self._blocked &= self._scout.done
+        for arm in np.flatnonzero(~self._reachable & ~self._detour & ~self._blocked & better):
+            self._detour[arm] = self._way_is_clear(int(arm))
+            self._blocked[arm] = not self._detour[arm]
         if not self._detour.any():
             return q
         reach = np.minimum(self.config.detour_speed, self.velocity_limit) * dt
         joints = np.repeat(self._detour, 4)
-        q = np.where(joints, self._q + np.clip(self._scout.q - self._q, -reach, reach), q)
-        self._residual = np.linalg.norm(goal - self._descent.forward(q, waist), axis=1)
+        start = self._limiter.q
+        q = np.where(joints, start + np.clip(self._scout.q - start, -reach, reach), q)
+        self._residual = np.linalg.norm(goal.points - self._descent.forward(q, self._body), axis=1)
         self._reachable = self._reachable | self._detour
         self._detour &= np.abs(self._scout.q - q).reshape(2, 4).max(axis=1) > ARRIVED
         return q
 
-    def _hold(self) -> IKSolution:
-        return IKSolution(self._q.copy(), np.zeros(8), self._residual.copy(), self._reachable.copy(), ok=False)
+    def _way_is_clear(self, arm: int) -> bool:
+        """Whether an arm can go to the posture that was found for it without touching anything on the way."""
+        joints = slice(4 * arm, 4 * arm + 4)
+        q, speed = self._limiter.q.copy(), min(self.config.detour_speed, float(self.velocity_limit[joints].min()))
+        least = min(0.0, self.clearance(q)[arm])
+        while np.abs(self._scout.q[joints] - q[joints]).max() > ARRIVED:
+            q[joints] += np.clip(self._scout.q[joints] - q[joints], -speed * PROBE_STEP, speed * PROBE_STEP)
+            if self.clearance(q)[arm] < least:
+                return False
+        return True
+
+    def _hold(self, dt: float) -> IKSolution:
+        if 0.0 < dt < np.inf:
+            self._limiter.stop(dt)
+        else:
+            self._limiter.place(self._limiter.q)
+        return self._solution(ok=False)
+
+    def _solution(self, *, ok: bool) -> IKSolution:
+        limiter = self._limiter
+        return IKSolution(limiter.q.copy(), limiter.dq.copy(), self._residual.copy(), self._reachable.copy(), ok)
 
 
 def check_targets(targets: HandTargets, state: RobotState) -> None:
@@ -158,25 +222,33 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
         )
 
 
-def targets_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) -> np.ndarray | None:
-    """Both target positions in the pelvis frame [m], shape (2, 3), or None if they or the pelvis pose are unusable.
+def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) -> Goal | None:
+    """The targets in the pelvis frame, or None if they or the pelvis pose are unusable.
 
     Args:
         targets: a hand without a target gets its `rest` position.
         state: gives the pelvis pose.
         rest: where the hands hang beside the body [m], shape (2, 3).
     """
-    points = rest.copy()
-    for hand, point in enumerate((targets.left, targets.right)):
-        if point is None:
-            continue
-        if np.shape(point) != (3,):
-            return None
-        if targets.frame == "world":
-            if state.position is None:
-                return None
-            point = rotations.rotate_inverse(state.orientation, point - state.position)
-        elif targets.frame == "heading":
-            point = rotations.rotate_inverse(state.orientation, rotations.rotation_z(state.yaw) @ point)
-        points[hand] = point
-    return points if np.all(np.isfinite(points)) else None
+    if not targets.is_usable or (targets.frame == "world" and state.position is None):
+        return None
+    points, directions = rest.copy(), np.full((2, 3), np.nan)
+    turn = _turn_to_pelvis(targets.frame, state)
+    origin = state.position if targets.frame == "world" else np.zeros(3)
+    for hand, (point, direction) in enumerate(
+        ((targets.left, targets.left_direction), (targets.right, targets.right_direction))
+    ):
+        if point is not None:
+            points[hand] = turn @ (point - origin)
+        if direction is not None:
+            directions[hand] = turn @ direction
+    usable = bool(np.all(np.isfinite(points))) and bool(np.all(np.isfinite(turn)))
+    return Goal(points, directions, targets.together) if usable else None
+
+
+def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray:
+    """Rotation from a hand frame to the pelvis', shape (3, 3)."""
+    if frame == "pelvis":
+        return np.eye(3)
+    world_to_pelvis = rotations.to_matrix(state.orientation).T
+    return world_to_pelvis if frame == "world" else world_to_pelvis @ rotations.rotation_z(state.yaw)

@@ -13,6 +13,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
+from hugwbc.upper_ik.limiter import JointLimiter
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.watch import TargetWatch
 
@@ -25,18 +26,20 @@ class TakeoverConfig:
         take_time: of the blend from the arms' own position to the external targets [s].
         return_time: of the blend back [s].
         speed_fraction: of the joint velocity limits that the arm command never exceeds.
+        acceleration: highest acceleration of the arm command [rad/s^2].
         stale_time: how long the last target is held when no new one arrives, before the arms go back [s].
     """
 
     take_time: float = 0.5
     return_time: float = 1.0
     speed_fraction: float = 0.5
+    acceleration: float = 100.0
     stale_time: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("take_time", "return_time", "stale_time"):
+        for name in ("take_time", "return_time", "stale_time", "acceleration"):
             if not 0.0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"TakeoverConfig.{name} is {getattr(self, name)} s; give a finite time above 0")
+                raise ConfigError(f"TakeoverConfig.{name} is {getattr(self, name)}; give a finite number above 0")
         if not 0.0 < self.speed_fraction <= 1.0:
             raise ConfigError(
                 f"TakeoverConfig.speed_fraction is {self.speed_fraction}; give a fraction above 0, up to 1"
@@ -54,24 +57,33 @@ class Phase(enum.Enum):
 class Takeover:
     """Blends and rate-limits external arm targets: from IK, a motion file or noise.
 
-    The stream of arm commands that it puts out moves at most `velocity_limit * dt` from tick to tick, also at the
-    start, against the position that the caller names, and at the end, against the pose it returns to.
+    The stream of arm commands that it puts out starts at the position that the caller names, at rest, and keeps within
+    the velocity and acceleration limits, whatever comes in.
 
     Attributes:
         phase: who moves the arms.
         velocity_limit: highest speed of the arm command [rad/s], shape (8,).
-        held: how many ticks had a target that was not finite or no positive time step; each held the last command.
+        acceleration_limit: its highest acceleration [rad/s^2].
+        held: how many ticks had a target that was not finite or no positive time step; each brought the arms to
+            rest.
     """
 
     def __init__(self, config: TakeoverConfig | None = None) -> None:
         self.config = config or TakeoverConfig()
         robot = load_robot()
-        self.velocity_limit = robot.velocity_limit[robot.arms] * self.config.speed_fraction
+        arms = robot.arms
+        self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
+        self.acceleration_limit = self.config.acceleration
+        # Position limits are the safety filter's: soft arms need targets beyond them to carry their weight.
+        reach = robot.torque_limit[arms] / robot.kp[arms]
+        self._limiter = JointLimiter(
+            robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
+        )
         self.phase = Phase.RELEASED
         self.held = 0
-        self._rest = robot.nominal[robot.arms]
-        self._q = self._rest.copy()
+        self._rest = robot.nominal[arms]
         self._from = self._rest.copy()
+        self._limiter.place(self._rest)
         self._elapsed = 0.0
 
     @property
@@ -95,7 +107,7 @@ class Takeover:
         """
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
-            self._begin(Phase.TAKEN, np.asarray(start) if known else self._q)
+            self._begin(Phase.TAKEN, np.asarray(start) if known else None)
         return self._advance(q, dq, self.config.take_time, dt)
 
     def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
@@ -107,38 +119,40 @@ class Takeover:
         """
         goal = self._rest if own is None else own
         if self.phase is Phase.TAKEN:
-            self._begin(Phase.RETURNING, self._q)
+            self._begin(Phase.RETURNING, None)
         elif self.phase is Phase.RETURNING and self._arrived(goal, dt):
             self.phase = Phase.RELEASED
         if self.phase is Phase.RELEASED:
             return UpperBody.none()
         return self._advance(goal, np.zeros(8), self.config.return_time, dt)
 
-    def _begin(self, phase: Phase, start: np.ndarray) -> None:
+    def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
+        """Start a blend from positions (8,), at rest, or from where the arm command is, at its speed."""
         self.phase = phase
-        self._q = np.array(start, dtype=float)
-        self._from = self._q.copy()
+        if start is not None:
+            self._limiter.place(start)
+        self._from = self._limiter.q.copy()
         self._elapsed = 0.0
 
     def _arrived(self, goal: np.ndarray, dt: float) -> bool:
-        within = bool(np.all(np.abs(goal - self._q) <= self.velocity_limit * dt))
+        within = bool(np.all(np.abs(goal - self._limiter.q) <= self.velocity_limit * dt))
         return within and self._elapsed >= self.config.return_time
 
     def _advance(self, goal: np.ndarray, goal_dq: np.ndarray, blend_time: float, dt: float) -> UpperBody:
-        if not (0.0 < dt < np.inf and np.all(np.isfinite(goal)) and np.all(np.isfinite(goal_dq))):
+        if not 0.0 < dt < np.inf:
             self.held += 1
-            return UpperBody(self._q.copy(), np.zeros(8), np.ones(8, dtype=bool))
-        before = smooth_step(self._elapsed / blend_time)
-        self._elapsed += dt
-        blend = smooth_step(self._elapsed / blend_time)
-        wanted = self._from + blend * (goal - self._from)
-        reach = self.velocity_limit * dt
-        q = np.clip(wanted, self._q - reach, self._q + reach)
-        # The blend's own derivative, not the difference of positions: the latter carries the noise of the sensors.
-        wanted_dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
-        dq = np.where(q == wanted, np.clip(wanted_dq, -self.velocity_limit, self.velocity_limit), (q - self._q) / dt)
-        self._q = q
-        return UpperBody(q.copy(), dq, np.ones(8, dtype=bool))
+            return UpperBody(self._limiter.q.copy(), np.zeros(8), np.ones(8, dtype=bool))
+        if np.all(np.isfinite(goal)) and np.all(np.isfinite(goal_dq)):
+            before = smooth_step(self._elapsed / blend_time)
+            self._elapsed += dt
+            blend = smooth_step(self._elapsed / blend_time)
+            # The blend's own derivative, not the difference of positions: the latter carries the noise of the sensors.
+            dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
+            self._limiter.follow(self._from + blend * (goal - self._from), dq, dt)
+        else:
+            self.held += 1
+            self._limiter.stop(dt)
+        return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool))
 
 
 class UpperBodySource:

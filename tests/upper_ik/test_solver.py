@@ -102,7 +102,8 @@ def test_a_target_out_of_reach_gives_the_stretched_arm(robot, nominal_state):
 def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(nominal_state):
     ik = ArmIK()
     rng = np.random.default_rng(1)
-    samples = np.array([ik.hands(q, 0.0) for q in rng.uniform(ik.lower, ik.upper, (3000, 8))])
+    postures = [q for q in rng.uniform(ik.lower, ik.upper, (3000, 8)) if ik.clearance(q).min() > 0.01]
+    samples = np.array([ik.hands(q, 0.0) for q in postures])
     for targets in ([[0.9, 0.1, 0.1], [0.2, -0.9, -0.2]], [[0.02, 0.0, 0.25], [0.5, -0.3, 1.4]]):
         ik.reset(np.zeros(8))
         solution = converge(ik, HandTargets(*np.array(targets)), nominal_state)
@@ -112,20 +113,26 @@ def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(nominal_state):
 
 def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_state):
     """One target after the other, all over the workspace, behind the head too: dead ends are left by detours."""
-    ik = ArmIK()
+    ik, probe = ArmIK(), ArmIK()
     rng = np.random.default_rng(3)
     speed = 0.5 * robot.velocity_limit[robot.arms]
-    detours, q = 0, ik.q
-    for posture in rng.uniform(ik.lower, ik.upper, (40, 8)):
-        targets = HandTargets(*ik.hands(posture, 0.0))
-        for _ in range(300):
+    detours, q, dq, clearance = 0, ik.q, np.zeros(8), []
+    postures = [q for q in rng.uniform(ik.lower, ik.upper, (120, 8)) if probe.clearance(q).min() > 0.02][:40]
+    for posture in postures:
+        targets = HandTargets(*probe.hands(posture, 0.0))
+        for tick in range(300):
             solution = ik.solve(targets, nominal_state, DT)
             assert np.all(np.abs(solution.q - q) <= speed * DT + 1e-9)
+            assert np.all(np.abs(solution.dq - dq) <= 60.0 * DT + 1e-9)
             detours += bool(np.any(np.abs(np.abs(solution.dq) - ik.config.detour_speed) < 1e-9))
-            q = solution.q
+            q, dq = solution.q, solution.dq
+            if tick % 5 == 0:
+                clearance.append(probe.clearance(q).min())
         assert np.all(solution.residual < 0.025)
+    assert len(postures) == 40
     assert detours > 10, "the sample must contain dead ends"
-    assert ik.failures == 0
+    assert min(clearance) > -0.02, "soft: a moving forearm may graze the trunk, not go through it"
+    assert ik.failures == ik.without_collisions == 0
 
 
 def test_a_detour_ends_once(nominal_state):
@@ -141,25 +148,94 @@ def test_a_detour_ends_once(nominal_state):
     assert solution.residual[0] < np.linalg.norm(samples - targets.left, axis=1).min() + 0.02
 
 
+INSIDE = [
+    ([[0.0, 0.0, 0.25], [0.3, -0.25, 0.1]], "chest"),
+    ([[0.03, 0.0, 0.58], [0.3, -0.25, 0.1]], "head"),
+    ([[0.05, 0.2, -0.3], [0.05, -0.2, -0.3]], "thighs"),
+    ([[0.3, -0.02, 0.1], [0.3, 0.02, 0.1]], "each other"),
+]
+
+
+@pytest.mark.parametrize("targets", [targets for targets, _ in INSIDE], ids=[name for _, name in INSIDE])
+def test_forearms_stay_out_of_the_body_and_off_each_other(robot, make_state, targets):
+    q = robot.nominal.copy()
+    q[robot.legs] = np.array([0.0, 0.0, -0.9, 1.6, -0.7] * 2)  # squatting: the thighs come forward
+    ik, state = ArmIK(), make_state(q)
+    ik.hands(ik.q, 0.0)
+    ticks = [ik.solve(HandTargets(*np.array(targets)), state, DT) for _ in range(250)]
+    clearance = [ik.clearance(solution.q).min() for solution in ticks]
+    assert min(clearance) > -0.005
+    assert clearance[-1] > 0.005
+    assert np.abs(ticks[-1].dq).max() < 0.5, "no chatter"
+    assert ik.failures == 0
+    loose = ArmIK(ArmIKConfig(collision_weight=1e-12))
+    solution = converge(loose, HandTargets(*np.array(targets)), state, 5.0)
+    assert ik.clearance(solution.q).min() < -0.005, "without it they would not"
+
+
+def test_a_forearm_turns_towards_its_direction_once_the_hand_is_in_place(nominal_state):
+    inward = np.array([0.0, -1.0, 0.0])
+    plain = converge(ArmIK(), HandTargets(*COMFORTABLE), nominal_state)
+    targets = HandTargets.of(*COMFORTABLE, left_direction=inward)
+    solution = converge(ArmIK(), targets, nominal_state)
+    probe = ArmIK()
+    angle = [np.arccos(probe.pointing(s.q, 0.0)[0] @ inward) for s in (plain, solution)]
+    assert angle[1] < angle[0] - 0.2
+    assert np.all(solution.residual < [0.004, 5e-4])
+    assert solution.q[4:] == pytest.approx(plain.q[4:], abs=1e-3), "the other arm does not care"
+    # A direction that the arm has at its target already leaves everything as it is.
+    same = HandTargets.of(*COMFORTABLE, left_direction=probe.pointing(plain.q, 0.0)[0])
+    assert converge(ArmIK(), same, nominal_state).q == pytest.approx(plain.q, abs=5e-3)
+
+
+def test_hands_that_hold_one_thing_keep_their_distance_when_one_cannot_follow(nominal_state):
+    box = np.array([[0.35, 0.16, 0.15], [0.35, -0.16, 0.15]])
+    far = box - np.array([0.0, 0.5, 0.0])  # out of reach for the left hand across the chest
+    apart, together = ArmIK(), ArmIK()
+    for ik, held in ((apart, False), (together, True)):
+        converge(ik, HandTargets.of(*box, together=held), nominal_state)
+        converge(ik, HandTargets.of(*far, together=held), nominal_state, 4.0)
+    gap = {}
+    for name, ik in (("apart", apart), ("together", together)):
+        hands = ik.hands(ik.q, 0.0)
+        gap[name] = np.linalg.norm(hands[1] - hands[0] - (box[1] - box[0]))
+    assert gap["apart"] > 0.05
+    assert gap["together"] < 0.01
+    assert together.failures == 0
+
+
+def test_a_stretched_arm_does_not_jitter(nominal_state):
+    """A target that circles out of reach: the arm stays singular throughout, and its jerk that of a smooth motion."""
+    ik, dt = ArmIK(), 0.02
+    qs = []
+    for t in np.arange(0.0, 8.0, dt):
+        angle = np.pi * t / 4.0
+        left = np.array([0.7, 0.3 + 0.2 * np.cos(angle), 0.4 + 0.2 * np.sin(angle)])
+        qs.append(ik.solve(HandTargets(left, left * [1.0, -1.0, 1.0]), nominal_state, dt).q)
+    jerk = np.diff(np.array(qs)[100:], n=3, axis=0) / dt**3
+    # Amplitudes of about 0.4 rad at pi/4 rad/s have a jerk of 0.2 rad/s^3; a chatter of 1 mrad one of 1000.
+    assert np.sqrt(np.mean(jerk**2)) < 50.0
+
+
 def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot, make_state):
     ik = ArmIK()
     rng = np.random.default_rng(2)
     margin = ik.config.limit_margin
     lower, upper = robot.lower[robot.arms] + margin, robot.upper[robot.arms] - margin
-    speed = 0.5 * robot.velocity_limit[robot.arms]
-    q, far = ik.q, 0
+    speed, dt = 0.5 * robot.velocity_limit[robot.arms], 0.02
+    q, dq, far = ik.q, np.zeros(8), 0
     for _ in range(5000):
         state = make_state(rng.uniform(robot.lower - 0.1, robot.upper + 0.1))
         targets = rng.uniform([-1.0, -1.2, -0.6], [1.0, 1.2, 1.4], (2, 3))
         far += np.sum(np.linalg.norm(shoulder_to_targets(targets), axis=1) > 0.65)
-        dt = rng.choice([0.002, 0.02])
         solution = ik.solve(HandTargets(*targets), state, dt)
         assert solution.ok
         assert np.all(solution.q >= lower - 1e-9)
         assert np.all(solution.q <= upper + 1e-9)
         assert np.all(np.abs(solution.q - q) <= speed * dt + 1e-9)
-        assert solution.dq == pytest.approx((solution.q - q) / dt)
-        q = solution.q
+        assert np.all(np.abs(solution.dq - dq) <= 60.0 * dt + 1e-9)
+        assert solution.dq == pytest.approx((solution.q - q) / dt, abs=1e-9)
+        q, dq = solution.q, solution.dq
     assert ik.failures == 0
     assert ik.rejected == 0
     assert far > 5000
@@ -182,8 +258,8 @@ def test_unusable_numbers_are_counted_and_hold(robot, nominal_state, make_state)
     for targets, state, dt in bad:
         solution = ik.solve(targets, state, dt)
         assert not solution.ok
-        assert solution.q.tolist() == held.q.tolist()
-        assert not solution.dq.any()
+        assert solution.q == pytest.approx(held.q, abs=1e-3)
+        assert solution.dq == pytest.approx(np.zeros(8), abs=1e-2)
         assert solution.residual.tolist() == held.residual.tolist()
     assert ik.rejected == len(bad)
     assert ik.solve(good, nominal_state, DT).ok
@@ -191,7 +267,7 @@ def test_unusable_numbers_are_counted_and_hold(robot, nominal_state, make_state)
 
 def test_far_but_finite_numbers_are_harmless(nominal_state):
     ik = ArmIK()
-    solution = converge(ik, HandTargets(np.array([1e12, 0.0, 0.0]), np.array([0.0, -1e12, 0.0])), nominal_state, 1.0)
+    solution = converge(ik, HandTargets(np.array([1e12, 0.0, 0.0]), np.array([0.0, -1e12, 0.0])), nominal_state, 2.0)
     assert np.all(np.isfinite(solution.q))
     assert not solution.reachable.any()
 
@@ -230,7 +306,7 @@ def test_the_script_stays_comfortably_within_reach(robot, make_state):
         solution = ik.solve(hands, make_state(q), DT)
         assert solution.reachable.all()
         if t > 3.0:
-            assert np.all(solution.residual < 0.001)
+            assert np.all(solution.residual < 0.002)
             assert np.all(solution.q - ik.lower > 0.1)
             assert np.all(ik.upper - solution.q > 0.1)
         turned = shoulders @ rotations.rotation_z(q[robot.waist]).T

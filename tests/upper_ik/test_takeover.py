@@ -41,12 +41,15 @@ def test_velocity_is_the_derivative_of_position():
     assert dq[1:] == pytest.approx(np.diff(q, axis=0) / fine, abs=0.02)
 
 
-def test_a_jump_of_the_target_becomes_a_ramp_at_half_the_joint_speed():
+def test_a_jump_of_the_target_becomes_a_ramp_within_the_limits():
     takeover = Takeover()
     run(takeover, np.zeros(8), 0.5, start=np.zeros(8))
-    body = takeover.follow(np.full(8, 1.0), np.zeros(8), DT)
-    assert body.q == pytest.approx(0.5 * LIMIT * DT)
-    assert body.dq == pytest.approx(0.5 * LIMIT)
+    bodies = [takeover.follow(np.full(8, 1.0), np.zeros(8), DT) for _ in range(40)]
+    dq = np.array([np.zeros(8), *(body.dq for body in bodies)])
+    assert np.abs(dq).max(axis=0)[:2] == pytest.approx(0.5 * LIMIT[:2]), "the slow joints get to half of their speed"
+    assert np.all(np.abs(np.diff(dq, axis=0)) <= 100.0 * DT + 1e-9)
+    assert bodies[-1].q == pytest.approx(np.ones(8))
+    assert max(body.q.max() for body in bodies) < 1.0 + 1e-9, "no overshoot"
 
 
 def test_hand_back_returns_before_the_mask_clears():
@@ -78,8 +81,8 @@ def test_unusable_targets_hold_and_are_counted(q, dt):
     takeover = Takeover()
     last = run(takeover, ARMS, 0.3, start=np.zeros(8))[-1]
     body = takeover.follow(q, np.zeros(8), dt)
-    assert body.q.tolist() == last.q.tolist()
-    assert not body.dq.any()
+    assert body.q == pytest.approx(last.q + body.dq * (DT if dt == DT else 0.0))
+    assert np.all(np.abs(body.dq) <= np.maximum(np.abs(last.dq) - 100.0 * DT, 0.0) + 1e-9), "on its way to rest"
     assert takeover.held == 1
 
 
@@ -178,7 +181,7 @@ def test_soft_arms_follow_the_script_within_a_centimetre(robot, hanging):
 
 
 def test_config_refuses_nonsense():
-    with pytest.raises(ConfigError, match="take_time is 0 s"):
+    with pytest.raises(ConfigError, match="take_time is 0"):
         TakeoverConfig(take_time=0)
     with pytest.raises(ConfigError, match="speed_fraction is 2"):
         TakeoverConfig(speed_fraction=2)

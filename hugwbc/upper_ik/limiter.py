@@ -1,0 +1,62 @@
+"""Joint motion within position, velocity and acceleration limits, whatever it is asked to follow."""
+
+import numpy as np
+
+
+class JointLimiter:
+    """Follows a moving goal as closely as the limits allow, and without overshoot where they do.
+
+    In a tick the velocity changes by at most `acceleration_limit * dt`. Towards a goal and towards a position limit it
+    stays below the speed from which the joint can still stop in time. Position limits go first: should the tick's
+    length change in the middle of a stop, the acceleration may exceed its limit, never the position.
+
+    Attributes:
+        q: positions [rad], shape (n,).
+        dq: velocities [rad/s], shape (n,).
+        lower, upper: position limits [rad], shape (n,).
+        velocity_limit: [rad/s], shape (n,).
+        acceleration_limit: [rad/s^2].
+    """
+
+    def __init__(
+        self, lower: np.ndarray, upper: np.ndarray, velocity_limit: np.ndarray, acceleration_limit: float
+    ) -> None:
+        self.lower, self.upper = lower, upper
+        self.velocity_limit = velocity_limit
+        self.acceleration_limit = acceleration_limit
+        self.place(np.clip(np.zeros_like(lower), lower, upper))
+
+    def place(self, q: np.ndarray) -> None:
+        """Be at rest at positions (n,)."""
+        self.q = np.array(q, dtype=float)
+        self.dq = np.zeros_like(self.q)
+
+    def follow(self, goal: np.ndarray, goal_dq: np.ndarray, dt: float) -> np.ndarray:
+        """One tick of `dt` [s] towards positions that move at `goal_dq`; the new positions. All of shape (n,)."""
+        behind = goal - self.q - goal_dq * dt
+        catch_up = np.sign(behind) * self._stopping_speed(np.abs(behind), dt)
+        return self._move(goal_dq + catch_up, dt)
+
+    def stop(self, dt: float) -> np.ndarray:
+        """One tick of `dt` [s] of braking; the new positions, shape (n,)."""
+        return self._move(np.zeros_like(self.q), dt)
+
+    def _move(self, wanted: np.ndarray, dt: float) -> np.ndarray:
+        change = self.acceleration_limit * dt
+        dq = np.clip(wanted, self.dq - change, self.dq + change)
+        # Outside the limits, where a takeover may start, there is no way further out, only back.
+        up = np.minimum(self.velocity_limit, self._stopping_speed(np.maximum(self.upper - self.q, 0.0), dt))
+        down = np.minimum(self.velocity_limit, self._stopping_speed(np.maximum(self.q - self.lower, 0.0), dt))
+        self.dq = np.clip(dq, -down, up)
+        self.q = self.q + self.dq * dt
+        return self.q.copy()
+
+    def _stopping_speed(self, distance: np.ndarray, dt: float) -> np.ndarray:
+        """Highest speed from which steps of `dt` with full braking end within a distance.
+
+        Coming to rest in n steps, at speeds v, v - a dt, ..., takes n v dt - n (n - 1) / 2 a dt^2; n is the number of
+        steps that this distance allows.
+        """
+        unit = self.acceleration_limit * dt
+        steps = np.maximum(np.ceil(0.5 * np.sqrt(1.0 + 8.0 * distance / (unit * dt)) - 0.5), 1.0)
+        return distance / (steps * dt) + 0.5 * unit * (steps - 1.0)

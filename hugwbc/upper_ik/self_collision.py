@@ -1,0 +1,73 @@
+"""The body as the inverse kinematics sees it: jointed arms and hips, and cylinders that must not touch one another."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pinocchio as pin
+import placo
+
+from hugwbc.robot import SIDES, Robot
+
+# Cylinders about the model's collision boxes, along z or x of the link's frame: centre, radius, length [m].
+_CHEST = [((0.0, y, 0.235), 0.075, 0.33) for y in (0.05, -0.05)]
+_HEAD = ((0.03, 0.0, 0.58), 0.085, 0.16)
+_THIGH = ((0.03, 0.0, -0.18), 0.05, 0.36)
+_FOREARM = ((0.17, 0.0, -0.013), 0.035, 0.22)
+_FOREARM_LINK = "elbow_link"
+_SHAPES = {
+    "torso_link": [*_CHEST, _HEAD],
+    **{f"{side}_hip_pitch_link": [_THIGH] for side in SIDES},
+    **{f"{side}_{_FOREARM_LINK}": [_FOREARM] for side in SIDES},
+}
+HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
+
+
+def upper_body(robot: Robot) -> placo.RobotWrapper:
+    """The robot on its pelvis with arms, waist and hips; stiff from the knees on.
+
+    Collision pairs are each forearm with the chest, the head, both thighs and the other forearm.
+    """
+    root = ElementTree.parse(robot.urdf_path).getroot()
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+        name = str(link.get("name"))
+        for centre, radius, length in _SHAPES.get(name, []):
+            collision = ElementTree.SubElement(link, "collision")
+            turn = "0 1.570796 0" if name.endswith(_FOREARM_LINK) else "0 0 0"
+            ElementTree.SubElement(collision, "origin", xyz=" ".join(map(str, centre)), rpy=turn)
+            geometry = ElementTree.SubElement(collision, "geometry")
+            ElementTree.SubElement(geometry, "cylinder", radius=str(radius), length=str(length))
+    stiff = {robot.joint_names[index] for index in robot.legs} - set(HIP_NAMES)
+    for joint in root.findall("joint"):
+        if joint.get("name") in stiff:
+            joint.set("type", "fixed")
+    wrapper = placo.RobotWrapper("h1", 0, ElementTree.tostring(root, encoding="unicode"))
+    _keep_forearm_pairs(wrapper.collision_model)
+    return wrapper
+
+
+def _keep_forearm_pairs(model: pin.GeometryModel) -> None:
+    names = [geometry.name for geometry in model.geometryObjects]
+    pairs = [(pair.first, pair.second) for pair in model.collisionPairs]
+    for first, second in pairs:
+        if _FOREARM_LINK not in names[first] + names[second]:
+            model.removeCollisionPair(pin.CollisionPair(first, second))
+
+
+class Clearance:
+    """Distances of the forearms to what they could touch, at a wrapper's posture."""
+
+    def __init__(self, wrapper: placo.RobotWrapper) -> None:
+        self._wrapper = wrapper
+        names = [geometry.name for geometry in wrapper.collision_model.geometryObjects]
+        pairs = [(names[pair.first], names[pair.second]) for pair in wrapper.collision_model.collisionPairs]
+        self._of_arm = [
+            [i for i, pair in enumerate(pairs) if any(name.startswith(f"{side}_{_FOREARM_LINK}") for name in pair)]
+            for side in SIDES
+        ]
+
+    def __call__(self) -> np.ndarray:
+        """The least distance of each forearm's surface, negative inside something [m], shape (2,)."""
+        distances = self._wrapper.distances()
+        return np.array([min(distances[i].min_distance for i in pairs) for pairs in self._of_arm])
