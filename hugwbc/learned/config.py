@@ -94,12 +94,37 @@ class RandomizationConfig:
     """Half-width of the shift of the torso's centre of mass along each axis [m]."""
     gains: tuple[float, float] = (0.9, 1.1)
     """Factor on each joint's stiffness and, independently, damping."""
+    link_mass: tuple[float, float] = (1.0, 1.0)
+    """Factor on the mass and inertia of each link (the authors: 0.8 to 1.2)."""
+    link_centre: float = 0.0
+    """Half-width of the shift of each link's centre of mass along each axis [m] (the authors: 0.01)."""
+    strength: tuple[float, float] = (1.0, 1.0)
+    """Factor on the torque that each joint gives, before its limit (the authors: 0.8 to 1.2)."""
+    offset: float = 0.0
+    """Half-width of the error of each joint's position target [rad] (the authors: 0.02)."""
+    latency: tuple[float, float] = (0.0, 0.0)
+    """Time from an action to its effect [s], one for each robot, in physics steps (the authors: 0 to 0.02, of the
+    observations). Above 0 it costs about a fifth of the speed."""
     push_velocity: float = 0.5
     """Half-width of a push: change of the horizontal pelvis velocity [m/s]."""
     push_interval: int = 400
     """Mean control steps between two pushes of a robot."""
     noise: float = 0.2
     """Scale of the observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("friction", "gains", "link_mass", "strength", "latency"):
+            low, high = getattr(self, name)
+            least = "at least 0" if name == "latency" else "above 0"
+            valid = low >= 0.0 if name == "latency" else low > 0.0
+            _require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
+        low, high = self.torso_mass
+        _require(-math.inf < low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high")
+        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
+            value = getattr(self, name)
+            _require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
+        _require(self.push_interval >= 1, "randomization.push_interval", self.push_interval, "at least 1")
 
 
 @dataclasses.dataclass(frozen=True)

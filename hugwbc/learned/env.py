@@ -16,6 +16,7 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.curriculum import Curriculum
 from hugwbc.learned.ground import RoughGround
 from hugwbc.learned.intervention import Intervention
+from hugwbc.learned.latency import Latency, draw_delays
 from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
 from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate_terms
@@ -77,6 +78,7 @@ class HumanoidEnv:
         config: the settings.
         ground: rough ground and the robots' levels; None on a plane.
         simulation: the robots.
+        latency: joint targets under way; None if they act at once.
         readings: their state after the last step.
         curriculum: penalty, noise and speed levels.
         intervention: external arm control.
@@ -98,7 +100,10 @@ class HumanoidEnv:
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
         self.simulation = BatchSimulation(config.count, terrain=terrain, threads=threads)
-        self._friction = tensor(randomize(self.simulation, config.randomization, np.random.default_rng(seed)))
+        rng = np.random.default_rng(seed)
+        self._friction = tensor(randomize(self.simulation, config.randomization, rng))
+        delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
+        self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
@@ -155,7 +160,7 @@ class HumanoidEnv:
         self._apply(action)
         self._push()
         self._stay_on_ground()
-        diverged = torch.from_numpy(self.simulation.step(self.config.substeps))
+        diverged = torch.from_numpy(self._simulate())
         self.age += 1
         self.phase = gaits.advance_phase(self.phase, self.command[:, 3], self.dt)
         self.readings = read(self.simulation, self.ground)
@@ -191,6 +196,11 @@ class HumanoidEnv:
         self.intervention.step()
         target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
         self.simulation.ctrl[:] = target.numpy()
+
+    def _simulate(self) -> np.ndarray:
+        if self.latency is None:
+            return self.simulation.step(self.config.substeps)
+        return self.latency.step(self.simulation)
 
     def _push(self) -> None:
         settings = self.config.randomization
@@ -304,6 +314,8 @@ class HumanoidEnv:
         qvel[:, :6] = self._symmetric(count, 6, START_VELOCITY)
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, qvel
         self.simulation.ctrl[ids] = qpos[:, 7:]
+        if self.latency is not None:
+            self.latency.reset(ids, qpos[:, 7:])
         self.simulation.forward(ids)
         self.phase[robots] = torch.rand(count, generator=self.generator)
         self.age[robots] = 0
@@ -366,6 +378,8 @@ class HumanoidEnv:
         state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
         state["generator"] = self.generator.get_state()
         state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
+        if self.latency is not None:
+            state["targets"] = self.latency.targets
         if self.ground is not None:
             state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
         levels = self.curriculum.state_dict()
@@ -389,12 +403,21 @@ class HumanoidEnv:
         self.simulation.forward(np.arange(self.count))
         self._write_simulation(state)
         forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
+        if self.latency is not None:
+            self._restore_latency(state.get("targets"))
         if self.ground is not None:
             self.ground.load_state_dict(prefixed["terrain"])
         self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)
         if self.ground is not None:
             # The state of a run on other ground: robots that stand elsewhere start anew on their levels.
             self._begin_episodes(self.ground.shift(self.readings.position[:, :2]).any(1).nonzero().squeeze(1))
+
+    def _restore_latency(self, targets: torch.Tensor | None) -> None:
+        assert self.latency is not None
+        if targets is not None and targets.shape == self.latency.targets.shape:
+            self.latency.targets = targets.clone()
+        else:  # a run without latency, or with another
+            self.latency.reset(np.arange(self.count), self.simulation.ctrl.copy())
 
     def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
         for name in _SIMULATION_STATE:

@@ -1,9 +1,11 @@
-"""Per-robot model parameters, drawn once: friction, torso mass and centre, joint gains."""
+"""Per-robot model parameters, drawn once: friction, masses and their centres; joint gains, strength and offset."""
 
 import numpy as np
 
 from hugwbc.learned.config import RandomizationConfig
 from hugwbc.sim.batch import BatchSimulation
+
+_UNCHANGED = (1.0, 1.0)
 
 
 def randomize(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> np.ndarray:
@@ -28,9 +30,39 @@ def randomize(simulation: BatchSimulation, config: RandomizationConfig, rng: np.
     batch.expand("body_ipos")[:, torso] += rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
     stiffness = rng.uniform(*config.gains, (count, model.nu))
     damping = rng.uniform(*config.gains, (count, model.nu))
-    batch.expand("actuator_gainprm")[:, :, 0] *= stiffness
-    bias = batch.expand("actuator_biasprm")
-    bias[:, :, 1] *= stiffness
-    bias[:, :, 2] *= damping
+    _scale_actuators(simulation, stiffness, damping)
+    # What is off by default is drawn last, so that it changes nothing else's draw.
+    _randomize_links(simulation, config, rng)
+    _randomize_motors(simulation, config, rng)
     batch.set_const()
     return friction
+
+
+def _scale_actuators(simulation: BatchSimulation, stiffness: np.ndarray, damping: np.ndarray) -> None:
+    """Multiply the PD law tau = kp (target - q) - kd dq, factors of shape (count, 19)."""
+    simulation.batch.expand("actuator_gainprm")[:, :, 0] *= stiffness
+    bias = simulation.batch.expand("actuator_biasprm")
+    bias[:, :, 1] *= stiffness
+    bias[:, :, 2] *= damping
+
+
+def _randomize_links(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
+    batch, shape = simulation.batch, (simulation.count, simulation.model.nbody)
+    if config.link_mass != _UNCHANGED:
+        factor = rng.uniform(*config.link_mass, shape)
+        batch.expand("body_mass")[:] *= factor
+        batch.expand("body_inertia")[:] *= factor[..., None]
+    if config.link_centre > 0.0:
+        shift = rng.uniform(-config.link_centre, config.link_centre, (*shape, 3))
+        batch.expand("body_ipos")[:, 1:] += shift[:, 1:]  # the world has no mass
+
+
+def _randomize_motors(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
+    shape = (simulation.count, simulation.model.nu)
+    if config.strength != _UNCHANGED:
+        factor = rng.uniform(*config.strength, shape)
+        _scale_actuators(simulation, factor, factor)
+    if config.offset > 0.0:
+        stiffness = simulation.batch.expand("actuator_gainprm")[:, :, 0]
+        bias = simulation.batch.expand("actuator_biasprm")
+        bias[:, :, 0] += stiffness * rng.uniform(-config.offset, config.offset, shape)
