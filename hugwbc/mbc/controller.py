@@ -9,6 +9,7 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.latency import Predictor
 from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.odometry import LegOdometry
 from hugwbc.mbc.params import ControllerParams
@@ -54,6 +55,7 @@ class WholeBodyController:
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
         self._odometry = LegOdometry()
+        self._predictor = Predictor(self.dynamics, period)
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
@@ -76,6 +78,7 @@ class WholeBodyController:
 
     def _start(self, state: RobotState) -> None:
         self._odometry.reset()
+        self._predictor.reset()
         state = self._odometry.complete(state, np.ones(2, dtype=bool), 0.0)
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
@@ -96,7 +99,7 @@ class WholeBodyController:
             return self._fall_back(state, None, ("the state is not finite",))
         if not self._started:
             self._start(state)
-        state = self._odometry.complete(state, self._locomotion.contact, self.period)
+        state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
         self.dynamics.update(state)
         smooth, report = self._filter.update(
             command, self.period, stepping=not self._locomotion.settled, running=self._locomotion.plan.gait
@@ -112,6 +115,7 @@ class WholeBodyController:
             return self._fall_back(state, solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED
         self._held = 0
+        self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
         self._record(Output.SOLUTION, solution, report, tasks, terms)
         return self._last
@@ -155,6 +159,7 @@ class WholeBodyController:
     def _fall_back(self, state: RobotState, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
         self._fallbacks += 1
         self._held += 1
+        self._predictor.record(np.zeros(self.dynamics.nv))
         if self._last is not None and self._held * self.period <= self.params.hold_time:
             self._record(Output.HELD, solution, report, [], [])
             return self._last
