@@ -65,6 +65,7 @@ class Kinematics:
         self.columns = joint_columns(self.model, self.robot)
         self.q = pin.neutral(self.model)
         self.v = np.zeros(self.model.nv)
+        self._zero = np.zeros(self.model.nv)
         self._state: RobotState | None = None
 
     def update(self, state: RobotState) -> None:
@@ -73,11 +74,17 @@ class Kinematics:
         self.q[:3] = 0.0 if state.position is None else state.position
         self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
         self.q[self.columns + 1] = state.q
-        velocity = np.zeros(3) if state.velocity is None else state.velocity
-        self.v[:3] = rotations.rotate_inverse(state.orientation, velocity)
+        if state.velocity is None:
+            self.v[:3] = 0.0
+        else:
+            self.v[:3] = pin.Quaternion(self.q[3:7]).toRotationMatrix().T @ state.velocity
         self.v[3:6] = state.angular_velocity
         self.v[self.columns] = state.dq
-        pin.forwardKinematics(self.model, self.data, self.q, self.v, np.zeros(self.model.nv))
+        self._compute()
+
+    def _compute(self) -> None:
+        """Placements, velocities, and accelerations at zero generalised acceleration, of all frames."""
+        pin.forwardKinematics(self.model, self.data, self.q, self.v, self._zero)
         pin.updateFramePlacements(self.model, self.data)
 
     def frame_id(self, name: str) -> int:

@@ -1,5 +1,7 @@
 """Quaternions (w, x, y, z) and the few rotations that everything shares. NumPy only."""
 
+import math
+
 import numpy as np
 
 
@@ -73,8 +75,14 @@ def roll_of(quaternion: np.ndarray) -> np.ndarray:
 
 def rotation_z(angle: float) -> np.ndarray:
     """Rotation matrix of a turn about z [rad], shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_zy(yaw: float, pitch: float) -> np.ndarray:
+    """Rotation matrix of a turn about z, then the new y [rad], shape (3, 3)."""
+    cz, sz, cy, sy = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+    return np.array([[cz * cy, -sz, cz * sy], [sz * cy, cz, sz * sy], [-sy, 0.0, cy]])
 
 
 def wrap_angle(angle: np.ndarray | float) -> np.ndarray | float:

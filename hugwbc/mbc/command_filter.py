@@ -1,6 +1,7 @@
 """Commands as the plan follows them: within their ranges, and without jumps."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -48,7 +49,7 @@ class CommandFilter:
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
-        self._limits = np.array([params.height_rate, params.pitch_rate, params.waist_rate]).T
+        self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
         self._velocity_rate = np.array(params.velocity_rate)
         self.reset(0.0, 0.0, 0.0)
 
@@ -81,7 +82,7 @@ class CommandFilter:
         changing = running not in (Gait.STANDING, gait)
         wanted = np.zeros(3) if changing else np.array([command.v_x, command.v_y, command.omega])
         step = self._velocity_rate * dt
-        self._velocity += np.clip(wanted - self._velocity, -step, step)
+        self._velocity += np.minimum(np.maximum(wanted - self._velocity, -step), step)
         if self._frequency is None:
             self._frequency = command.f
         step = params.frequency_rate * dt
@@ -128,11 +129,10 @@ class CommandFilter:
 
     def _follow(self, target: np.ndarray, dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""
-        fastest, quickest = self._limits
-        gap = target - self._posture
-        # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its linear tangent.
-        wanted = np.sign(gap) * np.minimum(
-            np.minimum(np.sqrt(quickest * np.abs(gap)), np.abs(gap) * 2.0 * quickest / fastest), fastest
-        )
-        self._rate += np.clip(wanted - self._rate, -quickest * dt, quickest * dt)
+        for axis, (fastest, quickest) in enumerate(self._limits):
+            gap, rate = float(target[axis] - self._posture[axis]), float(self._rate[axis])
+            # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its tangent.
+            speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
+            change = quickest * dt
+            self._rate[axis] = rate + min(max(math.copysign(speed, gap) - rate, -change), change)
         self._posture += self._rate * dt

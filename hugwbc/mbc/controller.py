@@ -19,7 +19,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
 _LARGEST_REASONABLE = 1e6  # of any state value: beyond, products overflow
-_STATE_FIELDS = dataclasses.fields(RobotState)
+_STATE_FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
 
 
 class WholeBodyController:
@@ -52,6 +52,11 @@ class WholeBodyController:
         self.dynamics = dynamics or Dynamics()
         self.diagnostics = Diagnostics()
         self._robot = load_robot()
+        self._nominal_arms = self._robot.nominal[self._robot.arms]
+        self._torque_limit = self._robot.torque_limit * self.params.torque_fraction
+        self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        for gains in (self._kp, self._kd):  # every command has the same ones
+            gains.setflags(write=False)
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
         self._odometry = LegOdometry()
@@ -126,6 +131,9 @@ class WholeBodyController:
         self._waist.target[:], self._waist.rate[:] = command.w, command.w_rate
         self._waist.stiffness[:], self._waist.damping[:] = params.waist_gains
         self._waist.weight[:] = params.waist_weight
+        if not upper_body.indicator:
+            self._free_arms()
+            return ()
         mask = upper_body.mask & np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
         report = () if np.array_equal(mask, upper_body.mask) else ("arm targets that are not finite are ignored",)
         low, high = robot.lower[robot.arms], robot.upper[robot.arms]
@@ -139,21 +147,29 @@ class WholeBodyController:
         self._arms.damping[:] = np.where(mask, damping, params.arm_gains[1])
         return report
 
+    def _free_arms(self) -> None:
+        """The arms hold the nominal pose, as far as the rest of the body lets them."""
+        arms, params = self._arms, self.params
+        arms.target[:] = self._nominal_arms
+        arms.rate[:] = 0.0
+        arms.weight[:] = params.arm_weight
+        arms.stiffness[:], arms.damping[:] = params.arm_gains
+
     def _joint_command(self, state: RobotState, solution: QpSolution) -> JointCommand:
         """Feed-forward torque, and a weak PD about the motion that it should cause.
 
         The PD's targets are those of the middle of the period, so that along the predicted motion its torque averages
         to zero, while it damps what departs from it between two ticks.
         """
-        robot, half = self._robot, 0.5 * self.period
+        half = 0.5 * self.period
         acceleration = solution.acceleration[self.dynamics.columns]
-        limit = robot.torque_limit * self.params.torque_fraction
+        limit = self._torque_limit
         return JointCommand(
             q=state.q + half * state.dq,
             dq=state.dq + half * acceleration,
-            kp=self.params.joint_stiffness * robot.kp,
-            kd=self.params.joint_damping * robot.kd,
-            tau=np.clip(solution.torque, -limit, limit),
+            kp=self._kp,
+            kd=self._kd,
+            tau=np.minimum(np.maximum(solution.torque, -limit), limit),
         )
 
     def _fall_back(self, state: RobotState, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
@@ -196,7 +212,9 @@ class WholeBodyController:
 
 
 def _usable(state: RobotState) -> bool:
-    """Whether every number of the state is finite and of a reasonable size; a NaN compares as false."""
-    fields = [getattr(state, field.name) for field in _STATE_FIELDS]
-    numbers = np.concatenate([np.ravel(value) for value in fields if value is not None])
-    return bool((np.abs(numbers) < _LARGEST_REASONABLE).all())
+    """Whether every number of the state is finite and of a reasonable norm; a NaN compares as false."""
+    for name in _STATE_FIELDS:
+        value = getattr(state, name)
+        if value is not None and not np.vdot(value, value) < _LARGEST_REASONABLE**2:
+            return False
+    return True

@@ -63,26 +63,28 @@ class Dynamics(Kinematics):
     def update(self, state: RobotState) -> None:
         """Compute everything at a state. A missing position or velocity counts as 0."""
         super().update(state)
+        self._frames: dict[str, FrameMotion] = {}
+        self._points: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def _compute(self) -> None:
         model, data = self.model, self.data
-        pin.computeJointJacobians(model, data)
         pin.crba(model, data, self.q)
         pin.nonLinearEffects(model, data, self.q, self.v)
-        pin.dccrba(model, data, self.q, self.v)
+        pin.dccrba(model, data, self.q, self.v)  # with the Jacobians of all joints
         self.M = data.M.copy()  # since Pinocchio 3, crba fills both triangles
         self.bias = data.nle + self._damping * self.v
         self.com = data.com[0].copy()
         self.com_velocity = data.vcom[0].copy()
-        self.com_jacobian = data.Ag[:3] / self.mass
+        momentum_jacobian = data.Ag.copy()
+        self.com_jacobian = momentum_jacobian[:3] / self.mass
         drift = data.dAg @ self.v
         self.com_drift = drift[:3] / self.mass
         self.momentum = data.hg.angular.copy()
-        self.momentum_jacobian = data.Ag[3:].copy()
+        self.momentum_jacobian = momentum_jacobian[3:]
         self.momentum_drift = drift[3:]
         self.inertia = data.Ig.inertia.copy()
-        # The frames must be read before another call overwrites the accelerations of forwardKinematics(q, v, 0).
-        pin.forwardKinematics(model, data, self.q, self.v, np.zeros(model.nv))
-        self._frames: dict[str, FrameMotion] = {}
-        self._points: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        # Last, since the others overwrite the frames' accelerations.
+        super()._compute()
 
     def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv)."""

@@ -39,19 +39,19 @@ class Pendulum:
         and trunk motion disturb far less than the velocity of the centre of mass;
         :math:`\xi = c + \dot c_{eff} / \omega`.
         """
-        arm = dynamics.com - pivot
-        height = max(float(arm[2]), _LOWEST)
-        omega = float(np.sqrt(GRAVITY / height))
-        x, y, z = arm
-        vx, vy, vz = dynamics.mass * dynamics.com_velocity
-        about_x = dynamics.momentum[0] + y * vz - z * vy
-        about_y = dynamics.momentum[1] + z * vx - x * vz
-        velocity = np.array([about_y, -about_x]) / (dynamics.mass * height)
-        return cls(pivot[:2].copy(), dynamics.com[:2].copy(), omega, dynamics.com[:2] + velocity / omega)
+        x, y, z = (dynamics.com - pivot).tolist()
+        height = max(z, _LOWEST)
+        omega = math.sqrt(GRAVITY / height)
+        vx, vy, vz = (dynamics.mass * dynamics.com_velocity).tolist()
+        spin_x, spin_y, _ = dynamics.momentum.tolist()
+        about_x = spin_x + y * vz - z * vy
+        about_y = spin_y + z * vx - x * vz
+        lead = np.array([about_y, -about_x]) / (dynamics.mass * height * omega)
+        return cls(pivot[:2].copy(), dynamics.com[:2].copy(), omega, dynamics.com[:2] + lead)
 
     def dcm_after(self, cop: np.ndarray, duration: float) -> np.ndarray:
         r"""The divergent component after a time with the centre of pressure at a point: p + (xi - p) e^{omega t}."""
-        return cop + (self.dcm - cop) * np.exp(self.omega * duration)
+        return cop + (self.dcm - cop) * math.exp(self.omega * duration)
 
 
 def nominal_offset(
@@ -129,20 +129,20 @@ def plan_step(
     width = max(params.step_width, params.min_foot_distance + abs(velocity[1]) * step_time)
     # Sagittal feedback: where the divergent component should be now, had this step begun on the periodic gait.
     begun = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, 1 - swing)
-    reference = begun[0] * np.exp(pendulum.omega * (step_time - remaining))
-    deviation = (from_heading.T @ (pendulum.dcm - pendulum.pivot))[0] - reference
+    reference = begun[0] * math.exp(pendulum.omega * (step_time - remaining))
+    deviation = from_heading[:, 0] @ (pendulum.dcm - pendulum.pivot) - reference
     shift = params.cop_gain * deviation
     shift = _clip(float(pivot_ahead + shift), -params.cop_reach, params.cop_reach) - pivot_ahead
-    cop = pendulum.pivot + from_heading @ np.array([shift, 0.0])
+    cop = pendulum.pivot + shift * from_heading[:, 0]
 
     landing = rotations.rotation_z(heading + yaw_rate * remaining)[:2, :2]
     offset = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, swing)
     wanted = landing.T @ (pendulum.dcm_after(cop, remaining) - pendulum.pivot) - offset
     outward = 1.0 if swing == 0 else -1.0
-    x = _clip(float(wanted[0]), *params.max_step)
-    y = outward * _clip(outward * float(wanted[1]), params.min_foot_distance, params.max_foot_distance)
-    clipped = x != wanted[0] or y != wanted[1]
-    return StepPlan(pendulum.pivot + landing @ np.array([x, y]), cop, bool(clipped))
+    ahead, aside = wanted.tolist()
+    x = _clip(ahead, *params.max_step)
+    y = outward * _clip(outward * aside, params.min_foot_distance, params.max_foot_distance)
+    return StepPlan(pendulum.pivot + landing @ np.array([x, y]), cop, x != ahead or y != aside)
 
 
 def _clip(value: float, low: float, high: float) -> float:

@@ -1,5 +1,7 @@
 """From a smooth command to task targets and contacts: standing, shifting weight, walking and leaping."""
 
+import math
+
 import numpy as np
 
 from hugwbc import rotations
@@ -24,8 +26,9 @@ from hugwbc.mbc.tasks import (
     Task,
 )
 from hugwbc.mbc.velocity_trim import VelocityTrim
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, load_robot
 
+_SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
 _MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
@@ -157,7 +160,7 @@ class Locomotion:
         else:
             back = rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)
             self._yaw += float(np.clip(back, -_YAW_RETURN * dt, _YAW_RETURN * dt))
-        lead = float(np.clip(rotations.wrap_angle(self._yaw - yaw), -_MAX_YAW_LEAD, _MAX_YAW_LEAD))
+        lead = min(max(float(rotations.wrap_angle(self._yaw - yaw)), -_MAX_YAW_LEAD), _MAX_YAW_LEAD)
         self._yaw = yaw + lead
         self.height.target = self._ground + dynamics.robot.nominal_height + command.h
         self.height.rate = command.h_rate
@@ -232,7 +235,7 @@ class Locomotion:
         )
         self.clipped += step.clipped
         landing_yaw = self._yaw + command.omega * plan.remaining
-        ahead = np.mean(dynamics.robot.sole_x) - self._balance
+        ahead = _SOLE_MIDDLE - self._balance
         self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
         elapsed = plan.step_time - plan.remaining
         ground = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
@@ -299,9 +302,9 @@ class Locomotion:
     def _pivot(self, dynamics: Dynamics, foot: int) -> np.ndarray:
         """Nominal centre of pressure of a foot, in the world [m], shape (3,)."""
         sole = dynamics.frame(f"{SIDES[foot]}_sole")
-        forward = sole.rotation[:2, 0] / max(float(np.linalg.norm(sole.rotation[:2, 0])), 1e-6)
+        forward = sole.rotation[:2, 0]
         point = sole.position.copy()
-        point[:2] += forward * (self._balance - np.mean(dynamics.robot.sole_x))
+        point[:2] += forward * ((self._balance - _SOLE_MIDDLE) / max(math.hypot(*forward.tolist()), 1e-6))
         return point
 
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
@@ -316,16 +319,14 @@ class Locomotion:
         """Pitch of the swing foot's sole [rad]."""
         shank = dynamics.frame(f"{SIDES[foot]}_knee_link")
         sideways = rotations.rotation_z(self._yaw)[:, 1]
-        return toe_down(
-            float(np.arcsin(np.clip(-shank.rotation[2, 0], -1.0, 1.0))), float(sideways @ shank.velocity[3:])
-        )
+        return toe_down(math.asin(min(max(-shank.rotation[2, 0], -1.0), 1.0)), float(sideways @ shank.velocity[3:]))
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:
         forward = dynamics.frame("pelvis").rotation[:2, 0]
-        return float(np.arctan2(forward[1], forward[0]))
+        return math.atan2(forward[1], forward[0])
 
     @staticmethod
     def _feet_yaw(dynamics: Dynamics) -> float:
         forward = np.sum([dynamics.frame(f"{side}_sole").rotation[:2, 0] for side in SIDES], axis=0)
-        return float(np.arctan2(forward[1], forward[0]))
+        return math.atan2(forward[1], forward[0])

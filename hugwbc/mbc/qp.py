@@ -17,6 +17,7 @@ CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "to
 _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
+_BOTH = np.array([[1.0], [-1.0]])  # signs of the two directions of a joint
 _INNER_ITERATIONS = 20
 _INFEASIBILITY_TOLERANCE = 1e-9
 
@@ -70,7 +71,13 @@ class WholeBodyQp:
         self._params = params
         self._robot = robot
         self._nv = nv
-        self._columns = columns
+        # A slice where the order allows it: it reads and writes in place, an index array copies.
+        first = int(columns[0])
+        in_order = np.array_equal(columns, np.arange(first, first + columns.size))
+        self._columns = slice(first, first + columns.size) if in_order else columns
+        self._joints = columns - 6
+        self._fastest = params.speed_fraction * robot.velocity_limit
+        self._range = np.stack((robot.upper, -robot.lower)) - params.joint_margin
         self._torque_limit = params.torque_fraction * robot.torque_limit
         size, joints = nv + _FORCES, len(robot.joint_names)
         self._H = np.zeros((size, size))
@@ -136,14 +143,15 @@ class WholeBodyQp:
             iterations += self._run()
         x = self._solver.results.x
         acceleration, forces = x[: self._nv].copy(), x[self._nv :].copy()
-        torque = self._torque(dynamics, acceleration, forces)
+        # The joints' rows of the constraints are their torques, less the bias.
+        torque = self._C[: len(self._torque_limit)] @ x + dynamics.bias[self._columns]
         if not self._ok() or not np.all(np.isfinite(torque)):
             self.reset()
             status = QpStatus.FAILED
         return QpSolution(status, iterations, acceleration, forces.reshape(-1, 3), torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
-        jacobian = np.vstack([t.jacobian for t in terms])
+        jacobian = np.concatenate([t.jacobian for t in terms])
         weight = np.concatenate([t.weight for t in terms])
         target = np.concatenate([t.acceleration - t.drift for t in terms])
         weighted = jacobian * weight[:, None]
@@ -153,7 +161,7 @@ class WholeBodyQp:
         self._g[:nv] = -(target @ weighted)
         params = self._params
         weight = params.force_regularisation if planned is None else params.planned_force_weight
-        self._H[nv:, nv:] = weight * np.eye(_FORCES)
+        np.fill_diagonal(self._H[nv:, nv:], weight)
         self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
@@ -162,7 +170,7 @@ class WholeBodyQp:
             self._points[3 * k : 3 * k + 3] = dynamics.point(point)[1]
         self._A[:, :nv] = dynamics.M[:_BASE]
         self._A[:, nv:] = -self._points[:, :_BASE].T
-        joints = columns.size
+        joints = len(self._torque_limit)
         self._C[:joints, :nv] = dynamics.M[columns]
         self._C[:joints, nv:] = -self._points[:, columns].T
         self._b = -dynamics.bias[:_BASE]
@@ -171,11 +179,10 @@ class WholeBodyQp:
         self._high[:joints] = self._torque_limit - bias
 
     def _fill_contact(self, contact: np.ndarray) -> None:
-        pushing = np.repeat(contact, 3)
-        self._box_low[self._nv :] = np.where(pushing, -_INFINITY, 0.0)
-        self._box_high[self._nv :] = np.where(pushing, _INFINITY, 0.0)
+        bound = np.outer(contact, (_INFINITY, _INFINITY, self._params.max_normal_force)).ravel()
+        self._box_high[self._nv :] = bound
+        self._box_low[self._nv :] = -bound
         self._box_low[self._nv + 2 :: 3] = 0.0
-        self._box_high[self._nv + 2 :: 3] = np.where(pushing[2::3], self._params.max_normal_force, 0.0)
 
     def _fill_joint_limits(self, dynamics: Dynamics) -> None:
         """Bound each joint's acceleration so that it can still brake before its limit, and keeps its speed limit.
@@ -183,15 +190,14 @@ class WholeBodyQp:
         Viability: a speed towards the limit of at most sqrt(2 a d), with d the distance left [rad] and a the assumed
         braking deceleration; beyond the limit, a slow return.
         """
-        params, robot = self._params, self._robot
-        fastest = params.speed_fraction * robot.velocity_limit
-        q, dq = dynamics.q[self._columns + 1], dynamics.v[self._columns]
-        for bound, sign, limit in ((self._box_high, 1.0, robot.upper), (self._box_low, -1.0, robot.lower)):
-            left = sign * (limit - q) - params.joint_margin
-            speed = np.where(left > 0.0, np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0)), 5.0 * left)
-            # Close to the limit the square root falls too steeply to be followed in discrete time.
-            speed = np.minimum(np.minimum(speed, left / params.joint_horizon), fastest)
-            bound[self._columns] = sign * (speed - sign * dq) / params.joint_horizon
+        params = self._params
+        # Both directions at once: distance left to the upper and to the lower limit.
+        left = self._range - _BOTH * dynamics.q[7:][self._joints]
+        speed = np.where(left > 0.0, np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0)), 5.0 * left)
+        # Close to the limit the square root falls too steeply to be followed in discrete time.
+        speed = np.minimum(np.minimum(speed, left / params.joint_horizon), self._fastest)
+        upward, downward = (_BOTH * speed - dynamics.v[self._columns]) / params.joint_horizon
+        self._box_high[self._columns], self._box_low[self._columns] = upward, downward
 
     def _run(self) -> int:
         data = (self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high)
@@ -206,7 +212,3 @@ class WholeBodyQp:
     def _ok(self) -> bool:
         results = self._solver.results
         return results.info.status == proxqp.PROXQP_SOLVED and bool(np.all(np.isfinite(results.x)))
-
-    def _torque(self, dynamics: Dynamics, acceleration: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        columns = self._columns
-        return dynamics.M[columns] @ acceleration + dynamics.bias[columns] - self._points[:, columns].T @ forces

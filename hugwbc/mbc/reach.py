@@ -1,6 +1,6 @@
 """What the leg's joint ranges leave: found by inverse kinematics of the squatting robot, soles level."""
 
-import numpy as np
+import bisect
 
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.state import GRAVITY
@@ -14,9 +14,16 @@ _FOREMOST = (-0.059, -0.036, 0.007, 0.148, 0.251)
 _FOREMOST_PER_PITCH = 0.20  # [m/rad], of pelvis pitch
 
 
+def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> float:
+    """Piecewise linear through ascending points, constant beyond them: NumPy's `interp`, without its arrays."""
+    x = min(max(x, xs[0]), xs[-1])
+    k = min(bisect.bisect_right(xs, x), len(xs) - 1)
+    return ys[k - 1] + (ys[k] - ys[k - 1]) * (x - xs[k - 1]) / (xs[k] - xs[k - 1])
+
+
 def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool) -> float:
     """Nominal centre of pressure, and of mass when standing, forward of the ankle [m]."""
-    foremost = float(np.interp(h, _HEIGHTS, _FOREMOST)) + _FOREMOST_PER_PITCH * p
+    foremost = _interpolate(h, _HEIGHTS, _FOREMOST) + _FOREMOST_PER_PITCH * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
 
 
@@ -34,7 +41,7 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
     # Backwards the landing foot is behind the body, where the shank leans most.
     stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
     ahead = stride + params.walking_room - _FOREMOST_PER_PITCH * p
-    return float(np.interp(ahead, _FOREMOST, _HEIGHTS))
+    return _interpolate(ahead, _FOREMOST, _HEIGHTS)
 
 
 def highest_clearance(params: ControllerParams, h: float, f: float, speed: float) -> float:

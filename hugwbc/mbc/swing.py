@@ -21,15 +21,21 @@ def quintic_advance(
         duration: [s], positive, shape (k,).
         dt: [s]; beyond the end of the quintic, its end.
     """
-    x, v, a = state
-    T = duration
-    position = target[0] - (x + v * T + 0.5 * a * T**2)
-    velocity = target[1] - (v + a * T)
-    acceleration = target[2] - a
+    axes = np.array([*state, *target, duration]).T.tolist()
+    x, v, a = np.array([_quintic(axis, dt) for axis in axes]).T
+    return x, v, a
+
+
+def _quintic(axis: list[float], dt: float) -> tuple[float, float, float]:
+    """One axis of `quintic_advance`: on three numbers, floats are several times faster than arrays."""
+    x, v, a, x_end, v_end, a_end, T = axis
+    position = x_end - (x + v * T + 0.5 * a * T**2)
+    velocity = v_end - (v + a * T)
+    acceleration = a_end - a
     c3 = (10.0 * position - 4.0 * velocity * T + 0.5 * acceleration * T**2) / T**3
     c4 = (-15.0 * position + 7.0 * velocity * T - acceleration * T**2) / T**4
     c5 = (6.0 * position - 3.0 * velocity * T + 0.5 * acceleration * T**2) / T**5
-    t = np.minimum(dt, T)
+    t = min(dt, T)
     return (
         x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5)))),
         v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),

@@ -41,8 +41,7 @@ class PelvisOrientationTask:
         pelvis = dynamics.frame("pelvis")
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
-        c, s = np.cos(self.pitch), np.sin(self.pitch)
-        desired = to_heading.T @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        desired = rotations.rotation_zy(self.yaw, self.pitch)
         error = to_heading @ pelvis.rotation @ pin.log3(pelvis.rotation.T @ desired)
         rate = np.array([0.0, self.pitch_rate, self.yaw_rate])
         acceleration = kp * error + kd * (rate - to_heading @ pelvis.velocity[3:])

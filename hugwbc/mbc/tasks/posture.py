@@ -45,6 +45,7 @@ class PostureTask:
             self._jacobian = np.zeros((columns.size, dynamics.nv))
             self._jacobian[np.arange(columns.size), columns] = 1.0
         error = self.target - dynamics.q[columns + 1]
-        closing = np.clip(self.rate + self.stiffness / self.damping * error, -self.speed, self.speed)
+        wanted = self.rate + self.stiffness / self.damping * error
+        closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
         acceleration = self.feedforward + self.damping * (closing - dynamics.v[columns])
         return TaskTerms(self._jacobian, np.zeros(columns.size), acceleration, self.weight, error)

@@ -1,5 +1,6 @@
 """A foot that stands: no motion of the sole's centre line."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -38,16 +39,16 @@ class StanceContactTask:
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
-        to_foot = foot.rotation.T
-        velocity = np.concatenate((foot.velocity[:3], (to_foot @ foot.velocity[3:])[1:]))
+        to_foot = foot.rotation.T[1:]
+        velocity = np.concatenate((foot.velocity[:3], to_foot @ foot.velocity[3:]))
         error = -velocity
         error[2] -= self.settle
         acceleration = self._damping * error
-        slope = np.arcsin(np.clip(-foot.rotation[2, 0], -1.0, 1.0))
+        slope = math.asin(min(max(-foot.rotation[2, 0], -1.0), 1.0))
         acceleration[3] -= self._pitch_stiffness * slope
         return TaskTerms(
-            np.vstack((foot.jacobian[:3], (to_foot @ foot.jacobian[3:])[1:])),
-            np.concatenate((foot.drift[:3], (to_foot @ foot.drift[3:])[1:])),
+            np.concatenate((foot.jacobian[:3], to_foot @ foot.jacobian[3:])),
+            np.concatenate((foot.drift[:3], to_foot @ foot.drift[3:])),
             acceleration,
             self._weight,
             error,

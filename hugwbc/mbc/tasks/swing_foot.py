@@ -49,13 +49,11 @@ class SwingFootTask:
         linear = self.position - foot.position
         acceleration = self.acceleration + kp * linear + kd * (self.velocity - foot.velocity[:3])
         kp, kd = self._rotation_gains
-        c, s = np.cos(self.pitch), np.sin(self.pitch)
-        desired = rotations.rotation_z(self.yaw) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-        angular = pin.log3(to_foot @ desired)
+        angular = pin.log3(to_foot @ rotations.rotation_zy(self.yaw, self.pitch))
         turn = kp * angular - kd * (to_foot @ foot.velocity[3:])
         return TaskTerms(
-            np.vstack((foot.jacobian[:3], (to_foot @ foot.jacobian[3:])[1:])),
-            np.concatenate((foot.drift[:3], (to_foot @ foot.drift[3:])[1:])),
+            np.concatenate((foot.jacobian[:3], to_foot[1:] @ foot.jacobian[3:])),
+            np.concatenate((foot.drift[:3], to_foot[1:] @ foot.drift[3:])),
             np.concatenate((acceleration, turn[1:])),
             self.weight,
             np.concatenate((linear, angular[1:])),
