@@ -283,7 +283,7 @@ class Locomotion:
         plan, trajectory, task = self.plan, self._leap.trajectories[foot], self.swing[foot]
         yaw = self._leap.landing_yaw(command, plan, self._yaw)
         pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot)
-        ahead = np.mean(dynamics.robot.sole_x) - self._balance
+        ahead = _SOLE_MIDDLE - self._balance
         self.foothold = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
         trajectory.advance(self.foothold, command.l, self._ground, elapsed, plan.remaining, dt)
         if elapsed > self._params.early_contact_phase * plan.step_time:
