@@ -9,6 +9,7 @@ from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
 
 _V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
 _HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
+_SPEEDS = torch.tensor([_V_X, _OMEGA])
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
@@ -25,9 +26,9 @@ def draw_commands(
     """Gaits and commands for some robots.
 
     Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
-    curriculum has reached; each behaviour command is at its default with probability `default_fraction`; standing and
-    stepping in place have no velocity. Hopping has the paper's command space of its own: v_x, v_y, omega and h; the
-    others stay at their defaults, whose tracking rewards then regularise.
+    curriculum has reached, or over the cells that its grid has opened; each behaviour command is at its default with
+    probability `default_fraction`; standing and stepping in place have no velocity. Hopping has the paper's command
+    space of its own: v_x, v_y, omega and h; the others stay at their defaults, whose tracking rewards then regularise.
 
     Args:
         agile: which of the robots belong to the agile group, shape (k,), bool.
@@ -49,6 +50,10 @@ def draw_commands(
     turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
     columns[_OMEGA] = uniform(generator, count, -turn, turn)
     command = torch.stack(columns, dim=1)
+    if curriculum.grid is not None:
+        gridded = (agile & ~standing).nonzero().squeeze(1)
+        if gridded.numel():
+            command[gridded[:, None], _SPEEDS] = curriculum.grid.draw(gait[gridded], generator)
     for i in _BEHAVIOUR:
         at_default = torch.rand(count, generator=generator) < config.default_fraction
         command[at_default, i] = ranges[COMMAND_NAMES[i]].default

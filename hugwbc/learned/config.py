@@ -144,6 +144,11 @@ class CurriculumConfig:
     """Change of the noise level (the paper's)."""
     alpha_interval: int = 3
     """Iterations between two decisions on alpha, so that the averages reflect the level."""
+    speed: Literal["range", "grid"] = "range"
+    """How the speeds of the agile group grow: one range for all, or the paper's grid-adaptive rule, which opens each
+    cell of the (v_x, omega) plane when its neighbours are tracked well."""
+    speed_angular_threshold: float = 0.4
+    """Relative angular tracking reward that a cell of the grid needs beside the linear one."""
     speed_threshold: float = 0.75
     """Relative linear tracking reward that lets the speed of the agile group grow."""
     speed_step: float = 0.02

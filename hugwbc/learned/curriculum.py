@@ -4,8 +4,13 @@ Every gate says why it is closed. All state is in `state_dict`.
 """
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import torch
 
 from hugwbc.learned.config import CurriculumConfig
+from hugwbc.learned.speed_grid import SpeedGrid
 
 MAX_SPEED = (0.6, 2.0)  # [m/s], the paper's initial and finishing range of v_x
 MAX_YAW_RATE = (0.6, 1.0)  # [rad/s], likewise of omega
@@ -21,6 +26,7 @@ class Curriculum:
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
         max_speed: largest v_x of the agile group [m/s].
+        grid: speeds of the agile group by cell; None if they have one range.
         gates: for each curriculum, what its gate decided last, in words.
     """
 
@@ -29,11 +35,13 @@ class Curriculum:
     penalty_scale: float = dataclasses.field(init=False)
     alpha: float = 0.0
     max_speed: float = MAX_SPEED[0]
+    grid: SpeedGrid | None = dataclasses.field(init=False)
     gates: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start at the configured penalty."""
+        """Start at the configured penalty, and at the paper's initial speeds."""
         self.penalty_scale = self.config.penalty_start
+        self.grid = SpeedGrid.up_to(MAX_SPEED[0], MAX_YAW_RATE[0]) if self.config.speed == "grid" else None
 
     @property
     def max_yaw_rate(self) -> float:
@@ -65,7 +73,10 @@ class Curriculum:
         elif self.iteration % self.config.alpha_interval == 0:
             self._update_alpha(*intervened)
         if self.iteration % self.config.speed_interval == 0:
-            self._update_speed(agile[0])
+            if self.grid is None:
+                self._update_speed(agile[0])
+            else:
+                self._update_grid(self.grid)
 
     def _update_alpha(self, linear: float, angular: float) -> None:
         """The paper's rule: up when both rewards exceed their thresholds, down below two thirds of either."""
@@ -91,13 +102,28 @@ class Curriculum:
         else:
             self.gates["speed"] = f"closed: linear velocity reward {linear:.2f} < {threshold:.2f}"
 
-    def state_dict(self) -> dict[str, float]:
-        """The levels."""
-        return {name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")}
+    @property
+    def speed_thresholds(self) -> tuple[float, float]:
+        """Linear and angular tracking reward that open a cell of the grid."""
+        return self.config.speed_threshold, self.config.speed_angular_threshold
 
-    def load_state_dict(self, state: dict[str, float]) -> None:
-        """Restore the levels."""
+    def _update_grid(self, grid: SpeedGrid) -> None:
+        grid.update()
+        self.max_speed = grid.max_speed
+        self.gates["speed"] = grid.report(self.speed_thresholds)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The levels, as JSON can hold them."""
+        state = {name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")}
+        return state if self.grid is None else state | {"grid": self.grid.weight.tolist()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore the levels; a grid that another kind of curriculum has not stored starts from the speed reached."""
         self.iteration = int(state["iteration"])
         self.penalty_scale, self.alpha, self.max_speed = (
             float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
         )
+        if self.grid is not None:
+            self.grid = SpeedGrid.up_to(self.max_speed, self.max_yaw_rate)
+            if "grid" in state:
+                self.grid.weight = torch.tensor(state["grid"], dtype=torch.float32)

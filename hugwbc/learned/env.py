@@ -178,6 +178,7 @@ class HumanoidEnv:
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         final_critic = self.observe(timed_out).critic
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
+        self._judge_speeds(done, due, fallen)
         self._draw_commands(due)
         ended = done.nonzero().squeeze(1)
         if self.ground is not None:
@@ -269,6 +270,16 @@ class HumanoidEnv:
             intervention=self.intervention.active,
             fallen=fallen,
         )
+
+    def _judge_speeds(self, done: torch.Tensor, due: torch.Tensor, fallen: torch.Tensor) -> None:
+        """Tell the speed grid how the commands went that end now; those of other gaits do not count."""
+        if self.curriculum.grid is None:
+            return
+        over = done & self.agile
+        over[due] = self.agile[due]
+        tracking = self.statistics.tracking[over] * ~fallen[over, None]
+        speeds = self.command[over][:, [COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")]]
+        self.curriculum.grid.judge(self.gait[over], speeds, tracking, self.curriculum.speed_thresholds)
 
     def _relative_tracking(self, rewards: dict[str, torch.Tensor]) -> torch.Tensor:
         names = ("linear_velocity_tracking", "angular_velocity_tracking")
@@ -397,7 +408,7 @@ class HumanoidEnv:
             if name:
                 prefixed[group][name] = value
         self.intervention.load_state_dict(prefixed["intervention"])
-        self.curriculum.load_state_dict({name: float(value) for name, value in prefixed["curriculum"].items()})
+        self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
         # Twice: the first write gives `forward` its state, the second undoes its change of the warm start.
         self._write_simulation(state)
         self.simulation.forward(np.arange(self.count))

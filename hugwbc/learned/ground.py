@@ -6,6 +6,7 @@ Heights are looked up in the grid, as MuJoCo's collision sees them: equal to cas
 import numpy as np
 import torch
 
+from hugwbc.learned import distributed
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import TerrainConfig
 from hugwbc.sim.terrain import level_terrain
@@ -107,8 +108,8 @@ class RoughGround:
 
     @property
     def mean_level(self) -> float:
-        """Of all robots, from 0 to levels - 1."""
-        return float(self.level.float().mean())
+        """Of all robots of all processes, from 0 to levels - 1."""
+        return float(distributed.mean(self.level.float().mean()))
 
     @property
     def mastered(self) -> bool:

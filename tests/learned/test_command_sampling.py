@@ -48,6 +48,16 @@ def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> No
     torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
 
 
+def test_small_velocities_are_drawn_as_they_are() -> None:
+    """Nothing between standing still and the range's ends is left out or zeroed."""
+    command, gait = draw(CommandConfig())
+    moving = (gait != Gait.STANDING) & (command[:, :3] != 0.0).any(1)
+    speed = torch.linalg.vector_norm(command[moving, :2], dim=1)
+    # Uniform over a square of 1.2 m/s: the ring from 0.1 to 0.3 m/s has 17 % of it, the disc within it 2 %.
+    assert ((speed >= 0.1) & (speed <= 0.3)).float().mean().item() == pytest.approx(0.175, abs=0.025)
+    assert (speed < 0.1).float().mean().item() == pytest.approx(0.022, abs=0.01)
+
+
 def test_fractions_that_exceed_one_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"hopping_fraction = 1\.25; valid: at most 1"):
         dataclasses.replace(CommandConfig(), hopping_fraction=0.5)

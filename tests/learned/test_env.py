@@ -162,6 +162,21 @@ def test_hopping_robots_are_left_without_intervention(small_env: HumanoidEnv) ->
     assert small_env.intervention.active.tolist() == [False] * 4 + [True] * 2 + [False] * 2
 
 
+def test_gait_and_command_change_in_mid_episode_and_the_phase_goes_on() -> None:
+    env = HumanoidEnv(EnvConfig(count=200), seed=0, threads=1)
+    env.age[:] = env.config.command.resample_steps - 1
+    env.age[100:] = 10
+    gait, command, phase = env.gait.clone(), env.command.clone(), env.phase.clone()
+    result = env.step(torch.zeros(200, 19))
+    changed = env.gait != gait
+    kept = ~result.done
+    assert 30 < int(changed[:100].sum()) < 90 and not changed[100:][kept[100:]].any()
+    assert (env.command[:100] != command[:100]).any(1)[kept[:100]].all()
+    advanced = (phase + 0.02 * command[:, 3]) % 1.0
+    torch.testing.assert_close(env.phase[kept], advanced[kept])
+    assert (env.age[:100][kept[:100]] == env.config.command.resample_steps).all()
+
+
 def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> None:
     small_env.curriculum.alpha = 1.0
     small_env.intervention.active[:] = False
