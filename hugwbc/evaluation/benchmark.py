@@ -1,4 +1,4 @@
-"""Speed of the parts, each on one thread: training environment, controllers, hand IK."""
+"""Speed of the parts: training and its environment, controllers, hand IK."""
 
 import dataclasses
 import time
@@ -14,9 +14,10 @@ from hugwbc.evaluation.loop import Constant
 from hugwbc.evaluation.metrics import percentiles
 from hugwbc.evaluation.rollout import rollout
 from hugwbc.gait import Gait
-from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.observations import JOINTS
+from hugwbc.learned.train import Trainer
 from hugwbc.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -45,8 +46,46 @@ class EnvironmentSpeed:
     control_steps: int
 
 
-def environment_speed(count: int, control_steps: int, seed: int = 0) -> EnvironmentSpeed:
-    """Measure the training environment against bare physics, on one thread.
+@dataclasses.dataclass(frozen=True)
+class TrainingSpeed:
+    """Speed of training end to end, in control steps of one robot per second.
+
+    Attributes:
+        steps_per_s: environment and learner.
+        collect_fraction: of the time, spent in collecting; the rest is the update.
+        ratio: to bare physics.
+        count: robots.
+        iterations: measured.
+    """
+
+    steps_per_s: float
+    collect_fraction: float
+    ratio: float
+    count: int
+    iterations: int
+
+
+def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int = 1) -> TrainingSpeed:
+    """Measure whole training iterations, after one for warm-up; nothing is saved.
+
+    Args:
+        bare_steps_per_s: of physics alone, as `environment_speed` measures it with as many threads.
+        count: number of robots.
+        iterations: to measure.
+        threads: of simulation and learner.
+    """
+    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_interval=0)
+    trainer = Trainer(config)
+    trainer.iterate()
+    rows = [trainer.iterate() for _ in range(iterations)]
+    seconds = np.array([config.ppo.horizon * count / row["steps_per_second"] for row in rows])
+    collect = float(np.sum(seconds * [row["collect_fraction"] for row in rows]) / seconds.sum())
+    speed = float(iterations * config.ppo.horizon * count / seconds.sum())
+    return TrainingSpeed(speed, collect, speed / bare_steps_per_s, count, iterations)
+
+
+def environment_speed(count: int, control_steps: int, seed: int = 0, threads: int = 1) -> EnvironmentSpeed:
+    """Measure the training environment against bare physics.
 
     Before every step the bare batch gets the environment's states and controls: both simulate the same contacts.
     Actions are noise: robots stumble, fall and are reset, as early in training.
@@ -55,11 +94,12 @@ def environment_speed(count: int, control_steps: int, seed: int = 0) -> Environm
         count: robots in the batch.
         control_steps: to measure, after a warm-up.
         seed: of environment and actions.
+        threads: of both.
     """
     config = EnvConfig(count=count)
-    torch.set_num_threads(1)
-    env = HumanoidEnv(config, seed=seed, threads=1)
-    bare = Batch(env.simulation.model, count, 1)
+    torch.set_num_threads(threads)
+    env = HumanoidEnv(config, seed=seed, threads=threads)
+    bare = Batch(env.simulation.model, count, threads)
     states = {name: bare.bind(name) for name in ("qpos", "qvel", "ctrl")}
     generator = torch.Generator().manual_seed(seed)
     env_s = bare_s = 0.0

@@ -163,16 +163,16 @@ def _command_mirror() -> tuple[torch.Tensor, torch.Tensor]:
 def mirror_history(history: torch.Tensor) -> torch.Tensor:
     """Mirror image of a proprioceptive history, shape (n, 315)."""
     index, sign, _, _ = _mirror_maps()
-    return history[:, index] * sign
+    return history.index_select(1, index) * sign
 
 
 def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
     """Mirror image of a command observation, shape (n, 13): lateral commands change sign, the clocks swap."""
     index, sign = _command_mirror()
-    return observation[:, index] * sign
+    return observation.index_select(1, index) * sign
 
 
 def mirror_action(action: torch.Tensor) -> torch.Tensor:
     """Mirror image of an action, shape (n, 19)."""
     _, _, joints, signs = _mirror_maps()
-    return action[:, joints] * signs
+    return action.index_select(1, joints) * signs

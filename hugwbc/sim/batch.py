@@ -47,7 +47,7 @@ class BatchSimulation:
             threads: of the simulation; 0 for all processors.
         """
         self.robot = load_robot()
-        self.model = load_model(timestep, terrain, visuals=False)
+        self.model = load_model(timestep, terrain, lean=True)
         self.terrain = terrain
         # Persistent data let a step continue from the position and velocity stages that the last step already made.
         self.batch = Batch(self.model, count, threads, persistent=True)

@@ -10,13 +10,14 @@ TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], fine enough for a 500 Hz torque controller
 
 
-def load_model(timestep: float, terrain: HeightField | None = None, *, visuals: bool = True) -> mujoco.MjModel:
+def load_model(timestep: float, terrain: HeightField | None = None, *, lean: bool = False) -> mujoco.MjModel:
     """The H1 of `models/h1/h1.xml` on a plane, or on a height field.
 
     Args:
         timestep: of the physics [s].
         terrain: the ground; None for a plane at z = 0.
-        visuals: whether to keep the shapes that are for the eye only; without them a step takes about a sixth less.
+        lean: leave out what does not move the robot: shapes for the eye, the sensors of hands and IMU, and the search
+            for contact islands, of which one robot has one. Same motion bit for bit, in about a quarter less time.
 
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
@@ -25,10 +26,19 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, visuals: 
         raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
     spec = mujoco.MjSpec.from_file(str(load_robot().xml_path))
     spec.option.timestep = timestep
-    spec.compiler.discardvisual = not visuals
+    if lean:
+        _make_lean(spec)
     if terrain is not None:
         _replace_floor(spec, terrain)
     return spec.compile()
+
+
+def _make_lean(spec: mujoco.MjSpec) -> None:
+    spec.compiler.discardvisual = True
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    for sensor in list(spec.sensors):
+        if sensor.name.startswith("imu_") or sensor.name.endswith("_hand_position"):
+            spec.delete(sensor)
 
 
 def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:

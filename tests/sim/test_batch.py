@@ -27,7 +27,7 @@ def _disturbed(count: int, **options: object) -> BatchSimulation:
 def test_every_robot_moves_as_one_alone_does() -> None:
     """Same model, same numbers: bit for bit the roll-out of plain MuJoCo."""
     batch = _disturbed(3)
-    model = load_model(TRAINING_TIMESTEP, visuals=False)
+    model = load_model(TRAINING_TIMESTEP)
     alone = []
     for robot in range(3):
         data = mujoco.MjData(model)

@@ -82,7 +82,7 @@ def test_bad_time_step_is_refused(timestep: float) -> None:
 
 
 def test_model_without_visuals_has_the_same_physics() -> None:
-    full, bare = load_model(0.005), load_model(0.005, visuals=False)
+    full, bare = load_model(0.005), load_model(0.005, lean=True)
     assert bare.ngeom < full.ngeom == bare.ngeom + np.sum(full.geom_group == 2)
     assert bare.npair == full.npair
     states = []
