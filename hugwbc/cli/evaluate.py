@@ -15,8 +15,11 @@ from hugwbc.evaluation.protocols import (
     RandomCommandsResult,
     SingleCommandConfig,
     SingleCommandResult,
+    SmallVelocitiesConfig,
+    SmallVelocitiesResult,
     run_random_commands,
     run_single_command,
+    run_small_velocities,
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.gait import Gait
@@ -36,7 +39,8 @@ class EvaluateOptions:
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"
     """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
-    at random over their full ranges at once; falls, and the combinations with which they happen."""
+    at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
+    or v_y of 0.1 to 0.3 m/s alone; which part of it is executed."""
     intervention: str = "none"
     """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
     motions: pathlib.Path | None = None
@@ -96,6 +100,9 @@ def run(words: Sequence[str]) -> int:
         if options.protocol == "single-command":
             result = run_single_command(spec.build, SingleCommandConfig(**settings), on_episode)
             text = describe(result)
+        elif options.protocol == "small-velocities":
+            result = run_small_velocities(spec.build, SmallVelocitiesConfig(**settings), on_episode)
+            text = describe_small(result)
         else:
             result = run_random_commands(spec.build, RandomCommandsConfig(**settings), on_episode)
             text = describe_random(result)
@@ -138,6 +145,14 @@ def describe_random(result: RandomCommandsResult) -> str:
         rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
         lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
     return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_small(result: SmallVelocitiesResult) -> str:
+    """The executed part of small velocities by direction, and the falls."""
+    rows = [(name, part) for name, part in result.executed.items()]
+    table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
+    falls = f"falls: {result.falls} of {result.episodes} episodes"
+    return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
 
 
 def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:
