@@ -33,6 +33,7 @@ class HandMotion:
     left_direction: Point | None = None
     right_direction: Point | None = None
     together: bool = False
+    whole_body: bool = False
 
     def __post_init__(self) -> None:
         if self.left is None and self.right is None:
@@ -44,7 +45,7 @@ class HandMotion:
     def at(self, t: float) -> HandTargets:
         """Targets at time `t` [s] since the motion's start."""
         left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
-        return HandTargets(left, right, self.frame, *self._directions, self.together)
+        return HandTargets(left, right, self.frame, *self._directions, self.together, self.whole_body)
 
     @functools.cached_property
     def _directions(self) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -10,6 +10,7 @@
           frame: pelvis           # pelvis, heading or world
           right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
           together: true          # both hands hold one thing
+          whole_body: true        # h, p and w may help
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
           right: mirror           # of the left; leave a hand out to let it rest
 
@@ -148,6 +149,7 @@ class _Reader:
             "left_direction": _Reader.point,
             "right_direction": _Reader.point,
             "together": _Reader.truth,
+            "whole_body": _Reader.truth,
         }
         fields = self.fields(node, "hands", readers)
         left, right = fields.pop("left", None), fields.pop("right", None)

@@ -25,6 +25,7 @@ class HandTargets:
         left_direction, right_direction: unit vectors along which the forearms should point, shape (3,); None where it
             does not matter. With four joints an arm has one left to turn towards it, once its hand is in place.
         together: whether the hands hold one thing: their relative position then goes before where they are.
+        whole_body: whether h, p and w may leave the command to bring the hands nearer.
         stamp: when the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new whenever
             they arrive, as a script's are.
         sequence: number of the message that brought them, rising by one; None where nobody counts.
@@ -36,6 +37,7 @@ class HandTargets:
     left_direction: np.ndarray | None = None
     right_direction: np.ndarray | None = None
     together: bool = False
+    whole_body: bool = False
     stamp: float | None = None
     sequence: int | None = None
 
@@ -49,6 +51,7 @@ class HandTargets:
         left_direction: object = None,
         right_direction: object = None,
         together: bool = False,
+        whole_body: bool = False,
     ) -> "HandTargets":
         """Targets from any two sequences of three finite numbers; None for a hand without a target.
 
@@ -71,7 +74,7 @@ class HandTargets:
             None if value is None else direction(f"{side} pointing direction", value)
             for side, value in (("left", left_direction), ("right", right_direction))
         ]
-        return cls(*points, frame, *directions, together)  # type: ignore[arg-type]
+        return cls(*points, frame, *directions, together, whole_body)  # type: ignore[arg-type]
 
     def array(self) -> np.ndarray:
         """Left, then right position [m], shape (2, 3); NaN for a hand without a target."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
@@ -10,11 +10,12 @@ from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.benchmark import EnvironmentSpeed, TrainingSpeed
+    from hugwbc.evaluation.ik_benchmark import IKFigures
 
 
 @dataclasses.dataclass(frozen=True)
 class BenchOptions:
-    """Measure training and its environment beside bare physics, a tick of each controller, and one of the hand IK."""
+    """Measure training, controllers and hand IK; hand IK beside mink and pink; and what the hands can reach."""
 
     count: int = 1024
     """Robots in training."""
@@ -28,6 +29,10 @@ class BenchOptions:
     """Simulated walking time over which the QP is measured [s]."""
     calls: int = 500
     """Calls of the policy and of the IK to measure."""
+    ik_targets: int = 20
+    """Targets that our IK, mink and pink visit side by side, 3 s each; mink and pink only where they are installed."""
+    spacing: float = 0.25
+    """Of the grid in a 2 m cube on which the reachable workspace is measured [m]."""
     json: pathlib.Path | None = None
     """Write the figures to this file; without a path, to standard output."""
 
@@ -36,30 +41,62 @@ def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
     check_writable(options.json)
-    for name in ("count", "control_steps", "iterations", "threads", "seconds", "calls"):
+    for name in ("count", "control_steps", "iterations", "threads", "seconds", "calls", "ik_targets", "spacing"):
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")
     from hugwbc.evaluation import benchmark
+    from hugwbc.evaluation.ik_benchmark import compare_solvers
     from hugwbc.learned.contract import policy_contract
     from hugwbc.learned.networks import Actor
     from hugwbc.learned.policy import LearnedController
     from hugwbc.mbc import WholeBodyController
+    from hugwbc.upper_ik.workspace import measure_workspace
 
     with progress("benchmark") as advance:
         environment = benchmark.environment_speed(options.count, options.control_steps, threads=options.threads)
-        advance(0.4)
+        advance(0.1)
         bare = environment.bare_steps_per_s
         training = benchmark.training_speed(bare, options.count, options.iterations, options.threads)
-        advance(0.8)
+        advance(0.2)
         ticks = {"qp_tick_ms": benchmark.controller_tick(WholeBodyController(), options.seconds)}
-        advance(0.9)
+        advance(0.3)
         # The time of a call does not depend on the weights: a fresh network will do.
         ticks["policy_tick_ms"] = benchmark.policy_tick(LearnedController(Actor(), policy_contract()), options.calls)
         ticks["ik_tick_ms"] = benchmark.ik_tick(options.calls)
+        solvers = compare_solvers(options.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
+        workspace = measure_workspace(options.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
     say(_describe(environment, training, ticks, options.threads), options.json)
-    speeds = {"environment": dataclasses.asdict(environment), "training": dataclasses.asdict(training)}
-    write_json(options.json, {**speeds, **ticks, "threads": options.threads})
+    say("\n" + describe_solvers(solvers), options.json)
+    say(
+        f"\nreachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
+        f"{100 * workspace.whole_body:.1f} % with the whole body",
+        options.json,
+    )
+    figures = {
+        "environment": dataclasses.asdict(environment),
+        "training": dataclasses.asdict(training),
+        **ticks,
+        "ik": {name: dataclasses.asdict(solver) for name, solver in solvers.items()},
+        "workspace": dataclasses.asdict(workspace),
+        "threads": options.threads,
+    }
+    write_json(options.json, figures)
     return 0
+
+
+def describe_solvers(solvers: Mapping[str, "IKFigures"]) -> str:
+    """Inverse kinematics side by side."""
+    rows: list[tuple[object, ...]] = [
+        ("tick p50 [ms]", *(solver.tick_ms["p50"] for solver in solvers.values())),
+        ("tick p99 [ms]", *(solver.tick_ms["p99"] for solver in solvers.values())),
+        ("residual, reachable [cm]", *(100.0 * solver.residual_m for solver in solvers.values())),
+        ("reached within 1 cm", *(solver.reached for solver in solvers.values())),
+        ("excess, out of reach [cm]", *(100.0 * solver.excess_m for solver in solvers.values())),
+        ("ticks beyond a limit", *(solver.limit_violations for solver in solvers.values())),
+        ("jitter [rad^2/s^6]", *(f"{solver.jitter:.3g}" for solver in solvers.values())),
+        ("exceptions", *(solver.exceptions for solver in solvers.values())),
+    ]
+    return format_table(("inverse kinematics", *solvers), rows)
 
 
 def _describe(

@@ -11,15 +11,15 @@ from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
     PROTOCOL_NAMES,
+    HandsConfig,
+    HandsResult,
     RandomCommandsConfig,
     RandomCommandsResult,
     SingleCommandConfig,
     SingleCommandResult,
-    SmallVelocitiesConfig,
-    SmallVelocitiesResult,
+    run_hands,
     run_random_commands,
     run_single_command,
-    run_small_velocities,
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.gait import Gait
@@ -39,8 +39,10 @@ class EvaluateOptions:
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"
     """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
-    at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
-    or v_y of 0.1 to 0.3 m/s alone; which part of it is executed."""
+    at random over their full ranges at once; falls, and the combinations with which they happen. hands: both hands go
+    from one reachable target to the next; how near they come."""
+    v_x: float = 0.5
+    """Forward velocity in the hands protocol, for gaits that move [m/s]."""
     intervention: str = "none"
     """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
     motions: pathlib.Path | None = None
@@ -53,8 +55,8 @@ class EvaluateOptions:
     """Of the sampled commands, the ground and the arms."""
     duration: float = 10.0
     """Length of an episode [s]."""
-    settle: float = 1.0
-    """Start of an episode that is left out of the errors [s]."""
+    settle: float | None = None
+    """Start of an episode that is left out of the errors [s]; by default 1, and 2 in the hands protocol."""
     timestep: float = 0.002
     """Of the physics [s]; 0.005, the training's, is faster and enough for the learned controller."""
     noise: bool = False
@@ -78,7 +80,7 @@ def run(words: Sequence[str]) -> int:
         "episodes": options.episodes,
         "seed": options.seed,
         "duration": options.duration,
-        "settle": options.settle,
+        "settle": 1.0 if options.settle is None else options.settle,
         "workers": options.workers,
         "conditions": Conditions(
             timestep=options.timestep,
@@ -89,6 +91,8 @@ def run(words: Sequence[str]) -> int:
         ),
     }
     spec = ControllerSpec(options.controller, options.policy)
+    if options.protocol == "hands":
+        return _run_hands(options, spec, settings["conditions"])
     done = 0
     with progress(f"{options.controller}, {options.gait}: {options.episodes} episodes") as advance:
 
@@ -100,15 +104,45 @@ def run(words: Sequence[str]) -> int:
         if options.protocol == "single-command":
             result = run_single_command(spec.build, SingleCommandConfig(**settings), on_episode)
             text = describe(result)
-        elif options.protocol == "small-velocities":
-            result = run_small_velocities(spec.build, SmallVelocitiesConfig(**settings), on_episode)
-            text = describe_small(result)
         else:
             result = run_random_commands(spec.build, RandomCommandsConfig(**settings), on_episode)
             text = describe_random(result)
     say(text, options.json)
     write_json(options.json, dataclasses.asdict(result))
     return 0
+
+
+def _run_hands(options: EvaluateOptions, spec: ControllerSpec, conditions: Conditions) -> int:
+    config = HandsConfig(
+        gait=Gait.parse(options.gait),
+        v_x=options.v_x,
+        episodes=options.episodes,
+        seed=options.seed,
+        duration=options.duration,
+        settle=2.0 if options.settle is None else options.settle,
+        conditions=conditions,
+    )
+    with progress(f"{options.controller}, {options.gait}: {options.episodes} episodes") as advance:
+        result = run_hands(spec.build, config, advance)
+    say(describe_hands(result), options.json)
+    write_json(options.json, dataclasses.asdict(result))
+    return 0
+
+
+def describe_hands(result: HandsResult) -> str:
+    """Hand errors, joint error, saturation and jitter, and the falls."""
+    errors = {part: result.hand_error_m[part] for part in ("mean", "p95", "left", "right")}
+    rows: list[tuple[object, ...]] = [
+        (f"hand error {part} [cm]", None if error is None else 100.0 * error) for part, error in errors.items()
+    ]
+    rows += [
+        ("targets reached by the IK", result.hand_error_m["reachable_fraction"]),
+        ("arm joints' error [rad]", result.joint_error_rad),
+        ("control steps with an arm joint at its torque limit", result.saturated_ticks),
+        ("jitter [rad^2/s^6]", result.jitter),
+    ]
+    falls = f"falls: {result.fell} of {result.episodes} episodes"
+    return format_table((result.gait, result.controller), rows) + f"\n\n{falls}"
 
 
 def describe(result: SingleCommandResult) -> str:
@@ -145,14 +179,6 @@ def describe_random(result: RandomCommandsResult) -> str:
         rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
         lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
     return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
-
-
-def describe_small(result: SmallVelocitiesResult) -> str:
-    """The executed part of small velocities by direction, and the falls."""
-    rows = [(name, part) for name, part in result.executed.items()]
-    table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
-    falls = f"falls: {result.falls} of {result.episodes} episodes"
-    return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
 
 
 def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:

@@ -15,7 +15,7 @@ from hugwbc.safety import SafetyFilter
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import HandBack, IKSolution
+from hugwbc.upper_ik import BodyReach, HandBack, IKSolution
 
 
 class UpperBodySource(Protocol):
@@ -110,6 +110,7 @@ class ControlLoop:
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
         self._hand_back = HandBack()
+        self._body_reach: BodyReach | None = None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -119,6 +120,7 @@ class ControlLoop:
         self.safe.reset(self._estimate)
         self._commanded_arms = None
         self._hand_back.reset()
+        self._body_reach = None
         if self.upper_body is not None:
             self.upper_body.reset()
 
@@ -131,9 +133,18 @@ class ControlLoop:
             begin = time.perf_counter()
             arms = self.upper_body.update(state, self.hands, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
-        command = self._hand_back(self.safe.act(state, self.source.command_at(t), arms), arms, self.period)
+        wanted = self._reached(self.source.command_at(t), state)
+        command = self._hand_back(self.safe.act(state, wanted, arms), arms, self.period)
         self._commanded_arms = command.q[self.simulation.robot.arms]
         return command
+
+    def _reached(self, command: Command, state: RobotState) -> Command:
+        """The command, with h, p and w as hand targets need them that ask for the whole body."""
+        if self._body_reach is None:
+            if self.hands is None or not self.hands.whole_body:
+                return command
+            self._body_reach = BodyReach()
+        return self._body_reach.update(self.hands, state, command, self.period)
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], the estimator following every physics step; the true state."""

@@ -163,3 +163,13 @@ def percentiles(milliseconds: np.ndarray) -> dict[str, float]:
         return {"p50": 0.0, "p99": 0.0}
     p50, p99 = np.percentile(milliseconds, (50, 99)).tolist()
     return {"p50": p50, "p99": p99}
+
+
+def jitter(positions: np.ndarray, dt: float) -> float:
+    """Mean squared jerk of joint positions, shape (samples, joints), `dt` [s] apart [rad^2/s^6].
+
+    NaN samples are left out; NaN if no four samples in a row are known.
+    """
+    jerk = np.diff(positions, n=3, axis=0) / dt**3
+    known = jerk[np.isfinite(jerk)]
+    return float(np.mean(known**2)) if known.size else float("nan")

@@ -1,5 +1,6 @@
 """Hand targets to arm joints: inverse kinematics, gravity compensation, and the hand-over of the arms and back."""
 
+from hugwbc.upper_ik.body_reach import BodyReach, BodyReachConfig
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import GravityCompensation
 from hugwbc.upper_ik.hand_back import HandBack
@@ -10,6 +11,8 @@ from hugwbc.upper_ik.watch import TargetCounts, TargetWatch
 __all__ = [
     "ArmIK",
     "ArmIKConfig",
+    "BodyReach",
+    "BodyReachConfig",
     "GravityCompensation",
     "HandBack",
     "IKSolution",

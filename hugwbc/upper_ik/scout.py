@@ -13,7 +13,7 @@ from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal
 
 # Left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward; the right arm's are mirrored.
-_POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
+POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
 _MIRROR = np.array([1.0, -1.0, -1.0, 1.0])
 STEPS = 4  # in a tick
 STEP_TIME = 0.02  # [s]
@@ -35,7 +35,7 @@ class Scout:
         self._descent = Descent(
             dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
         )
-        self._seeds = np.stack((_POSTURES, _POSTURES * _MIRROR))
+        self._seeds = np.stack((POSTURES, POSTURES * _MIRROR))
         self._seed = np.full(2, -1)
         self._goal = np.zeros((2, 3))
         self._best = np.zeros((2, 4))
@@ -63,7 +63,7 @@ class Scout:
         self._seed[arm] += 1
         self._goal[arm] = goal[arm]
         reached = self._best_residual[arm] <= self._descent.config.tolerance
-        self.done[arm] = reached or self._seed[arm] == len(_POSTURES)
+        self.done[arm] = reached or self._seed[arm] == len(POSTURES)
         self.q[joints] = self._best[arm] if self.done[arm] else self._seeds[arm, self._seed[arm]]
 
     def advance(self, goal: np.ndarray, body: np.ndarray) -> None:

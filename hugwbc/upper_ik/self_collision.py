@@ -22,10 +22,17 @@ _SHAPES = {
 HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
 
 
-def upper_body(robot: Robot) -> placo.RobotWrapper:
+HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
+
+
+def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     """The robot on its pelvis with arms, waist and hips; stiff from the knees on.
 
     Collision pairs are each forearm with the chest, the head, both thighs and the other forearm.
+
+    Args:
+        robot: names and description.
+        on_column: whether the pelvis can go up and down, and pitch, by two more joints.
     """
     root = ElementTree.parse(robot.urdf_path).getroot()
     for link in root.findall("link"):
@@ -42,9 +49,24 @@ def upper_body(robot: Robot) -> placo.RobotWrapper:
     for joint in root.findall("joint"):
         if joint.get("name") in stiff:
             joint.set("type", "fixed")
+    if on_column:
+        _put_on_column(root)
     wrapper = placo.RobotWrapper("h1", 0, ElementTree.tostring(root, encoding="unicode"))
     _keep_forearm_pairs(wrapper.collision_model)
     return wrapper
+
+
+def _put_on_column(root: ElementTree.Element) -> None:
+    for parent, child, name, kind, axis in (
+        ("column", "carriage", HEIGHT_JOINT, "prismatic", "0 0 1"),
+        ("carriage", "pelvis", PITCH_JOINT, "revolute", "0 1 0"),
+    ):
+        ElementTree.SubElement(root, "link", name=parent)
+        joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+        ElementTree.SubElement(joint, "parent", link=parent)
+        ElementTree.SubElement(joint, "child", link=child)
+        ElementTree.SubElement(joint, "axis", xyz=axis)
+        ElementTree.SubElement(joint, "limit", lower="-1", upper="1", velocity="1", effort="1")
 
 
 def _keep_forearm_pairs(model: pin.GeometryModel) -> None:

@@ -20,6 +20,7 @@ def test_bench_reports_all_speeds(capsys):
         "5",
         "--json",
     ]
+    words += ["--ik-targets", "2", "--spacing", "1.0"]
     assert main(words) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
@@ -32,4 +33,8 @@ def test_bench_reports_all_speeds(capsys):
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
     for name in ("qp_tick_ms", "policy_tick_ms", "ik_tick_ms"):
         assert 0.0 < figures[name]["p50"] <= figures[name]["p99"]
+    ours = figures["ik"]["hugwbc"]
+    assert ours["limit_violations"] == ours["exceptions"] == 0
+    assert 0.0 <= figures["workspace"]["arms"] <= figures["workspace"]["whole_body"] < 1.0
+    assert "reachable part of a 2 m cube (27 points)" in printed.err
     assert "8 robots" in printed.err and "tick [ms]" in printed.err

@@ -1,0 +1,226 @@
+"""Reaching with the whole body: h, p and w chosen so that hands come to targets outside the arms' workspace."""
+
+import dataclasses
+
+import numpy as np
+import placo
+
+from hugwbc import rotations
+from hugwbc.commands import Command, command_ranges
+from hugwbc.errors import ConfigError
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT, upper_body
+
+BODY_NAMES = ("h", "p", "w")
+_BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyReachConfig:
+    """Settings.
+
+    Attributes:
+        speed: of h, p and w [m/s, rad/s, rad/s]: what both controllers follow without losing balance.
+        body_weight: of the pull of h, p and w towards the command, against 1 for the hands [m^2/rad^2]; well above that
+            of the arms' posture, so that the arms go first.
+        arm: settings of the arms.
+    """
+
+    speed: tuple[float, float, float] = (0.15, 0.3, 0.6)
+    body_weight: float = 1e-3
+    arm: ArmIKConfig = dataclasses.field(default_factory=ArmIKConfig)
+
+    def __post_init__(self) -> None:
+        if len(self.speed) != 3 or not all(0.0 < speed < np.inf for speed in self.speed):
+            raise ConfigError(f"BodyReachConfig.speed is {self.speed}; give three finite numbers above 0 for h, p, w")
+        if not 0.0 < self.body_weight < np.inf:
+            raise ConfigError(f"BodyReachConfig.body_weight is {self.body_weight}; give a finite number above 0")
+
+
+class BodyReach:
+    """A virtual robot on a column: its pelvis goes up and down and pitches, its waist turns, its arms reach.
+
+    In every tick it takes one step of the arms' inverse kinematics (see `Descent`) with h, p and w as three more
+    joints, within the ranges of the gait. They are pulled towards the commanded values so much more than the arms
+    towards their posture, that they move noticeably only where the arms do not suffice. The real arms are not touched:
+    their own inverse kinematics goes on from where the pelvis really is.
+
+    A target in the pelvis frame can only be reached by w, one in the heading frame by p and w, one in the world by all.
+
+    Attributes:
+        values: h, p and w now [m, rad, rad], shape (3,).
+        failures: how many steps the solver failed in; each kept the last values.
+    """
+
+    def __init__(self, config: BodyReachConfig | None = None) -> None:
+        self.config = config or BodyReachConfig()
+        self._robot = load_robot()
+        self.failures = 0
+        self.placo = upper_body(self._robot, on_column=True)
+        arm = self.config.arm
+        margin = arm.limit_margin
+        for index, name in zip(self._robot.arms, self._robot.arm_names, strict=True):
+            low, high = self._robot.lower[index] + margin, self._robot.upper[index] - margin
+            self.placo.set_joint_limits(name, float(low), float(high))
+            self.placo.set_velocity_limit(name, float(self._robot.velocity_limit[index] * arm.speed_fraction))
+        for name, speed in zip(_BODY_JOINTS, self.config.speed, strict=True):
+            self.placo.set_velocity_limit(name, speed)
+        self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
+        self._arm_columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
+        self._build_solver()
+        self.reset()
+
+    def _build_solver(self) -> None:
+        arm = self.config.arm
+        self._solver = placo.KinematicsSolver(self.placo)
+        self._solver.mask_fbase(True)
+        for name in HIP_NAMES:
+            self._solver.mask_dof(name)
+        self._solver.enable_joint_limits(True)
+        self._solver.enable_velocity_limits(True)
+        self._hand_tasks = [self._solver.add_position_task(f"{side}_hand", np.zeros(3)) for side in SIDES]
+        nominal = self._robot.nominal[self._robot.arms].tolist()
+        posture = self._solver.add_joints_task()
+        posture.set_joints(dict(zip(self._robot.arm_names, nominal, strict=True)))
+        posture.configure("posture", "soft", arm.posture_weight)
+        self._body_task = self._solver.add_joints_task()
+        self._body_task.set_joints(dict.fromkeys(_BODY_JOINTS, 0.0))
+        self._body_task.configure("body", "soft", self.config.body_weight)
+        self._damping_task = self._solver.add_regularization_task(1.0)
+        self._damping_task.configure("damping", "soft", 1.0)
+        collisions = self._solver.add_avoid_self_collisions_constraint()
+        collisions.self_collisions_margin = arm.collision_margin
+        collisions.self_collisions_trigger = arm.collision_trigger
+        collisions.configure("collisions", "soft", arm.collision_weight)
+
+    def reset(self) -> None:
+        """Start from the nominal posture at the next step, with the body where the command then has it."""
+        self._active = False
+        self.values = np.zeros(3)
+        self._place_arms(self._robot.nominal[self._robot.arms])
+
+    def _place_arms(self, q: np.ndarray) -> None:
+        configuration = self.placo.state.q.copy()
+        configuration[self._arm_columns] = q
+        self.placo.state.q = configuration
+
+    def update(self, hands: HandTargets | None, state: RobotState, command: Command, dt: float) -> Command:
+        """The command with h, p and w as the hands need them. Never raises on bad numbers: keeps its values, counts.
+
+        Args:
+            hands: the targets; None, or targets that do not ask for the whole body, bring h, p and w back.
+            state: gives heading and position of the pelvis, and where the arms are at first.
+            command: of the user, in the ranges of its gait.
+            dt: time since the last tick [s].
+        """
+        wanted = np.array([getattr(command, name) for name in BODY_NAMES])
+        wants_body = hands is not None and hands.whole_body
+        if not wants_body and not self._active:
+            return command
+        if not (np.all(np.isfinite(wanted)) and 0.0 < dt < np.inf):
+            return command
+        if not self._active:
+            self._begin(wanted, state)
+        points = None if hands is None or not wants_body else on_column(hands, state, self.values)
+        if points is None:
+            step = np.array(self.config.speed) * dt
+            self.values = self.values + np.clip(wanted - self.values, -step, step)
+            self._active = bool(wants_body or np.any(self.values != wanted))
+        else:
+            self._step(points, hands.given if hands is not None else np.ones(2, dtype=bool), wanted, command, dt)
+        values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
+        return dataclasses.replace(command, **values).clamp()[0]
+
+    def _begin(self, values: np.ndarray, state: RobotState) -> None:
+        self._active = True
+        self.values = values.copy()
+        q = state.q[self._robot.arms]
+        nominal = self._robot.nominal[self._robot.arms]
+        low, high = self._robot.lower[self._robot.arms] + 0.02, self._robot.upper[self._robot.arms] - 0.02
+        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), low, high))
+
+    def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
+        ranges = np.array([command_ranges(command.gait)[name].finishing for name in BODY_NAMES])
+        self.allow(ranges)
+        low, high = ranges.T
+        self.solve(points, given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)
+
+    def allow(self, ranges: np.ndarray) -> None:
+        """Set the ranges of h, p and w, shape (3, 2)."""
+        for joint, (low, high) in zip(_BODY_JOINTS, ranges, strict=True):
+            # A range of one value has no inside for the solver.
+            self.placo.set_joint_limits(joint, float(low) - 1e-6, float(high) + 1e-6)
+
+    def solve(
+        self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, values: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """One step of `dt` [s] towards hand positions on the column; the residual distances [m], shape (2,).
+
+        Args:
+            points: hand targets in the column's frame: below the nominal pelvis, heading ahead [m], shape (2, 3).
+            given: which hands have a target, shape (2,), bool.
+            wanted: h, p and w that the body is pulled to, shape (3,).
+            values: h, p and w to start from, shape (3,).
+            dt: [s].
+        """
+        configuration = self.placo.state.q.copy()
+        configuration[self._columns] = values
+        self.placo.state.q = configuration
+        self.placo.update_kinematics()
+        hands = self.hands()
+        error = np.where(given[:, None], points - hands, 0.0)
+        distance = np.linalg.norm(error, axis=1)
+        step = np.minimum(distance, self.config.arm.hand_speed * dt)
+        aim = hands + error * (step / np.maximum(distance, 1e-9))[:, None]
+        for task, target, on in zip(self._hand_tasks, aim, given, strict=True):
+            task.target_world = target
+            task.configure("hand", "soft", float(on))
+        self._body_task.set_joints(dict(zip(_BODY_JOINTS, wanted.tolist(), strict=True)))
+        self._damping_task.set_weight(self.config.arm.damping + float(step.max()))
+        self._solver.dt = dt
+        try:
+            self._solver.solve(True)
+        except RuntimeError:
+            self.failures += 1
+            self.placo.state.q = configuration
+        self.placo.update_kinematics()
+        self.values = self.placo.state.q[self._columns]
+        return np.linalg.norm(np.where(given[:, None], points - self.hands(), 0.0), axis=1)
+
+    def hands(self) -> np.ndarray:
+        """Positions of the virtual hands in the column's frame [m], shape (2, 3)."""
+        return np.array([self.placo.get_T_world_frame(f"{side}_hand")[:3, 3] for side in SIDES])
+
+    def start(self, q_arm: np.ndarray, values: np.ndarray) -> None:
+        """Go to arm positions (8,) [rad] and h, p, w (3,), for a search of its own."""
+        self._place_arms(q_arm)
+        self.values = np.array(values, dtype=float)
+
+
+def on_column(hands: HandTargets, state: RobotState, values: np.ndarray) -> np.ndarray | None:
+    """Hand targets in the frame of the nominal pelvis above the robot's place, heading as it does; None if unusable.
+
+    Args:
+        hands: the targets.
+        state: gives heading and position.
+        values: h, p and w now, which carry targets in the pelvis and the heading frame along, shape (3,).
+
+    Returns:
+        Positions [m], shape (2, 3); of no meaning for a hand without a target.
+    """
+    if not hands.is_usable:
+        return None
+    points = np.where(hands.given[:, None], hands.array(), 0.0)
+    if hands.frame == "world":
+        if state.position is None:
+            return None
+        origin = np.array([*state.position[:2], load_robot().nominal_height])
+        points = (points - origin) @ rotations.rotation_z(state.yaw)
+    else:
+        if hands.frame == "pelvis":
+            points = points @ rotations.to_matrix(rotations.from_yaw_pitch_roll(0.0, float(values[1]), 0.0)).T
+        points = points + np.array([0.0, 0.0, float(values[0])])
+    return points if bool(np.all(np.isfinite(points))) else None

@@ -1,0 +1,90 @@
+"""How much of the space around the robot its hands can reach: with the arms alone, and with the whole body."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.commands import command_ranges
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
+from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
+from hugwbc.upper_ik.scout import POSTURES
+
+TOLERANCE = 0.03  # [m]
+SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle
+ARM_REACH = 0.66  # [m], no hand is farther from its shoulder's centre
+_SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's in the pelvis frame
+_STEPS = 60  # of 20 ms from one start; what has not come within the tolerance by then does not
+_DT = 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class Workspace:
+    """Share of a cube's grid points that at least one hand reaches within `TOLERANCE`.
+
+    Attributes:
+        arms: standing upright, with the arms alone.
+        whole_body: with h, p and w in their ranges as well.
+        points: of the grid.
+        spacing: of the grid [m].
+        tolerance: [m].
+    """
+
+    arms: float
+    whole_body: float
+    points: int
+    spacing: float
+    tolerance: float = TOLERANCE
+
+
+def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None] | None = None) -> Workspace:
+    """Try every grid point of a 2 m cube on the ground with the left hand; the right one reaches the mirror image.
+
+    Args:
+        spacing: of the grid [m].
+        on_progress: called with the fraction done.
+
+    Raises:
+        ConfigError: if the spacing is not above 0 and up to the cube's side.
+    """
+    if not 0.0 < spacing <= SIDE:
+        raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
+    half = int(SIDE / 2.0 / spacing + 1e-9)
+    ticks = spacing * np.arange(-half, half + 1)
+    grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)
+    height = load_robot().nominal_height
+    points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - height])).reshape(-1, 3)
+    # Nothing moves that could lose its balance: large steps.
+    reach = BodyReach(BodyReachConfig(speed=(2.0, 3.0, 6.0)))
+    reached = {}
+    for index, body in enumerate((False, True)):
+        found = np.zeros(len(points), dtype=bool)
+        for number, point in enumerate(points):
+            found[number] = _reaches(reach, point, body)
+            if on_progress is not None:
+                on_progress((index + number / len(points)) / 2.0)
+        left = found.reshape(grid.shape[:3])
+        reached[body] = float(np.mean(left | left[:, ::-1]))
+    return Workspace(reached[False], reached[True], len(points), spacing)
+
+
+def _reaches(reach: BodyReach, point: np.ndarray, body: bool) -> bool:
+    ranges = np.array([command_ranges(Gait.STANDING)[name].finishing for name in BODY_NAMES])
+    room = ARM_REACH + TOLERANCE + (np.abs(ranges[0]).max() + 0.4 if body else 0.0)
+    if np.linalg.norm(point - _SHOULDER) > room:
+        return False
+    reach.allow(ranges if body else np.zeros((3, 2)))
+    points, given = np.stack((point, point)), np.array([True, False])
+    for seed in POSTURES:
+        reach.start(np.concatenate((seed, seed * [1.0, -1.0, -1.0, 1.0])), np.zeros(3))
+        last = np.inf
+        for _ in range(_STEPS):
+            residual = float(reach.solve(points, given, np.zeros(3), reach.values, _DT)[0])
+            if residual <= TOLERANCE:
+                return True
+            if last - residual < 1e-4:
+                break
+            last = residual
+    return False

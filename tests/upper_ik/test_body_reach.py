@@ -1,0 +1,137 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, rotations
+from hugwbc.errors import ConfigError
+from hugwbc.kinematics import Kinematics
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import ArmIK, BodyReach, BodyReachConfig
+from hugwbc.upper_ik.body_reach import on_column
+from hugwbc.upper_ik.workspace import measure_workspace
+
+DT = 0.02
+LOW = HandTargets.of((0.45, 0.2, 0.55), (0.45, -0.2, 0.6), "world", whole_body=True)
+
+
+@pytest.fixture
+def standing(robot, make_state):
+    return make_state(robot.nominal, position=(0.0, 0.0, robot.nominal_height))
+
+
+def run(reach, hands, state, command, seconds=6.0):
+    commands = [reach.update(hands, state, command, DT) for _ in range(round(seconds / DT))]
+    return commands[-1], np.array([[c.h, c.p, c.w] for c in commands])
+
+
+def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot, make_state, standing):
+    command, path = run(BodyReach(), LOW, standing, Command())
+    assert command.h < -0.2
+    assert command.p > 0.1
+    assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-9)
+    # Where the body then is, the arms alone reach; where it was, they do not.
+    residual = {}
+    for name, h, p, w in (("before", 0.0, 0.0, 0.0), ("after", command.h, command.p, command.w)):
+        q = robot.nominal.copy()
+        q[robot.waist] = w
+        place = (0.0, 0.0, robot.nominal_height + h)
+        state = make_state(q, orientation=rotations.from_yaw_pitch_roll(0.0, p, 0.0), position=place)
+        ik = ArmIK()
+        for _ in range(200):
+            solution = ik.solve(LOW, state, DT)
+        residual[name] = solution.residual
+    assert np.all(residual["before"] > 0.2)
+    assert np.all(residual["after"] < 0.005)
+
+
+def test_within_reach_of_the_arms_the_body_hardly_moves(standing):
+    near = HandTargets.of((0.3, 0.25, 1.15), (0.3, -0.25, 1.1), "world", whole_body=True)
+    _, path = run(BodyReach(), near, standing, Command())
+    assert np.abs(path).max() < 0.05
+
+
+def test_a_target_across_the_body_turns_the_waist(standing):
+    across = HandTargets.of((0.55, -0.4, 1.3), None, "world", whole_body=True)
+    command, _ = run(BodyReach(), across, standing, Command())
+    assert command.w < -0.1
+
+
+@pytest.mark.parametrize("gait", [Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT])
+def test_the_body_stays_in_the_ranges_of_the_gait(standing, gait):
+    deep = HandTargets.of((0.9, 0.3, 0.0), (0.9, -0.5, 0.0), "world", whole_body=True)
+    command, path = run(BodyReach(), deep, standing, Command(gait=gait))
+    command.validate()
+    assert path[:, 0].min() >= -0.3
+    assert path[:, 1].max() <= 0.4
+    if gait is Gait.HOPPING_LEFT:
+        assert not np.any(path[:, 1:])
+
+
+def test_it_returns_to_the_command_and_leaves_everything_else(standing):
+    reach = BodyReach()
+    walk = Command(v_x=0.3, omega=0.2, h=-0.05, p=0.1, w=0.2, gait=Gait.WALKING)
+    bent, _ = run(reach, LOW, standing, walk)
+    assert dataclasses.replace(bent, h=walk.h, p=walk.p, w=walk.w) == walk
+    back, path = run(reach, None, standing, walk)
+    assert back == walk
+    assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-9)
+
+
+def test_targets_that_do_not_ask_for_the_body_leave_the_command_alone(standing):
+    plain = dataclasses.replace(LOW, whole_body=False)
+    assert BodyReach().update(plain, standing, Command(), DT) == Command()
+
+
+def test_bad_numbers_are_survived(robot, make_state, standing):
+    reach = BodyReach()
+    run(reach, LOW, standing, Command(), 1.0)
+    bad = HandTargets(np.full(3, math.nan), None, "world", whole_body=True)
+    lost = dataclasses.replace(standing, position=None)
+    broken = make_state(np.full(19, math.nan), position=(math.nan, 0.0, 1.0))
+    for hands, state, dt in ((bad, standing, DT), (LOW, lost, DT), (LOW, broken, DT), (LOW, standing, math.nan)):
+        command = reach.update(hands, state, Command(), dt)
+        assert all(math.isfinite(value) for value in command.array())
+        command.validate()
+    assert BodyReach().update(LOW, broken, Command(), DT).validate()
+
+
+def test_frames_agree_with_the_whole_robot(robot, make_state):
+    """A hand of a pitched, turned and lowered robot is at the same point of the column in all three frames."""
+    h, p, yaw = -0.2, 0.3, 2.0
+    place = np.array([1.0, -2.0, robot.nominal_height + h])
+    state = make_state(robot.nominal, orientation=rotations.from_yaw_pitch_roll(yaw, p, 0.0), position=place)
+    kinematics = Kinematics()
+    kinematics.update(state)
+    world = kinematics.position("left_hand")
+    level = rotations.rotation_z(-yaw) @ (world - place)
+    pelvis = rotations.rotate_inverse(state.orientation, world - place)
+    values = np.array([h, p, 0.0])
+    points = [
+        on_column(HandTargets(point, None, frame), state, values)
+        for point, frame in ((world, "world"), (level, "heading"), (pelvis, "pelvis"))
+    ]
+    for point in points:
+        assert point is not None
+        assert point[0] == pytest.approx(points[0][0])  # type: ignore[index]
+    reach = BodyReach()
+    reach.allow(np.array([[-0.3, 0.0], [0.0, 0.4], [-1.0, 1.0]]))
+    reach.start(robot.nominal[robot.arms], values)
+    reach.solve(np.stack((points[0][0],) * 2), np.array([True, False]), values, values, DT)  # type: ignore[index]
+    assert reach.hands()[0] == pytest.approx(points[0][0], abs=2e-3)  # type: ignore[index]
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(ConfigError, match="speed is"):
+        BodyReachConfig(speed=(0.1, 0.0, 0.1))
+    with pytest.raises(ConfigError, match="body_weight is"):
+        BodyReachConfig(body_weight=math.inf)
+
+
+def test_the_whole_body_reaches_more_than_the_arms():
+    space = measure_workspace(0.5)
+    assert space.points == 125
+    assert 0.0 < space.arms < space.whole_body < 0.6
+    with pytest.raises(ConfigError, match="spacing is 0"):
+        measure_workspace(0.0)
