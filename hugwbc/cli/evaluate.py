@@ -17,9 +17,12 @@ from hugwbc.evaluation.protocols import (
     RandomCommandsResult,
     SingleCommandConfig,
     SingleCommandResult,
+    SmallVelocitiesConfig,
+    SmallVelocitiesResult,
     run_hands,
     run_random_commands,
     run_single_command,
+    run_small_velocities,
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.gait import Gait
@@ -39,8 +42,9 @@ class EvaluateOptions:
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"
     """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
-    at random over their full ranges at once; falls, and the combinations with which they happen. hands: both hands go
-    from one reachable target to the next; how near they come."""
+    at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
+    or v_y of 0.1 to 0.3 m/s alone; which part of it is executed. hands: both hands go from one reachable target to the
+    next; how near they come."""
     v_x: float = 0.5
     """Forward velocity in the hands protocol, for gaits that move [m/s]."""
     intervention: str = "none"
@@ -104,6 +108,9 @@ def run(words: Sequence[str]) -> int:
         if options.protocol == "single-command":
             result = run_single_command(spec.build, SingleCommandConfig(**settings), on_episode)
             text = describe(result)
+        elif options.protocol == "small-velocities":
+            result = run_small_velocities(spec.build, SmallVelocitiesConfig(**settings), on_episode)
+            text = describe_small(result)
         else:
             result = run_random_commands(spec.build, RandomCommandsConfig(**settings), on_episode)
             text = describe_random(result)
@@ -179,6 +186,14 @@ def describe_random(result: RandomCommandsResult) -> str:
         rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
         lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
     return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_small(result: SmallVelocitiesResult) -> str:
+    """The executed part of small velocities by direction, and the falls."""
+    rows = [(name, part) for name, part in result.executed.items()]
+    table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
+    falls = f"falls: {result.falls} of {result.episodes} episodes"
+    return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
 
 
 def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:

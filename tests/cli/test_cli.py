@@ -122,6 +122,13 @@ def test_random_commands_list_where_the_robot_falls(capsys):
     assert "low third" in printed and "pairs with the most falls" in printed
 
 
+def test_small_velocities_show_which_part_is_executed(capsys):
+    words = ["evaluate", "--controller", "hold", "--protocol", "small-velocities", "--timestep", "0.005"]
+    assert main([*words, "--episodes", "4", "--duration", "0.6", "--settle", "0.4"]) == 0
+    printed = capsys.readouterr().out
+    assert "executed part" in printed and "backward" in printed and "falls: 0 of 4 episodes" in printed
+
+
 def test_standing_under_motions_shows_arms_and_feet(capsys):
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--intervention", "motion"]
     assert main([*words, "--episodes", "3", "--duration", "0.6", "--settle", "0.2"]) == 0

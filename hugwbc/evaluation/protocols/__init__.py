@@ -7,8 +7,13 @@ from hugwbc.evaluation.protocols.random_commands import (
     run_random_commands,
 )
 from hugwbc.evaluation.protocols.single_command import SingleCommandConfig, SingleCommandResult, run_single_command
+from hugwbc.evaluation.protocols.small_velocities import (
+    SmallVelocitiesConfig,
+    SmallVelocitiesResult,
+    run_small_velocities,
+)
 
-PROTOCOL_NAMES = ("single-command", "random-commands", "hands")
+PROTOCOL_NAMES = ("single-command", "random-commands", "small-velocities", "hands")
 
 __all__ = [
     "PROTOCOL_NAMES",
@@ -18,7 +23,10 @@ __all__ = [
     "RandomCommandsResult",
     "SingleCommandConfig",
     "SingleCommandResult",
+    "SmallVelocitiesConfig",
+    "SmallVelocitiesResult",
     "run_hands",
     "run_random_commands",
     "run_single_command",
+    "run_small_velocities",
 ]

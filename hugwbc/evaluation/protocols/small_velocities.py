@@ -1,0 +1,157 @@
+"""Are small velocities followed, or ignored?
+
+A reward that is flat near zero error pays a robot that stands still nearly all of its tracking reward at 0.1 m/s, and
+the mean error of the paper's protocol hardly shows it. Here every episode commands v_x or v_y alone, 0.1 to 0.3 m/s
+either way, and the figure is the executed part of it.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.commands import Command, default_command
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.metrics import TRACKED
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, EpisodeSettings, Run, known, mean, run_episodes
+from hugwbc.gait import Gait
+
+SMALL = (0.1, 0.3)  # [m/s]
+DIRECTIONS = ("forward", "backward", "left", "right")
+
+
+@dataclasses.dataclass(frozen=True)
+class SmallVelocitiesConfig(EpisodeSettings):
+    """Settings of the protocol, beside those of any.
+
+    Attributes:
+        gait: of all episodes.
+        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
+        episodes: in all, split evenly over `DIRECTIONS`.
+    """
+
+    gait: Gait
+    both_legs: bool = False
+    episodes: int = 16
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.episodes < len(DIRECTIONS):
+            raise ConfigError(f"episodes is {self.episodes}; give at least {len(DIRECTIONS)}, one per direction")
+        if self.gait is Gait.STANDING:
+            raise ConfigError("standing has no velocities; choose another gait")
+        if self.both_legs and not self.gait.hops:
+            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
+
+    @property
+    def gait_label(self) -> str:
+        """Label of the gait; "hopping" for both legs."""
+        return "hopping" if self.both_legs else self.gait.label
+
+
+@dataclasses.dataclass(frozen=True)
+class SmallVelocityEpisode:
+    """One episode.
+
+    Attributes:
+        gait: label.
+        direction: one of `DIRECTIONS`.
+        speed: commanded [m/s].
+        executed: mean velocity in that direction after the settling time, as a part of the commanded; None if the
+            robot fell before.
+        fell: whether the robot fell.
+        failures: exceptions of the controller that the safety filter caught.
+    """
+
+    gait: str
+    direction: str
+    speed: float
+    executed: float | None
+    fell: bool
+    failures: int
+
+
+@dataclasses.dataclass(frozen=True)
+class SmallVelocitiesResult:
+    """Outcome of the protocol.
+
+    Attributes:
+        controller: name.
+        gait: label; "hopping" for both legs.
+        episodes: how many.
+        falls: in how many the robot fell.
+        executed: mean executed part by direction: 1 followed, 0 ignored.
+        seed, duration, settle, conditions: as configured.
+        rows: the episodes.
+    """
+
+    controller: str
+    gait: str
+    episodes: int
+    falls: int
+    executed: dict[str, float | None]
+    seed: int
+    duration: float
+    settle: float
+    conditions: Conditions
+    rows: tuple[SmallVelocityEpisode, ...]
+
+
+def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
+    """The command of every episode: directions in turn, speeds stratified over `SMALL`."""
+    rng = np.random.default_rng(config.seed)
+    rounds = -(-config.episodes // len(DIRECTIONS))
+    commands = []
+    for index in range(config.episodes):
+        turn, direction = divmod(index, len(DIRECTIONS))
+        speed = float(SMALL[0] + (SMALL[1] - SMALL[0]) * (turn + rng.uniform()) / rounds)
+        gait = config.gait.mirrored() if config.both_legs and turn % 2 else config.gait
+        name, sign = ("v_x", "v_y")[direction // 2], 1.0 - 2.0 * (direction % 2)
+        commands.append(dataclasses.replace(default_command(gait), **{name: sign * speed}))
+    return commands
+
+
+def run_small_velocities(
+    factory: ControllerFactory,
+    config: SmallVelocitiesConfig,
+    on_episode: Callable[[SmallVelocityEpisode], None] | None = None,
+) -> SmallVelocitiesResult:
+    """Run the protocol.
+
+    Args:
+        factory: makes the controller; with more than one worker it must be picklable.
+        config: settings.
+        on_episode: called with every finished episode, in order.
+    """
+    rows = run_episodes(factory, sample_episodes(config), _Judge(config.settle), config, on_episode)
+    return SmallVelocitiesResult(
+        controller=factory().name,
+        gait=config.gait_label,
+        episodes=len(rows),
+        falls=sum(row.fell for row in rows),
+        executed={name: mean(row.executed for row in rows if row.direction == name) for name in DIRECTIONS},
+        seed=config.seed,
+        duration=config.duration,
+        settle=config.settle,
+        conditions=config.conditions,
+        rows=tuple(rows),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Judge:
+    settle: float
+
+    def __call__(self, index: int, run: Run) -> SmallVelocityEpisode:
+        trace, name = run.trace, "v_x" if run.command.v_x else "v_y"
+        commanded = float(getattr(run.command, name))
+        measured = trace.measured[trace.time >= self.settle, TRACKED.index(name)]
+        return SmallVelocityEpisode(
+            gait=run.command.gait.label,
+            direction=DIRECTIONS[index % len(DIRECTIONS)],
+            speed=abs(commanded),
+            executed=known(float(measured.mean()) / commanded) if measured.size else None,
+            fell=trace.fell,
+            failures=trace.safety.failures,
+        )
