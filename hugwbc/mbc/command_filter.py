@@ -7,7 +7,6 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.mbc.gait_plan import supported
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import (
     highest_clearance,
@@ -16,13 +15,16 @@ from hugwbc.mbc.reach import (
     lowest_walking_height,
 )
 
+_HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
+_LEAPS = (Gait.JUMPING, *_HOPS)
+
 
 @dataclasses.dataclass(frozen=True)
 class SmoothCommand:
     """A command that never jumps, with the rates of its body posture.
 
     Attributes:
-        gait: standing, walking or jumping.
+        gait: as commanded.
         velocity: v_x, v_y [m/s], shape (2,).
         omega: yaw rate [rad/s].
         f: stride frequency [Hz].
@@ -92,14 +94,16 @@ class CommandFilter:
         if stepping:
             h -= params.speed_lowering * max(abs(self._velocity[0]) - params.lowering_from, 0.0)
             lowest = lowest_walking_height(params, self._velocity[0], 0.5 / self._frequency, self._posture[1])
-            if gait is Gait.JUMPING:
+            if gait in _HOPS:
+                h = min(h, -params.hop_lowering)
+            if gait in _LEAPS:
                 lowest = max(lowest, lowest_leaping_height(params, self._frequency))
             if command.h < lowest - 0.005:
                 report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {lowest:.2f} m",)
             h = max(h, lowest) if command.h < lowest else h
         self._follow(np.array([h, command.p, command.w]), dt)
         height, speed = float(self._posture[0]), float(self._velocity[0])
-        if gait is Gait.JUMPING:
+        if gait in _LEAPS:
             apex = highest_leap_clearance(params, height, self._frequency)
         else:
             apex = highest_clearance(params, height, self._frequency, speed)
@@ -123,9 +127,7 @@ class CommandFilter:
 
     @staticmethod
     def _clamp(command: Command) -> tuple[Command, tuple[str, ...]]:
-        gait, replaced = supported(command.gait)
-        valid, clamped = dataclasses.replace(command, gait=gait).clamp()
-        return valid, replaced + clamped
+        return command.clamp()
 
     def _follow(self, target: np.ndarray, dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""

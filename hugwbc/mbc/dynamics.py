@@ -8,6 +8,9 @@ import pinocchio as pin
 from hugwbc.kinematics import Kinematics
 from hugwbc.state import RobotState
 
+_SOLE_ENDS = ("heel", "toe")
+_EDGE_ROLL = 0.02  # [rad], roll of the sole at which only its edge touches
+
 
 class FrameMotion(NamedTuple):
     """A frame and its motion, in world axes.
@@ -41,6 +44,7 @@ class Dynamics(Kinematics):
         com_jacobian, com_drift: with d(com_velocity)/dt = com_jacobian dv/dt + com_drift; shapes (3, nv), (3,).
         momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
         momentum_jacobian, momentum_drift: likewise for the angular momentum.
+        edge: distance from the sole's centre line at which a foot that rolls touches the ground [m]; 0 for the line.
         inertia: of all links about the centre of mass, world axes [kg m^2], shape (3, 3).
     """
 
@@ -54,6 +58,7 @@ class Dynamics(Kinematics):
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
         self._ids: dict[str, int] = {}
+        self.edge = 0.0
 
     @property
     def nv(self) -> int:
@@ -87,12 +92,19 @@ class Dynamics(Kinematics):
         super()._compute()
 
     def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv)."""
+        """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv).
+
+        With `edge` above zero, heel and toe are on that edge of the sole which is lower.
+        """
         found = self._points.get(name)
         if found is None:
             index = self._index(name)
             jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
             found = self.data.oMf[index].translation.copy(), jacobian[:3]
+            if self.edge > 0.0 and name.endswith(_SOLE_ENDS):
+                lateral = self.data.oMf[index].rotation[:, 1]
+                offset = -self.edge * min(max(lateral[2] / _EDGE_ROLL, -1.0), 1.0) * lateral
+                found = found[0] + offset, jacobian[:3] - pin.skew(offset) @ jacobian[3:]
             self._points[name] = found
         return found
 

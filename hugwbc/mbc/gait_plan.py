@@ -17,13 +17,6 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
-def supported(gait: Gait) -> tuple[Gait, tuple[str, ...]]:
-    """The gait that this controller executes for a commanded one, and a report if it is another."""
-    if gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
-        return gait, ()
-    return Gait.WALKING, (f"gait {gait.label} is not in the model-based controller: using walking",)
-
-
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 
@@ -60,6 +53,7 @@ class GaitPlan:
         self.swing: int | None = None
         self.elapsed = 0.0
         self._gather = 0.0
+        self._last = False
 
     @property
     def step_time(self) -> float:
@@ -85,8 +79,10 @@ class GaitPlan:
 
     @property
     def legs(self) -> tuple[int, ...]:
-        """Feet that leap or land; none in other modes."""
-        return _LEGS[self.gait] if self.mode in (Mode.LEAPING, Mode.LANDING) else ()
+        """Feet that leap or land; none in other modes. The last flight ends on both."""
+        if self.mode is Mode.LEAPING:
+            return (0, 1) if self._last else _LEGS[self.gait]
+        return (0, 1) if self.mode is Mode.LANDING else ()
 
     def advance(
         self, gait: Gait, frequency: float, dt: float, *, may_start: bool, may_stop: bool, first_swing: int = 0
@@ -149,10 +145,13 @@ class GaitPlan:
                 self._enter(Mode.STANDING, Gait.STANDING)
             self._set_swing()
             return not stops
-        if stops and not self.airborne:
+        if self.airborne:
+            self._last = stops
+            return True
+        if self._last:
             self._enter(Mode.LANDING, self.gait)
             self._gather = self._gather_time + self.step_time
-        return self.airborne
+        return False
 
     def _enter(self, mode: Mode, gait: Gait, phase: float = 0.0) -> None:
         self.mode = mode
@@ -160,6 +159,7 @@ class GaitPlan:
         self.elapsed = 0.0
         self.phase = phase
         self._gather = 0.0
+        self._last = False
         self._set_swing()
 
     def _set_swing(self) -> None:

@@ -45,6 +45,8 @@ class Leap:
         self.forces: np.ndarray | None = None
         self.momentum_rate: np.ndarray | None = None
         self.failures = 0
+        self._ground = 0.0
+        self._swing_momentum = np.zeros(3)
         self._plan: ForcePlan | None = None
         self._age = np.inf
         for mpc in self._mpc.values():
@@ -65,6 +67,7 @@ class Leap:
         orientation: PelvisOrientationTask,
         velocity: np.ndarray,
         height: float,
+        ground: float,
         dt: float,
     ) -> None:
         """Forces of the feet that stand; planned anew every `mpc_period`.
@@ -76,9 +79,11 @@ class Leap:
             orientation: with this tick's targets; its yaw is the heading.
             velocity: planned velocity, heading frame [m/s], shape (2,).
             height: of the pelvis at take-off, in the world [m].
+            ground: height of the ground [m].
             dt: [s].
         """
         self._age += dt
+        self._ground = ground
         # A foot that lands before its time carries on through the stance to come.
         time_left = plan.remaining + plan.step_time * plan.airborne
         to_heading = rotations.rotation_z(-orientation.yaw)
@@ -112,6 +117,7 @@ class Leap:
         )
         body = self._body(dynamics, plan, to_heading, -orientation.evaluate(dynamics).error)
         self._plan = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, plan, to_heading, time_left), target)
+        self._swing_momentum = -(to_heading.T @ body.coupling[:, :2] @ target.velocity[:2])
         self.failures += not self._plan.solved
         self.motion.velocity = to_heading.T @ target.velocity
 
@@ -187,9 +193,33 @@ class Leap:
         half = 0.5 * plan.step_time
         moving = dynamics.com_velocity[:2]
         wanted = rotations.rotation_z(yaw + command.omega * plan.remaining)[:2, :2] @ velocity
+        if len(plan.legs) == 1:
+            # The leg leans inwards: the foot stands on its outer edge.
+            inwards = rotations.rotation_z(yaw)[:2, 1] * (-1.0 if foot == 0 else 1.0)
+            return self._single_foothold(dynamics, plan, wanted) + dynamics.robot.sole_y[1] * inwards
         middle = dynamics.com[:2] + moving * (plan.remaining + half) + params.leap_placement * (moving - wanted)
         sideways = rotations.rotation_z(self.landing_yaw(command, plan, yaw))[:2, 1]
         return middle + sideways * (0.5 - foot) * params.leap_width
+
+    def _single_foothold(self, dynamics: Dynamics, plan: GaitPlan, wanted: np.ndarray) -> np.ndarray:
+        r"""Where a single foot should be after the flight, in the world [m], shape (2,).
+
+        The angular momentum about the foot changes by gravity alone. It is what is wanted at the end of the stance when
+        the centre of mass passes the foot, in the middle of the stance, at a distance of
+
+        .. math:: d = \frac{1}{2 m g T} (\hat z \times (k - k^*) - m z (\dot c - \dot c^*))
+
+        The friction in stance only decides how much of it is left in the velocity and how much in the turning.
+        """
+        params = self._params
+        weight, moving = dynamics.mass * GRAVITY, dynamics.com_velocity[:2]
+        height = dynamics.com[2] + dynamics.com_velocity[2] * plan.remaining - 0.5 * GRAVITY * plan.remaining**2
+        ground = self._ground
+        excess = (dynamics.momentum - self._swing_momentum)[:2]
+        turning = np.array([-excess[1], excess[0]]) / dynamics.mass
+        distance = (turning - (height - ground) * (moving - wanted)) * dynamics.mass / (2.0 * weight * plan.step_time)
+        middle = dynamics.com[:2] + moving * plan.remaining + 0.25 * plan.step_time * (moving + wanted)
+        return middle - params.hop_placement * distance
 
     @staticmethod
     def landing_yaw(command: SmoothCommand, plan: GaitPlan, yaw: float) -> float:

@@ -21,6 +21,7 @@ from hugwbc.mbc.tasks import (
     PelvisHeightTask,
     PelvisOrientationTask,
     PelvisTravelTask,
+    PostureTask,
     StanceContactTask,
     SwingFootTask,
     Task,
@@ -59,6 +60,7 @@ class Locomotion:
         self.travel = PelvisTravelTask(params)
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
         self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
+        self.free_leg = tuple(self._make_free_leg(side) for side in SIDES)
         self._trajectory = SwingTrajectory(params)
         self._trim = VelocityTrim(params)
         self._leap = Leap(params)
@@ -71,6 +73,15 @@ class Locomotion:
             "leap": np.array(params.leap_orientation_weight),
             "flight": np.array(params.flight_orientation_weight),
         }
+
+    def _make_free_leg(self, side: str) -> PostureTask:
+        robot, params = load_robot(), self._params
+        joints = robot.indices([f"{side}_{part}_joint" for part in ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")])
+        task = PostureTask(f"{side} free leg", joints, 10.0)
+        task.target[:] = params.free_leg_posture
+        task.stiffness[:], task.damping[:] = params.free_leg_gains
+        task.weight[:] = params.free_leg_weight
+        return task
 
     def reset(self, dynamics: Dynamics) -> None:
         """Stand where the robot is."""
@@ -98,7 +109,8 @@ class Locomotion:
         else:
             tasks += [self.height, self.travel if self.plan.mode is Mode.WALKING else self.com]
         for foot in range(2):
-            tasks.append(self.stance[foot] if self.contact[foot] else self.swing[foot])
+            in_air = self.free_leg[foot] if self.plan.legs and foot not in self.plan.legs else self.swing[foot]
+            tasks.append(self.stance[foot] if self.contact[foot] else in_air)
         return tasks
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
@@ -113,6 +125,8 @@ class Locomotion:
             first_swing=self._catching_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
         )
+        # The leg of a hop leans inwards by 0.2 rad, and the foot with it.
+        dynamics.edge = float(dynamics.robot.sole_y[1]) if len(self.plan.legs) == 1 else 0.0
         self._update_references(dynamics, command, dt)
         if self.plan.mode is Mode.WALKING:
             self._walk(dynamics, command, dt, lift_off)
@@ -149,7 +163,8 @@ class Locomotion:
 
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
-        ground = soles.mean() if self.plan.stance is None else soles[self.plan.stance]
+        standing = self.plan.legs or (0, 1)
+        ground = soles[list(standing)].mean() if self.plan.stance is None else soles[self.plan.stance]
         if self.plan.airborne:
             ground = self._ground
         self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
@@ -186,6 +201,9 @@ class Locomotion:
             self._shifted = False
             self._watch_balance(to_heading @ (pendulum.dcm - middle[:2]), to_heading @ (pivots[0] - pivots[1])[:2])
             return
+        if self.plan.gait is not Gait.WALKING:
+            self._shift_onto(pivots[0 if self.plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
+            return
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
         width = max(params.step_width, params.min_foot_distance)
         wanted = right + nominal_offset(np.zeros(2), 0.0, self.plan.step_time, pendulum.omega, width, 1)[1]
@@ -196,6 +214,14 @@ class Locomotion:
         self.com.servo[1] = 0.0
         arrived = self.plan.elapsed >= params.shift_time and abs(dcm - wanted) < _SHIFT_TOLERANCE
         self._shifted = bool(arrived or self.plan.elapsed >= params.max_shift_time)
+
+    def _shift_onto(self, pivot: np.ndarray, middle: np.ndarray, pendulum: Pendulum) -> None:
+        """Move the centre of mass over the foot that is to hop."""
+        share = min(self.plan.elapsed / self._params.hop_shift_time, 1.0)
+        self.com.target = middle + share * (pivot - middle)
+        gaps = (float(np.linalg.norm(point - pivot)) for point in (pendulum.com, pendulum.dcm))
+        arrived = share >= 1.0 and max(gaps) < _SHIFT_TOLERANCE
+        self._shifted = arrived or self.plan.elapsed > 2.0 * self._params.hop_shift_time
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.
@@ -270,9 +296,10 @@ class Locomotion:
             for foot in plan.legs:
                 self._fly(dynamics, command, foot, velocity, elapsed, dt)
         else:
+            self.contact[:] = False
             self.contact[list(plan.legs)] = True
         if all(self.contact[foot] for foot in plan.legs):
-            leap.push(dynamics, command, plan, self.orientation, velocity, self.height.target, dt)
+            leap.push(dynamics, command, plan, self.orientation, velocity, self.height.target, self._ground, dt)
         else:
             leap.fly()
 

@@ -131,9 +131,9 @@ class ControllerParams:
     """Time to take-off below which the plan does not shrink [s]."""
     mpc_velocity_weight: float = 100.0
     """Weights of the force plan, per squared m/s, m, rad, rad/s: horizontal velocity at take-off,"""
-    mpc_rise_weight: float = 300.0
+    mpc_rise_weight: float = 1000.0
     """vertical velocity at take-off,"""
-    mpc_height_weight: float = 3000.0
+    mpc_height_weight: float = 10000.0
     """height at take-off,"""
     mpc_sway_weight: float = 30.0
     """horizontal velocity on the way,"""
@@ -151,6 +151,16 @@ class ControllerParams:
     """Distance between the feet's centre lines when jumping in place [m]."""
     leap_placement: float = 0.08
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
+    hop_placement: float = 1.0
+    """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
+    hop_shift_time: float = 0.8
+    """Time in which the weight moves onto the hopping leg [s]."""
+    hop_lowering: float = 0.06
+    """Lowering of the pelvis for a hop: its leg leans, and must still reach the ground [m]."""
+    free_leg_weight: float = 2.0
+    free_leg_gains: tuple[float, float] = (100.0, 20.0)
+    free_leg_posture: tuple[float, ...] = (0.0, 0.0, -1.0, 1.9, -0.82)
+    """Hip yaw, roll, pitch, knee and ankle of the leg that does not hop [rad]."""
     leap_depth: float = -0.26
     """Lowest h at the bottom of the stance of a leap [m]."""
     leap_tuck: float = 1.5
