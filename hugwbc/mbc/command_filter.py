@@ -97,7 +97,7 @@ class CommandFilter:
             if gait in _HOPS:
                 h = min(h, -params.hop_lowering)
             if gait in _LEAPS:
-                lowest = max(lowest, lowest_leaping_height(params, self._frequency))
+                lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if gait in _HOPS else 2))
             if command.h < lowest - 0.005:
                 report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {lowest:.2f} m",)
             h = max(h, lowest) if command.h < lowest else h

@@ -220,8 +220,8 @@ class Locomotion:
         share = min(self.plan.elapsed / self._params.hop_shift_time, 1.0)
         self.com.target = middle + share * (pivot - middle)
         gaps = (float(np.linalg.norm(point - pivot)) for point in (pendulum.com, pendulum.dcm))
-        arrived = share >= 1.0 and max(gaps) < _SHIFT_TOLERANCE
-        self._shifted = arrived or self.plan.elapsed > 2.0 * self._params.hop_shift_time
+        arrived = share >= 1.0 and max(gaps) < self._params.hop_shift_tolerance
+        self._shifted = arrived or self.plan.elapsed > 3.0 * self._params.hop_shift_time
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.

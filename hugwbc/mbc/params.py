@@ -153,8 +153,10 @@ class ControllerParams:
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
     hop_placement: float = 1.0
     """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
-    hop_shift_time: float = 0.8
+    hop_shift_time: float = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
+    hop_shift_tolerance: float = 0.03
+    """Distance of the weight from the hopping foot at which the first hop may begin [m]."""
     hop_lowering: float = 0.06
     """Lowering of the pelvis for a hop: its leg leans, and must still reach the ground [m]."""
     free_leg_weight: float = 2.0
@@ -163,6 +165,8 @@ class ControllerParams:
     """Hip yaw, roll, pitch, knee and ankle of the leg that does not hop [rad]."""
     leap_depth: float = -0.26
     """Lowest h at the bottom of the stance of a leap [m]."""
+    hop_depth: float = -0.19
+    """The same for a hop [m]."""
     leap_tuck: float = 1.5
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 

@@ -67,9 +67,9 @@ def leap_rise(f: float) -> float:
     return GRAVITY / (32.0 * f**2)
 
 
-def lowest_leaping_height(params: ControllerParams, f: float) -> float:
-    """Lowest h at take-off that leaves the legs room to sink in the stance of a leap [m]."""
-    return params.leap_depth + leap_rise(f)
+def lowest_leaping_height(params: ControllerParams, f: float, legs: int) -> float:
+    """Lowest h at take-off that leaves room to sink in the stance of a leap on one leg or two [m]."""
+    return (params.hop_depth if legs == 1 else params.leap_depth) + leap_rise(f)
 
 
 def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> float:
