@@ -76,7 +76,9 @@ class Locomotion:
 
     def _make_free_leg(self, side: str) -> PostureTask:
         robot, params = load_robot(), self._params
-        joints = robot.indices([f"{side}_{part}_joint" for part in ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")])
+        joints = robot.indices(
+            [f"{side}_{part}_joint" for part in ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")]
+        )
         task = PostureTask(f"{side} free leg", joints, 10.0)
         task.target[:] = params.free_leg_posture
         task.stiffness[:], task.damping[:] = params.free_leg_gains
@@ -323,6 +325,8 @@ class Locomotion:
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
             return False
+        if self.plan.legs:
+            return True
         gap = dynamics.frame("left_sole").position - dynamics.frame("right_sole").position
         return abs((rotations.rotation_z(-self._yaw) @ gap)[0]) < _STOP_STRIDE
 

@@ -149,11 +149,26 @@ class RigidBodyMpc:
 
     def solve(self, body: RigidBody, stance: Stance, target: TakeOff) -> ForcePlan:
         """The forces to apply from now on; with `solved` false those of a quiet stand."""
-        weight = body.mass * GRAVITY
         time_left = max(stance.time_left, self._params.mpc_shortest_stance)
+        try:
+            x = self._run(body, stance, target, time_left)
+        except np.linalg.LinAlgError:
+            x = None
+        solved = x is not None
+        if x is None:
+            self.reset()
+            x = np.tile([0.0, 0.0, 1.0 / self._points], self._intervals * self._points)
+        forces = body.mass * GRAVITY * x.reshape(self._intervals, self._points, 3)
+        return ForcePlan(solved, forces, time_left / self._intervals)
+
+    def _run(self, body: RigidBody, stance: Stance, target: TakeOff, time_left: float) -> np.ndarray | None:
+        """Optimal forces, in units of the robot's weight, shape (size,); None if there are none."""
+        weight = body.mass * GRAVITY
         influence, moments = self._influence(body, stance, time_left)
         H, g = self._cost(body, target, influence, moments, time_left)
         self._fill_ankles(stance, weight)
+        if not (np.isfinite(H).all() and np.isfinite(g).all()):
+            return None
         box_high = np.full(self._size, _INFINITY)
         box_high[2::3] = self._params.max_normal_force / weight
         data = (H, g, None, None, self._C.reshape(-1, self._size), self._low.ravel(), self._high.ravel(),
@@ -166,11 +181,7 @@ class RigidBodyMpc:
         self._solver.solve()
         x = np.array(self._solver.results.x)
         solved = self._solver.results.info.status == proxqp.PROXQP_SOLVED and bool(np.all(np.isfinite(x)))
-        if not solved:
-            self.reset()
-            x = np.tile([0.0, 0.0, 1.0 / self._points], self._intervals * self._points)
-        forces = weight * x.reshape(self._intervals, self._points, 3)
-        return ForcePlan(solved, forces, time_left / self._intervals)
+        return x if solved else None
 
     def _influence(self, body: RigidBody, stance: Stance, time_left: float) -> tuple[np.ndarray, np.ndarray]:
         """Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and of the tilt [rad/s^2], shape (N, 3, 3 P)."""

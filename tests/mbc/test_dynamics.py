@@ -78,3 +78,22 @@ def test_point_is_the_frame_without_its_velocity(random_state):
     assert np.array_equal(position, frame.position)
     assert np.array_equal(jacobian, frame.jacobian[:3])
     assert jacobian @ dynamics.v == pytest.approx(frame.velocity[:3], abs=1e-12)
+
+
+@pytest.mark.parametrize("roll", [-0.2, 0.2])
+def test_a_foot_that_rolls_stands_on_its_lower_edge(standing_state, roll):
+    dynamics = Dynamics()
+    dynamics.edge = 0.015
+    state = dataclasses.replace(
+        standing_state,
+        orientation=rotations.from_yaw_pitch_roll(0.0, 0.0, roll),
+        angular_velocity=np.array([1.0, 0.5, -0.3]),
+    )
+    dynamics.update(state)
+    position, jacobian = dynamics.point("left_heel")
+    frame = dynamics.frame("left_heel")
+    edge = frame.position + frame.rotation @ [0.0, -np.sign(roll) * 0.015, 0.0]
+    assert position == pytest.approx(edge, abs=1e-12)
+    assert position[2] < frame.position[2]
+    velocity = frame.velocity[:3] + np.cross(frame.velocity[3:], edge - frame.position)
+    assert jacobian @ dynamics.v == pytest.approx(velocity, abs=1e-12)

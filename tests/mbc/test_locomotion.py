@@ -160,17 +160,64 @@ def test_it_jumps_over_the_command_range(command):
     assert Run(Command(gait=Gait.JUMPING, **command), 5.0).good
 
 
-@pytest.mark.slow
-def test_it_changes_between_walking_and_jumping():
+@pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT], ids=lambda gait: gait.label)
+def test_it_hops_on_one_leg_and_lands_on_both(gait):
     def script(t):
-        return Command(v_x=0.3, gait=Gait.JUMPING if 2.0 < t < 5.0 else WALKING)
+        return Command(gait=gait if t < 4.0 else Gait.STANDING)
 
-    run = Run(script, 8.0)
+    run = Run(script, 6.5, since=2.0)
     assert run.good
-    flight = run.table[:, 7:].min(axis=1) > 0.05
-    assert flight[(run.table[:, 0] > 4.0) & (run.table[:, 0] < 5.0)].any()
-    assert not flight[run.table[:, 0] < 2.0].any() and not flight[run.table[:, 0] > 7.0].any()
-    assert run.table[run.table[:, 0] > 7.0][:, 1].mean() == pytest.approx(0.3, abs=0.05)
+    leg, free = (7, 8) if gait is Gait.HOPPING_LEFT else (8, 7)
+    hopping = run.table[run.table[:, 0] < 4.0]
+    assert hopping[:, free].min() > 0.03
+    assert hopping[:, leg].max() == pytest.approx(0.15, abs=0.03)
+    lift_offs = [t for t in run.lift_offs[leg - 7] if 1.8 < t < 4.0]
+    assert len(lift_offs) >= 4 and np.diff(lift_offs) == pytest.approx(np.full(len(lift_offs) - 1, 0.5), abs=0.02)
+    assert np.abs(hopping[:, 1:3].mean(axis=0)).max() < 0.1
+    assert np.abs(hopping[:, 5]).max() < 0.1
+    standing = run.table[run.table[:, 0] > 6.2]
+    assert standing[:, 7:].max() < 0.01 and np.abs(standing[:, 1:4]).max() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_it_hops_twenty_times_from_any_start_and_under_a_nudge(seed):
+    rng = np.random.default_rng(seed)
+    simulation, controller = Simulation(), WholeBodyController()
+    state = simulation.reset(yaw=rng.uniform(-3, 3), q=simulation.robot.nominal + rng.uniform(-0.05, 0.05, 19))
+    controller.reset(state)
+    hops, was_up = 0, False
+    for tick in range(round(12.5 / controller.period)):
+        if tick == round(4.0 / controller.period):
+            simulation.push(np.array([*rng.uniform(-0.1, 0.1, 2), 0.0]))
+        gait = Gait.HOPPING_LEFT if seed % 2 else Gait.HOPPING_RIGHT
+        state = simulation.step(controller.act(state, Command(gait=gait), UpperBody.none()), controller.period)
+        up = state.foot_force is not None and state.foot_force[:, 2].max() < 1.0
+        hops += was_up and not up
+        was_up = up
+        assert not simulation.fallen
+    assert hops >= 20
+
+
+@pytest.mark.slow
+def test_it_changes_between_walking_jumping_and_hopping():
+    gaits = ((0.0, WALKING), (2.0, Gait.HOPPING_RIGHT), (5.0, WALKING), (8.0, Gait.JUMPING), (11.0, Gait.HOPPING_LEFT),
+             (15.0, Gait.STANDING))  # fmt: skip
+
+    def script(t):
+        gait = [gait for start, gait in gaits if t >= start][-1]
+        return Command(v_x=0.0 if gait is Gait.STANDING else 0.2, gait=gait)
+
+    run = Run(script, 17.5)
+    assert run.good
+
+    def seen(begin, end, *, up):
+        rows = run.table[(run.table[:, 0] > begin) & (run.table[:, 0] < end)]
+        return bool((rows[:, 7:].min(axis=1) > 0.05).any()) is up
+
+    assert seen(0.0, 2.0, up=False) and seen(4.0, 5.0, up=True) and seen(7.0, 8.0, up=False)
+    assert seen(10.0, 11.0, up=True) and seen(14.0, 15.0, up=True)
+    assert run.table[-1, 7:].max() < 0.01
 
 
 def test_standing_it_steps_to_catch_itself_and_stands_again():

@@ -7,7 +7,15 @@ import pytest
 from hugwbc import load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import balance_point, highest_clearance, lowest_walking_height, toe_down
+from hugwbc.mbc.reach import (
+    balance_point,
+    highest_clearance,
+    highest_leap_clearance,
+    leap_rise,
+    lowest_leaping_height,
+    lowest_walking_height,
+    toe_down,
+)
 
 ROBOT = load_robot()
 PARAMS = ControllerParams()
@@ -66,3 +74,18 @@ def test_the_sole_stays_level_until_the_ankle_ends():
     assert toe_down(0.7, 0.0) == 0.0
     # Shank at 1.0 rad: the ankle's 0.87 rad leave at least 0.13 rad of slope.
     assert toe_down(1.0, 0.0) >= 1.0 - 0.87
+
+
+def test_a_leap_rises_as_a_ballistic_flight_of_half_a_stride():
+    # f = 2 Hz: 0.25 s of flight, 1.22625 m/s at take-off, and an apex after v^2 / (2 g).
+    assert leap_rise(2.0) == pytest.approx(1.22625**2 / (2.0 * 9.81))
+    assert lowest_leaping_height(PARAMS, 1.5, 2) - lowest_leaping_height(PARAMS, 3.5, 2) == pytest.approx(
+        leap_rise(1.5) - leap_rise(3.5)
+    )
+    assert lowest_leaping_height(PARAMS, 2.0, 1) > lowest_leaping_height(PARAMS, 2.0, 2)
+
+
+def test_feet_rise_with_the_body_and_are_drawn_in_less_the_faster_the_leap():
+    assert highest_leap_clearance(PARAMS, 0.0, 2.0) == pytest.approx(PARAMS.clearance_at_nominal + leap_rise(2.0))
+    assert highest_leap_clearance(PARAMS, -0.1, 2.0) < highest_leap_clearance(PARAMS, 0.0, 2.0)
+    assert highest_leap_clearance(PARAMS, 0.0, 3.5) == pytest.approx(leap_rise(3.5) + PARAMS.leap_tuck / 3.5**2)

@@ -143,3 +143,12 @@ def test_the_plan_is_followed_through_its_intervals():
     assert np.array_equal(plan.at(0.0), plan.forces[0])
     assert np.array_equal(plan.at(0.09), plan.forces[2])
     assert np.array_equal(plan.at(9.0), plan.forces[-1])
+
+
+def test_a_broken_body_gets_an_even_push_and_the_next_one_a_plan():
+    mpc, stance = RigidBodyMpc(PARAMS, 4, ANKLE), _stance(0.25)
+    for broken in ({"inertia": np.zeros((3, 3))}, {"velocity": np.full(3, np.nan)}):
+        plan = mpc.solve(_body(**broken), stance, _take_off())
+        assert not plan.solved
+        assert plan.forces[0] == pytest.approx(np.tile([0.0, 0.0, MASS * GRAVITY / 4.0], (4, 1)))
+    assert mpc.solve(_body(), stance, _take_off()).solved
