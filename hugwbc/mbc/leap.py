@@ -1,4 +1,4 @@
-"""Jumping on two feet: contact forces in stance, footholds and foot trajectories in flight."""
+"""Jumping on two feet and hopping on one: contact forces in stance, footholds and foot trajectories in flight."""
 
 import numpy as np
 
