@@ -37,7 +37,7 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
         metadata: anything JSON can hold.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    tensors = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata)
     header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors, text), "metadata": text}
     temporary = path.with_name(path.name + ".partial")

@@ -290,7 +290,8 @@ class TrainConfig:
     """Iterations between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
     evaluation_robots: int = 128
     evaluation_seconds: float = 5.0
-    device: Literal["cpu"] = "cpu"
+    device: Literal["cpu", "cuda"] = "cpu"
+    """cuda: physics (mujoco_warp) and learner on the GPU, extra [gpu]; rewards and observations stay on the CPU."""
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
 

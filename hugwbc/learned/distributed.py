@@ -13,7 +13,7 @@ def process_group(backend: str) -> Iterator[None]:
     """Join the job that torchrun started, if any, and leave it at the end.
 
     Args:
-        backend: "gloo" for tensors on the CPU, "nccl" for CUDA.
+        backend: torch's name; "gloo" for tensors on the CPU, "nccl" for CUDA, or one for either.
     """
     joined = int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized()
     if joined:
@@ -28,6 +28,11 @@ def process_group(backend: str) -> Iterator[None]:
 def rank() -> int:
     """Number of this process, 0 for the one that writes files and prints."""
     return dist.get_rank() if dist.is_initialized() else 0
+
+
+def local_rank() -> int:
+    """Number of this process on its machine."""
+    return int(os.environ.get("LOCAL_RANK", "0"))
 
 
 def size() -> int:

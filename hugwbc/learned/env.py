@@ -23,9 +23,9 @@ from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate
 from hugwbc.learned.statistics import Statistics
 from hugwbc.motion import generate_motions, load_motions
 from hugwbc.robot import load_robot
-from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.scene import TRAINING_TIMESTEP
 from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL, TRUNK_FORCE
+from hugwbc.sim.warp_batch import robots_on
 
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 GENERATED_MOTIONS_SEED = 0
@@ -90,7 +90,7 @@ class HumanoidEnv:
         waist: the waist's joint target before the action [rad], shape (n,).
     """
 
-    def __init__(self, config: EnvConfig, *, seed: int, threads: int) -> None:
+    def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
         """Build and start all episodes, at random times within an episode so that resets do not coincide."""
         self.config = config
         self.robot = load_robot()
@@ -99,7 +99,7 @@ class HumanoidEnv:
         self.generator = torch.Generator().manual_seed(seed)
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
-        self.simulation = BatchSimulation(config.count, terrain=terrain, threads=threads)
+        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads)
         rng = np.random.default_rng(seed)
         self._friction = tensor(randomize(self.simulation, config.randomization, rng))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)

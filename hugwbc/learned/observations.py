@@ -160,19 +160,23 @@ def _command_mirror() -> tuple[torch.Tensor, torch.Tensor]:
     return index, torch.cat((torch.as_tensor(COMMAND_SIGNS, dtype=torch.float32), torch.ones(5)))
 
 
+def _on(device: torch.device, tensors: tuple[torch.Tensor, ...]) -> tuple[torch.Tensor, ...]:
+    return tuple(tensor.to(device) for tensor in tensors)
+
+
 def mirror_history(history: torch.Tensor) -> torch.Tensor:
     """Mirror image of a proprioceptive history, shape (n, 315)."""
-    index, sign, _, _ = _mirror_maps()
+    index, sign, _, _ = _on(history.device, _mirror_maps())
     return history.index_select(1, index) * sign
 
 
 def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
     """Mirror image of a command observation, shape (n, 13): lateral commands change sign, the clocks swap."""
-    index, sign = _command_mirror()
+    index, sign = _on(observation.device, _command_mirror())
     return observation.index_select(1, index) * sign
 
 
 def mirror_action(action: torch.Tensor) -> torch.Tensor:
     """Mirror image of an action, shape (n, 19)."""
-    _, _, joints, signs = _mirror_maps()
+    _, _, joints, signs = _on(action.device, _mirror_maps())
     return action.index_select(1, joints) * signs

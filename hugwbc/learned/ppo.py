@@ -88,8 +88,8 @@ class Rollout:
     done: torch.Tensor
 
     @classmethod
-    def empty(cls, horizon: int, count: int) -> "Rollout":
-        """Storage for `horizon` steps of `count` robots."""
+    def empty(cls, horizon: int, count: int, device: torch.device) -> "Rollout":
+        """Storage for `horizon` steps of `count` robots on a device."""
         sizes = {
             "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
             "command": (obs.COMMAND_SIZE,),
@@ -101,8 +101,8 @@ class Rollout:
             "value": (),
             "reward": (),
         }
-        tensors = {name: torch.empty(horizon, count, *size) for name, size in sizes.items()}
-        return cls(**tensors, done=torch.empty(horizon, count, dtype=torch.bool))
+        tensors = {name: torch.empty(horizon, count, *size, device=device) for name, size in sizes.items()}
+        return cls(**tensors, done=torch.empty(horizon, count, dtype=torch.bool, device=device))
 
 
 class PPO:
@@ -115,25 +115,27 @@ class PPO:
         on_skip: called with the minibatch and the losses of such an update.
     """
 
-    def __init__(self, config: PPOConfig, count: int, generator: torch.Generator) -> None:
+    def __init__(self, config: PPOConfig, count: int, generator: torch.Generator, device: str = "cpu") -> None:
         """Build networks and optimiser.
 
         Args:
             config: the settings.
             count: number of robots.
-            generator: of actions and minibatches.
+            generator: of actions and minibatches, on the CPU.
+            device: of networks and stored experience; observations and actions are exchanged on the CPU.
         """
         self.config = config
-        self.network = ActorCritic(config.std_initial)
+        self.device = torch.device(device)
+        self.network = ActorCritic(config.std_initial).to(self.device)
         self.learning_rate = config.learning_rate
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
-        self.rollout = Rollout.empty(config.horizon, count)
+        self.rollout = Rollout.empty(config.horizon, count, self.device)
         self.skipped = 0
         self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
         self._generator = generator
         robot = load_robot()
         yaw = [name for name in robot.joint_names if name.endswith("hip_yaw_joint")] + ["torso_joint"]
-        self._std_factor = torch.ones(ACTION_SIZE)
+        self._std_factor = torch.ones(ACTION_SIZE, device=self.device)
         self._std_factor[torch.as_tensor(robot.indices(yaw))] = config.yaw_std_factor
         self.bound_std(0.0)
 
@@ -156,26 +158,26 @@ class PPO:
     def act(self, t: int, observation: Observation) -> torch.Tensor:
         """Sample actions for step t and store what the update needs."""
         r = self.rollout
-        mean, _ = self.network.actor(observation.history, observation.command)
-        noise = torch.randn(mean.shape, generator=self._generator)
+        for field in dataclasses.fields(observation):
+            getattr(r, field.name)[t] = getattr(observation, field.name)
+        mean, _ = self.network.actor(r.history[t], r.command[t])
+        noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
         action = mean + noise * self.network.log_std.exp()
-        r.history[t], r.command[t] = observation.history, observation.command
-        r.critic[t], r.estimate[t] = observation.critic, observation.estimate
         r.action[t], r.mean[t] = action, mean
         r.log_prob[t] = log_probability(action, mean, self.network.log_std)
-        r.value[t] = self._value(observation.critic)
-        return action
+        r.value[t] = self._value(r.critic[t])
+        return action.cpu()
 
     @torch.no_grad()
     def record(self, t: int, result: StepResult) -> None:
         """Store the outcome of step t; a time-out is bootstrapped from the observation in which it ended."""
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
         if result.timed_out.numel():
-            final = self._value(result.final_critic)
-            self.rollout.reward[t, result.timed_out] += self.config.gamma * final
+            final = self._value(result.final_critic.to(self.device))
+            self.rollout.reward[t, result.timed_out.to(self.device)] += self.config.gamma * final
 
     def _value(self, critic_observation: torch.Tensor) -> torch.Tensor:
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=self.config.mixed_precision):
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
             value = self.network.critic(critic_observation)
         return value.float()
 
@@ -185,7 +187,7 @@ class PPO:
         """Learn from the stored iteration; returns mean losses, KL, learning rate and std."""
         c, r = self.config, self.rollout
         with torch.no_grad():
-            last_value = self._value(last.critic)
+            last_value = self._value(last.critic.to(self.device))
             advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
         batch["returns"] = advantage.flatten() + batch["value"]
@@ -213,7 +215,7 @@ class PPO:
     def _minibatches(self, samples: int) -> Iterator[torch.Tensor]:
         size = math.ceil(samples / self.config.minibatches)
         for _ in range(self.config.epochs):
-            yield from torch.randperm(samples, generator=self._generator).split(size)
+            yield from torch.randperm(samples, generator=self._generator).to(self.device).split(size)
 
     def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
         """One gradient step on a minibatch: its losses, and whether it was applied."""
@@ -244,7 +246,7 @@ class PPO:
 
     def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
         """Mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2; the gradient flows through the mirrored branch."""
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=self.config.mixed_precision):
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
             mirrored, _ = self.network.actor(obs.mirror_history(history), obs.mirror_command_observation(command))
         return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
 

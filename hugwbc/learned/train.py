@@ -1,5 +1,6 @@
 """The training loop: collect, learn, move curricula, log, save; stops and resumes cleanly."""
 
+import copy
 import dataclasses
 import json
 import math
@@ -11,12 +12,13 @@ from typing import Any
 
 import torch
 
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned import checkpoint, distributed
 from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.contract import policy_contract, versions
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.evaluator import SCORE, Evaluator
+from hugwbc.learned.networks import Actor
 from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
 from hugwbc.learned.run_log import append_row, append_session
@@ -45,6 +47,8 @@ class Trainer:
 
     def __init__(self, config: TrainConfig) -> None:
         """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
+        if config.device == "cuda":
+            _claim_gpu()
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
@@ -52,8 +56,8 @@ class Trainer:
         own_seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.generator = torch.Generator().manual_seed(own_seed)
-        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads)
-        self.ppo = PPO(config.ppo, config.env.count, self.generator)
+        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads, device=config.device)
+        self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device)
         self.ppo.on_skip = self._dump
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
@@ -120,6 +124,11 @@ class Trainer:
             **self.env.statistics.pop(),
         }
 
+    def _actor(self) -> Actor:
+        """The policy network on the CPU, where it is evaluated and saved."""
+        actor = self.ppo.network.actor
+        return actor if self.ppo.device.type == "cpu" else copy.deepcopy(actor).cpu()
+
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
         if not c.evaluation_interval or not self.leads:
@@ -133,7 +142,7 @@ class Trainer:
         if self.iteration % self.config.evaluation_interval:
             return dict.fromkeys(self.evaluator.names, math.nan)
         begin = time.monotonic()
-        figures = self.evaluator.run(self.ppo.network.actor)
+        figures = self.evaluator.run(self._actor())
         finite = {name: value for name, value in figures.items() if math.isfinite(value)}
         self.evaluation = finite | {"iteration": self.iteration}
         if figures[SCORE] < self.best.get(SCORE, math.inf):
@@ -175,7 +184,7 @@ class Trainer:
         contract = policy_contract(
             period=self.env.dt, action_scale=settings.action_scale, waist_rate=settings.waist_rate
         )
-        save_policy(folder / POLICY_FILE, self.ppo.network.actor, contract, self._metadata())
+        save_policy(folder / POLICY_FILE, self._actor(), contract, self._metadata())
 
     def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
         """Keep a minibatch whose update was skipped, for the search after the cause."""
@@ -273,7 +282,7 @@ def train(config: TrainConfig, report: Report) -> Trainer:
         config: the run.
         report: called after every iteration with figures and the gates' words, in the first process only.
     """
-    with distributed.process_group("gloo"):
+    with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
 
         def request_stop(_signal: int, _frame: object) -> None:
@@ -286,6 +295,17 @@ def train(config: TrainConfig, report: Report) -> Trainer:
             for number, handler in previous.items():
                 signal.signal(number, handler)
     return trainer
+
+
+def _claim_gpu() -> None:
+    """Make one GPU of the machine this process's.
+
+    Raises:
+        ConfigError: if torch finds none.
+    """
+    if not torch.cuda.is_available():
+        raise ConfigError("device cuda needs an NVIDIA GPU and torch built for it; none was found. Use --device cpu")
+    torch.cuda.set_device(distributed.local_rank())
 
 
 def _rank_path(path: pathlib.Path) -> pathlib.Path:

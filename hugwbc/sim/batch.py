@@ -56,6 +56,11 @@ class BatchSimulation:
         self.torque = self.batch.bind("actuator_force")
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
+        self._index_sensors()
+        self.batch.reset(keyframe=0)
+
+    def _index_sensors(self) -> None:
+        """Find the columns of the sensors."""
         self._columns = {
             self.model.sensor(i).name: slice(int(adr), int(adr + dim))
             for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
@@ -65,7 +70,6 @@ class BatchSimulation:
             for kind in ("sole_position", "sole_velocity", "foot_force")
         }
         self._link_forces = np.concatenate([np.r_[self._columns[f"{n}_force"]] for n in self.robot.contact_links])
-        self.batch.reset(keyframe=0)
 
     @property
     def count(self) -> int:

@@ -1,0 +1,158 @@
+"""Many H1s at once on `mujoco_warp`: the interface of `sim.batch`, with the physics on a GPU."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
+
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.terrain import HeightField
+
+CONTACTS = 64  # room for contacts of one robot: lying, it has some 40
+CONSTRAINTS = 4 * CONTACTS + 64  # rows: four a contact, joint limits
+_RUNAWAY = float(mujoco.mjMAXVAL)  # MuJoCo's own bound on positions and velocities
+
+
+def _warp(device: str) -> tuple[Any, Any]:
+    """The modules warp and mujoco_warp, an extra, if they can run on the device."""
+    try:
+        import mujoco_warp
+        import warp
+    except ImportError as error:
+        raise ConfigError(f"physics on a GPU needs {error.name}: run `pip install 'hugwbc[gpu]'`") from error
+    warp.config.quiet = True
+    warp.init()
+    if device != "cpu" and not warp.is_cuda_available():
+        raise ConfigError(f"device {device} needs an NVIDIA GPU with its driver; none was found. Use --device cpu")
+    return warp, mujoco_warp
+
+
+class WarpSimulation(BatchSimulation):
+    """`count` robots on the same ground, stepped in single precision on a device.
+
+    Everything that `BatchSimulation` has, with the same meaning; the arrays lie in host memory and are exchanged with
+    the device at every call. Per-robot model parameters are set on `batch`, an ordinary `mujoco.batch.Batch` that is
+    not stepped, before the first step; later changes of them are not seen.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        *,
+        timestep: float = TRAINING_TIMESTEP,
+        terrain: HeightField | None = None,
+        device: str = "cuda",
+    ) -> None:
+        """Build the batch.
+
+        Args:
+            count: number of robots.
+            timestep: of the physics [s].
+            terrain: the ground; None for a plane.
+            device: of warp: "cuda", or "cpu", which is for tests: the first use compiles for minutes.
+
+        Raises:
+            ConfigError: if mujoco_warp or the device is missing.
+        """
+        self._wp, self._mjw = _warp(device)
+        self._device = device
+        self.robot = load_robot()
+        self.model = load_model(timestep, terrain, lean=True)
+        self.terrain = terrain
+        self.batch = Batch(self.model, count, 1)
+        self._index_sensors()
+        nominal = self.model.key("nominal")
+        self.qpos, self.ctrl = np.tile(nominal.qpos, (count, 1)), np.tile(nominal.ctrl, (count, 1))
+        self.qvel, self.warm_start = np.zeros((count, self.model.nv)), np.zeros((count, self.model.nv))
+        self.torque = np.zeros((count, self.model.nu))
+        self._sensors = np.zeros((count, self.model.nsensordata))
+        with self._wp.ScopedDevice(device):
+            start = mujoco.MjData(self.model)
+            self._data = self._mjw.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=CONSTRAINTS)
+            self._on_device = self._mjw.put_model(self.model)
+        self._stepped = False
+        self.forward(np.arange(count))
+
+    def step(self, substeps: int) -> np.ndarray:
+        """Advance all robots; positions, velocities and their sensors are current afterwards.
+
+        A robot whose state is not finite or runs away starts again at the nominal pose, as MuJoCo does it.
+
+        Returns:
+            Which robots diverged, shape (count,), bool.
+        """
+        diverged = ~np.isfinite(self.ctrl).all(axis=1)
+        self.ctrl[diverged] = 0.0
+        mjw, model, data = self._mjw, self._on_device, self._data
+        with self._wp.ScopedDevice(self._device):
+            self._upload()
+            self._stepped = True
+            for _ in range(substeps):
+                mjw.step(model, data)
+            self._download_state()
+            diverged |= self._restart_runaways()
+            # A step leaves what follows from the state one substep behind.
+            mjw.fwd_position(model, data)
+            mjw.sensor_pos(model, data)
+            mjw.fwd_velocity(model, data)
+            mjw.sensor_vel(model, data)
+            self.torque[:] = data.actuator_force.numpy()
+            self._sensors[:] = data.sensordata.numpy()
+        return diverged
+
+    def forward(self, ids: np.ndarray) -> None:
+        """Bring the derived quantities of some robots up to date after a write to their state."""
+        data = self._data
+        with self._wp.ScopedDevice(self._device):
+            self._upload()
+            # The device computes all robots anew; the others keep what their last step gave.
+            self._mjw.forward(self._on_device, data)
+            self.warm_start[ids] = data.qacc_warmstart.numpy()[ids]
+            self.torque[ids] = data.actuator_force.numpy()[ids]
+            self._sensors[ids] = data.sensordata.numpy()[ids]
+
+    def _upload(self) -> None:
+        """Send state and controls; before the first step also the robots' parameters, which are set until then."""
+        for name in () if self._stepped else MODEL_FIELDS:
+            values = None if name.startswith("opt.") else self.batch.expanded(name)
+            shared = getattr(self._on_device, name, None)
+            if values is not None and shared is not None:
+                setattr(self._on_device, name, self._wp.array(values.astype(np.float32), dtype=shared.dtype))
+        arrays = {"qpos": self.qpos, "qvel": self.qvel, "ctrl": self.ctrl, "qacc_warmstart": self.warm_start}
+        for name, values in arrays.items():
+            getattr(self._data, name).assign(values.astype(np.float32))
+
+    def _download_state(self) -> None:
+        self.qpos[:], self.qvel[:] = self._data.qpos.numpy(), self._data.qvel.numpy()
+        self.warm_start[:] = self._data.qacc_warmstart.numpy()
+
+    def _restart_runaways(self) -> np.ndarray:
+        state = np.hstack((self.qpos, self.qvel))
+        # A NaN fails the comparison.
+        lost = np.logical_not((np.abs(state) < _RUNAWAY).all(axis=1))
+        if lost.any():
+            self.qpos[lost], self.qvel[lost] = self.model.key("nominal").qpos, 0.0
+            self.warm_start[lost] = 0.0
+            self._upload()
+        return lost
+
+
+def robots_on(device: str, count: int, *, terrain: HeightField | None, threads: int) -> BatchSimulation:
+    """Many robots, on the processor or on a GPU, at the training's time step.
+
+    Args:
+        device: "cpu" for `mujoco.batch`, "cuda" for `mujoco_warp`.
+        count: number of robots.
+        terrain: the ground; None for a plane.
+        threads: on the processor.
+
+    Raises:
+        ConfigError: if the device cannot be used.
+    """
+    if device == "cpu":
+        return BatchSimulation(count, terrain=terrain, threads=threads)
+    return WarpSimulation(count, terrain=terrain, device=device)
