@@ -194,6 +194,8 @@ class EnvConfig:
     episode_steps: int = 1000
     action_scale: float = ACTION_SCALE
     """Radians of joint target per unit of action."""
+    one_leg_start: float = 0.0
+    """Part of the hopping episodes that start on one leg, the other folded, instead of on both."""
     held_foot_grace: float = 0.0
     """Time after a command's start from which the held foot of a hop on the ground ends the episode [s]; 0 never."""
     waist_rate: float = WAIST_RATE
@@ -221,6 +223,7 @@ class EnvConfig:
             _require(value > 0, f"env.{name}", value, "a positive integer")
         _require(0.0 < self.action_scale < math.inf, "env.action_scale", self.action_scale, "a positive number")
         _require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
+        _require(0.0 <= self.one_leg_start <= 1.0, "env.one_leg_start", self.one_leg_start, "0 to 1")
         _require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
 

@@ -20,6 +20,7 @@ from hugwbc.learned.latency import Latency, draw_delays
 from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
 from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate_terms
+from hugwbc.learned.starts import stand_on_one_leg
 from hugwbc.learned.statistics import Statistics
 from hugwbc.motion import generate_motions, load_motions
 from hugwbc.robot import load_robot
@@ -334,8 +335,22 @@ class HumanoidEnv:
         self.waist[robots] = 0.0
         self.intervention.reset(robots)
         self._draw_commands(robots)
+        self._lift_held_legs(robots)
         self.readings = read(self.simulation, self.ground)
         self.history[robots] = self._frame()[robots, None]
+
+    def _lift_held_legs(self, robots: torch.Tensor) -> None:
+        """Let some of the robots that start hopping stand on one leg."""
+        if self.config.one_leg_start == 0.0:
+            return
+        lifted = torch.rand(robots.numel(), generator=self.generator) < self.config.one_leg_start
+        for gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
+            ids = robots[lifted & (self.gait[robots] == gait)].numpy()
+            qpos = stand_on_one_leg(self.simulation.qpos[ids], gait)
+            self.simulation.qpos[ids], self.simulation.ctrl[ids] = qpos, qpos[:, 7:]
+            if self.latency is not None:
+                self.latency.reset(ids, qpos[:, 7:])
+            self.simulation.forward(ids)
 
     def _symmetric(self, rows: int, columns: int, half_width: float) -> np.ndarray:
         sample = torch.rand((rows, columns), generator=self.generator)
