@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.feasibility import feasible
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 
@@ -18,10 +19,12 @@ class SafetyConfig:
 
     Attributes:
         hold_s: how long the last good joint command is repeated when there is no new one, before damping [s].
+        guard: whether combinations of commands that the legs do not allow are changed (`hugwbc.feasibility`).
         damping_gain: joint damping while there is nothing else to do, as a multiple of the robot's own kd.
     """
 
     hold_s: float = 0.1
+    guard: bool = True
     damping_gain: float = 1.0
 
 
@@ -32,6 +35,7 @@ class SafetyReport:
     Attributes:
         ticks: calls of `act`.
         commands_clamped: calls per command name whose value was out of range or NaN.
+        commands_guarded: calls per command name whose value the others did not allow.
         upper_body_rejected: external arm targets that were not finite; the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         bad_states: states with NaN or infinity.
@@ -47,6 +51,7 @@ class SafetyReport:
 
     ticks: int = 0
     commands_clamped: dict[str, int] = dataclasses.field(default_factory=dict)
+    commands_guarded: dict[str, int] = dataclasses.field(default_factory=dict)
     upper_body_rejected: int = 0
     upper_body_limited: int = 0
     bad_states: int = 0
@@ -63,7 +68,9 @@ class SafetyReport:
 class SafetyFilter:
     """A controller that wraps another one and keeps what passes in both directions within limits.
 
-    - Commands are clamped to the range of their gait (`Command.clamp`), external arm targets to the joint limits.
+    - Commands are clamped to the range of their gait (`Command.clamp`), and combinations that the legs do not allow to
+      the nearest that they do (`feasibility.feasible`); `command` is the clamped one. External arm targets are clamped
+      to the joint limits.
     - A state or joint command that is not finite, or an exception, repeats the last good joint command for `hold_s`
       seconds, then damps the joints. After damping the controller is reset on the first good state.
     - Position targets are clamped to the joint limits widened by torque_limit / kp: a PD joint asks for torque by the
@@ -102,7 +109,9 @@ class SafetyFilter:
     def _start(self, q: np.ndarray) -> None:
         self._counts: dict[str, int] = {}
         self._clamped: dict[str, int] = {}
+        self._guarded: dict[str, int] = {}
         self._messages: dict[str, str] = {}
+        self._asked: Command | None = None
         self._last = JointCommand.position(self.robot, q.copy())
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
@@ -118,7 +127,7 @@ class SafetyFilter:
         self._count("ticks")
         self.command = self._valid_command(command)
         upper_body = self._valid_upper_body(upper_body)
-        output = self._controller_output(state, self.command, upper_body)
+        output = self._controller_output(state, self._feasible_command(self.command), upper_body)
         if output is None:
             return self._fallback(state)
         self._missing_s = 0.0
@@ -128,7 +137,10 @@ class SafetyFilter:
     def report(self) -> SafetyReport:
         """The counters since `reset`."""
         return SafetyReport(
-            **self._counts, commands_clamped=dict(self._clamped), messages=tuple(self._messages.values())
+            **self._counts,
+            commands_clamped=dict(self._clamped),
+            commands_guarded=dict(self._guarded),
+            messages=tuple(self._messages.values()),
         )
 
     def _count(self, counter: str, message: str = "") -> None:
@@ -143,6 +155,18 @@ class SafetyFilter:
             self._clamped[name] = self._clamped.get(name, 0) + 1
             self._messages.setdefault(f"command {name}", f"command {line}")
         return valid
+
+    def _feasible_command(self, command: Command) -> Command:
+        if not self.config.guard:
+            return command
+        if command != self._asked:
+            self._asked, self._guard = command, feasible(command)
+        guarded, changes = self._guard
+        for line in changes:
+            name = line.split(" ", 1)[0]
+            self._guarded[name] = self._guarded.get(name, 0) + 1
+            self._messages.setdefault(f"guard {name}", f"command {line}")
+        return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
         if not (np.all(np.isfinite(upper_body.q)) and np.all(np.isfinite(upper_body.dq))):

@@ -69,6 +69,22 @@ def test_out_of_range_commands_are_clamped_counted_and_never_passed_on(filtered)
     assert "outside -0.6 to 2" in safe.report().messages[0]
 
 
+def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explained(filtered):
+    recorder, safe = filtered
+    asked = Command(v_x=1.5, f=1.5, l=0.3, h=-0.25, gait=Gait.WALKING)
+    for _ in range(2):
+        safe.act(good_state(), asked, UpperBody.none())
+    assert recorder.seen[-1][1] == dataclasses.replace(asked, f=2.0, l=0.15)
+    assert safe.command == asked, "errors are measured against what was asked"
+    report = safe.report()
+    assert report.commands_guarded == {"f": 2, "l": 2} and report.commands_clamped == {}
+    assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
+    unguarded = SafetyFilter(recorder, config=SafetyConfig(guard=False))
+    unguarded.reset(good_state())
+    unguarded.act(good_state(), asked, UpperBody.none())
+    assert recorder.seen[-1][1] == asked
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8),

@@ -11,6 +11,7 @@ from hugwbc.errors import ConfigError
 if TYPE_CHECKING:
     from hugwbc.evaluation.benchmark import EnvironmentSpeed, TrainingSpeed
     from hugwbc.evaluation.ik_benchmark import IKFigures
+    from hugwbc.evaluation.qp_side_by_side import SideBySide
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +34,9 @@ class BenchOptions:
     """Targets that our IK, mink and pink visit side by side, 3 s each; mink and pink only where they are installed."""
     spacing: float = 0.25
     """Of the grid in a 2 m cube on which the reachable workspace is measured [m]."""
+    side_by_side: int = 0
+    """Solve this many random states with the whole-body QP, placo's dynamics solver and DAQP, and compare; 0 for none.
+    Needs the development extras."""
     json: pathlib.Path | None = None
     """Write the figures to this file; without a path, to standard output."""
 
@@ -80,6 +84,12 @@ def run(words: Sequence[str]) -> int:
         "workspace": dataclasses.asdict(workspace),
         "threads": options.threads,
     }
+    if options.side_by_side > 0:
+        from hugwbc.evaluation.qp_side_by_side import side_by_side
+
+        comparison = side_by_side(options.side_by_side)
+        figures["side_by_side"] = dataclasses.asdict(comparison)
+        say(_describe_side_by_side(comparison), options.json)
     write_json(options.json, figures)
     return 0
 
@@ -114,3 +124,15 @@ def _describe(
             format_table(("tick [ms]", "p50", "p99"), rows),
         ]
     )
+
+
+def _describe_side_by_side(comparison: "SideBySide") -> str:
+    differences = (
+        f"{comparison.states} states, all solvers solved {comparison.solved}; largest differences: torque to placo "
+        f"{comparison.torque_difference_placo:.1e}, acceleration to placo "
+        f"{comparison.acceleration_difference_placo:.1e} (in {comparison.compared_with_placo} states), solution to "
+        "DAQP "
+        f"{comparison.solution_difference_other:.1e}, as shares of the largest component"
+    )
+    rows = [(name, time["p50"], time["p99"]) for name, time in comparison.time_ms.items()]
+    return "\n".join(["", format_table(("solve [ms]", "p50", "p99"), rows), "", differences])

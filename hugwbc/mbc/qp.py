@@ -199,8 +199,13 @@ class WholeBodyQp:
         upward, downward = (_BOTH * speed - dynamics.v[self._columns]) / params.joint_horizon
         self._box_high[self._columns], self._box_low[self._columns] = upward, downward
 
+    @property
+    def problem(self) -> tuple[np.ndarray, ...]:
+        """H, g, A, b, C, lower and upper bound of C x, lower and upper bound of x, as last solved."""
+        return self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high
+
     def _run(self) -> int:
-        data = (self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high)
+        data = self.problem
         if self._started:
             self._solver.update(*data, False)
         else:
