@@ -408,6 +408,7 @@ class HumanoidEnv:
             state["targets"] = self.latency.targets
         if self.ground is not None:
             state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
+            state["terrain.footing"] = torch.from_numpy(self.simulation.footing)
         levels = self.curriculum.state_dict()
         return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
 
@@ -427,6 +428,8 @@ class HumanoidEnv:
         # Twice: the first write gives `forward` its state, the second undoes its change of the warm start.
         self._write_simulation(state)
         self.simulation.forward(np.arange(self.count))
+        if "footing" in prefixed["terrain"]:
+            self.simulation.restore_footing(prefixed["terrain"]["footing"].numpy())
         self._write_simulation(state)
         forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
         if self.latency is not None:

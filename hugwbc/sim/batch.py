@@ -5,6 +5,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from hugwbc.robot import SIDES, load_robot
+from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
 
@@ -57,6 +58,10 @@ class BatchSimulation:
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
+        self._footing = None if terrain is None else Footing(self.model, terrain)
+        if self._footing is not None:
+            self._geom_pos = self.batch.expand("geom_pos")
+            self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
         self.batch.reset(keyframe=0)
 
     def _index_sensors(self) -> None:
@@ -84,6 +89,7 @@ class BatchSimulation:
         Returns:
             Which robots diverged, shape (count,), bool.
         """
+        self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         return self.batch.warning[:, _FAULTS, _WARNING_COUNT].any(axis=1)
@@ -91,6 +97,26 @@ class BatchSimulation:
     def forward(self, ids: np.ndarray) -> None:
         """Bring the derived quantities of some robots up to date after a write to their state."""
         self.batch.forward(ids=ids)
+        if self._footing is not None:
+            self._place_feet(ids)
+            self.batch.forward(ids=ids)
+
+    def _place_feet(self, ids: np.ndarray) -> None:
+        if self._footing is not None and ids.size:
+            self._geom_pos[ids[:, None], self._footing.geoms] = self._footing.positions(
+                self._xpos[ids], self._xmat[ids]
+            )
+
+    @property
+    def footing(self) -> np.ndarray:
+        """Where the feet's contact spheres and plane were in the last contact search, for `restore_footing`."""
+        return np.zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms]
+
+    def restore_footing(self, footing: np.ndarray) -> None:
+        """Set what `footing` gave and search for contacts with it; a bit-exact resumption on terrain needs it."""
+        if self._footing is not None:
+            self._geom_pos[:, self._footing.geoms] = footing
+            self.batch.forward(ids=np.arange(self.count))
 
     def sole_position(self) -> np.ndarray:
         """Centres of both soles in the world [m], shape (count, 2, 3)."""

@@ -4,6 +4,7 @@ import mujoco
 
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
+from hugwbc.sim.footing import add_footing
 from hugwbc.sim.terrain import HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
@@ -56,3 +57,4 @@ def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:
     floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
     floor.hfieldname = "terrain"
     floor.pos = [0.0, 0.0, low]
+    add_footing(spec)

@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.errors import UnknownNameError
 from hugwbc.robot import SIDES, load_robot
+from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState, pelvis_from_torso_imu
@@ -98,6 +99,7 @@ class Simulation:
         self.terrain = terrain
         self.noise = noise
         self.model = load_model(timestep, terrain)
+        self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
         self.rejected_commands = 0
         self.diverged = False
@@ -136,6 +138,9 @@ class Simulation:
         self._force_until.clear()
         self.diverged = False
         self._command = JointCommand.position(self.robot, self.data.qpos[7:].copy())
+        if self._footing is not None:
+            mujoco.mj_kinematics(self.model, self.data)
+            self._place_feet(self._footing)
         mujoco.mj_forward(self.model, self.data)
         self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
         self._readings.clear()
@@ -158,6 +163,8 @@ class Simulation:
         for _ in range(max(1, round(duration / self.timestep))):
             self._expire_forces()
             self.data.warning.number[:] = 0
+            if self._footing is not None:
+                self._place_feet(self._footing)
             mujoco.mj_step(self.model, self.data)
             self.diverged |= any(self.data.warning[w].number for w in _WARNINGS)
             # The acceleration that made this step; `mj_forward` finds that of the next one.
@@ -184,6 +191,9 @@ class Simulation:
         body = self.model.body(link).id
         self.data.xfrc_applied[body, :3] = force
         self._force_until[body] = self.data.time + duration
+
+    def _place_feet(self, footing: Footing) -> None:
+        self.model.geom_pos[footing.geoms] = footing.positions(self.data.xpos, self.data.xmat)
 
     def _expire_forces(self) -> None:
         for body, until in list(self._force_until.items()):

@@ -1,0 +1,97 @@
+"""Contacts of the soles on a height field, against heights that are looked up by hand."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import JointCommand, load_robot
+from hugwbc.sim import HeightField, Simulation, rough_terrain
+from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.footing import FOOT_CONTACT_BIT, Footing
+
+ROBOT = load_robot()
+HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
+ROUGH = rough_terrain(0.02, np.random.default_rng(5))
+
+
+def press(simulation: Simulation, xy: np.ndarray, yaw: float, depth: float) -> dict[str, tuple[float, np.ndarray]]:
+    """Stand the robot up, press it into the ground [m], and return distance and normal of every sole contact."""
+    simulation.reset(xy=(float(xy[0]), float(xy[1])), yaw=yaw)
+    simulation.data.qpos[2] -= depth + 0.003
+    mujoco.mj_forward(simulation.model, simulation.data)
+    simulation._place_feet(simulation._footing)
+    mujoco.mj_forward(simulation.model, simulation.data)
+    contacts = {}
+    for i in range(simulation.data.ncon):
+        contact = simulation.data.contact[i]
+        name = simulation.model.geom(contact.geom[1]).name
+        if "toe" in name or "heel" in name:
+            assert name not in contacts, "one contact for each sphere"
+            contacts[name] = (contact.dist, contact.frame[:3].copy())
+    return contacts
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.02, 0.04])
+def test_deep_contacts_push_up_wherever_the_grid_s_edges_are(depth: float) -> None:
+    level = np.zeros((81, 81))
+    level[0, 0] = 1e-6
+    simulation, rng = Simulation(terrain=HeightField(level, (16.0, 16.0))), np.random.default_rng(0)
+    for _ in range(40):
+        contacts = press(simulation, rng.uniform(-4.0, 4.0, 2), rng.uniform(-3.0, 3.0), depth)
+        assert len(contacts) == 8
+        for distance, normal in contacts.values():
+            np.testing.assert_allclose(normal, [0.0, 0.0, 1.0], atol=1e-9)
+            # The nominal pose is level to a millimetre.
+            assert distance == pytest.approx(-depth, abs=1.5e-3)
+
+
+def test_every_sphere_meets_the_ground_at_its_own_place() -> None:
+    simulation, plane, rng = Simulation(terrain=ROUGH), Simulation(), np.random.default_rng(1)
+    spheres = np.flatnonzero(simulation.model.geom_conaffinity == FOOT_CONTACT_BIT)
+    for _ in range(20):
+        xy, yaw = rng.uniform(-4.0, 4.0, 2), float(rng.uniform(-3.0, 3.0))
+        contacts = press(simulation, xy, yaw, 0.03)
+        # Where the spheres of the unchanged model are, in the same pose.
+        plane.data.qpos[:] = simulation.data.qpos
+        mujoco.mj_forward(plane.model, plane.data)
+        assert len(contacts) == 8
+        for index in spheres:
+            name = simulation.model.geom(index).name
+            point = plane.data.geom(name).xpos
+            bottom = point[2] - plane.model.geom(name).size[0]
+            expected = bottom - float(ROUGH.height_at(point[:2]))
+            assert contacts[name][0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_level_ground_is_the_plane_for_many_robots_too() -> None:
+    plane, level = BatchSimulation(2), BatchSimulation(2, terrain=HeightField(np.zeros((5, 5)), (8.0, 8.0)))
+    for step in range(30):
+        for simulation in (plane, level):
+            simulation.ctrl[:] = ROBOT.nominal + 0.1 * np.sin(0.3 * step + np.arange(19))
+            simulation.step(4)
+    np.testing.assert_allclose(level.qpos, plane.qpos, atol=1e-6)
+
+
+def test_one_robot_and_many_stand_on_the_same_ground() -> None:
+    one, many = Simulation(terrain=ROUGH, timestep=0.005), BatchSimulation(1, terrain=ROUGH)
+    one.reset(xy=(1.0, 0.5))
+    many.qpos[0] = one.data.qpos
+    many.ctrl[:] = ROBOT.nominal
+    many.forward(np.array([0]))
+    for _ in range(15):
+        one.step(HOLD, 0.005)
+        many.step(1)
+    np.testing.assert_allclose(many.qpos[0], one.data.qpos, atol=1e-3)
+    plain = Simulation(timestep=0.005)
+    plain.reset(xy=(1.0, 0.5))
+    for _ in range(15):
+        plain.step(HOLD, 0.005)
+    assert np.abs(plain.data.qpos[3:] - one.data.qpos[3:]).max() > 5e-3, "the ground makes a difference"
+
+
+def test_a_robot_that_is_nowhere_has_finite_feet() -> None:
+    simulation = Simulation(terrain=ROUGH)
+    footing = Footing(simulation.model, ROUGH)
+    xpos, xmat = simulation.data.xpos.copy(), simulation.data.xmat.copy()
+    xpos[:], xmat[:] = np.nan, np.inf
+    assert np.isfinite(footing.positions(xpos, xmat)).all()
