@@ -51,9 +51,57 @@ def test_reach_while_walking():
     assert "walking" in out
 
 
+def test_walk_with_a_cup():
+    out = run("04_walk_with_a_cup.py", "--duration", "4")
+    assert number(r"cup ([\d.]+) cm from its place on average", out) < 2.0
+    assert number(r"walked ([\d.]+) m", out) > 0.3
+
+
+def test_pick_from_the_floor():
+    out = run("05_pick_from_the_floor.py", "--duration", "3", "--height", "0.7")
+    assert number(r"arms alone: ([\d.]+) cm left, commanded h 0.00 m", out) > 10
+    assert number(r"whole body: ([\d.]+) cm left", out) < 5
+    assert number(r"whole body.*commanded h -([\d.]+) m", out) > 0.1
+    assert out.count("standing") == 2
+
+
+def test_carry_a_box():
+    out = run("06_carry_a_box.py", "--controller", "learned", "--duration", "5.5")
+    assert number(r"([\d]+) looks at the box", out) > 50
+    assert number(r"hands ([\d.]+) cm apart", out) == pytest.approx(32, abs=8)
+
+
+def test_compare_controllers(tmp_path):
+    hands = "{left: {hold: [0.35, 0.25, 0.2]}, right: mirror}"
+    (tmp_path / "reach.yaml").write_text(f"segments: [{{label: reach, duration: 1.5, hands: {hands}}}]")
+    out = run("07_compare_controllers.py", "--script", str(tmp_path / "reach.yaml"))
+    assert "learned: did not fall in 1.5 s" in out
+    assert "qp: did not fall in 1.5 s" in out
+    assert out.count("cm from their targets") == 2
+
+
+def test_replay_a_motion():
+    out = run("08_replay_a_motion.py", "--duration", "2")
+    assert number(r"arm joints ([\d.]+) rad from their targets", out) < 0.05
+    assert "standing" in out
+
+
+def test_drive_live():
+    pytest.importorskip("viser")
+    out = run("09_drive_live.py", "--duration", "0.5")
+    assert re.search(r"drive at http://127\.0\.0\.1:\d+", out)
+    assert "0.5 s, standing" in out
+
+
+def test_write_a_controller():
+    out = run("10_write_a_controller.py", "--h", "-0.1", "--duration", "1")
+    assert number(r"came to -([\d.]+) m", out) > 0.05
+    assert "it does not balance" in out
+
+
 def test_examples_are_short_and_numbered():
     files = sorted(EXAMPLES.glob("*.py"))
-    assert len(files) >= 3
+    assert len(files) == 10
     for number_, path in enumerate(files, 1):
         assert path.name.startswith(f"{number_:02d}_")
         assert len(path.read_text().splitlines()) <= 80

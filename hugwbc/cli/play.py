@@ -67,11 +67,21 @@ class PlayOptions:
     """Without browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
     browser: bool = True
     """Open the page; otherwise only its address is printed."""
+    live: bool = False
+    """Drive the robot from the page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
+    host: str = "127.0.0.1"
+    """To serve the live page on."""
+    port: int = 0
+    """Of the live page; 0 for any that is free."""
+    expose: bool = False
+    """Allow a host that other machines can reach: they can then drive the robot."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse, open the viewer, run the loop."""
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
+    if options.live:
+        return _run_live(options)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
@@ -81,6 +91,40 @@ def run(words: Sequence[str]) -> int:
     say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
     for message in loop.safe.report().messages:
         say(f"safety: {message}")
+    return 0
+
+
+def _run_live(options: PlayOptions) -> int:
+    """Serve the live page until the time is over, Ctrl-C, or for ever.
+
+    Raises:
+        ConfigError: if viser is not installed, the host is not allowed, or another way to command is given as well.
+    """
+    others = [name for name in ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)]
+    given = [name for name in others if getattr(options, name)]
+    if given:
+        raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
+    try:
+        from hugwbc.viz.live import LivePage
+    except ImportError as error:
+        raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
+    controller = ControllerSpec(options.controller, options.policy).build()
+    simulation = Simulation()
+    page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
+    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller))
+    say(f"drive at {page.address}; Ctrl-C stops")
+    if options.browser:
+        webbrowser.open(page.address)
+
+    def draw(simulation: Simulation, _: np.ndarray) -> None:
+        page.disturb(simulation)
+        page.show(simulation)
+
+    try:
+        falls, simulated = _run(loop, options.duration or np.inf, draw, page.source.restart)
+    finally:
+        page.close()
+    say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
     return 0
 
 
@@ -136,7 +180,9 @@ def _viewer(name: str, browser: bool) -> Draw:
     return draw
 
 
-def _run(loop: ControlLoop, duration: float, draw: Draw | None) -> tuple[int, float]:
+def _run(
+    loop: ControlLoop, duration: float, draw: Draw | None, on_reset: Callable[[], None] | None = None
+) -> tuple[int, float]:
     """Run the loop, in real time if there is a viewer; a robot that fell stands up again and the commands start anew.
 
     Returns:
@@ -161,6 +207,8 @@ def _run(loop: ControlLoop, duration: float, draw: Draw | None) -> tuple[int, fl
                 begin += FALLEN_PAUSE
             loop.reset()
             t = 0.0
+            if on_reset is not None:
+                on_reset()
     return falls, simulated
 
 

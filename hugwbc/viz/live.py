@@ -1,0 +1,209 @@
+"""The live page: a robot to drive by sliders, gait buttons, a push, and draggable hand targets. Needs viser."""
+
+import ipaddress
+
+import mujoco
+import numpy as np
+import trimesh
+import viser
+
+from hugwbc import rotations
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.sim import Simulation
+from hugwbc.targets import HandTargets
+from hugwbc.viz.live_source import LiveSource
+from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
+
+HOST = "127.0.0.1"
+HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # in the heading frame [m]
+PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
+CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
+_NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
+          "w": "waist"}  # fmt: skip
+
+
+def check_host(host: str, *, expose: bool) -> str:
+    """The host to listen on.
+
+    Raises:
+        ConfigError: if it is not this machine alone, and `expose` does not say so.
+    """
+    try:
+        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback and not expose:
+        raise ConfigError(
+            f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
+        )
+    return host
+
+
+def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
+    """The visual shapes of a link in its frame: one mesh for each material, by the material's name."""
+    body = model.body(link).id
+    parts: dict[str, list[trimesh.Trimesh]] = {}
+    for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid == body)):
+        part = _primitive(int(model.geom_type[geom]), model.geom_size[geom])
+        part.apply_transform(homogeneous(model.geom_pos[geom], model.geom_quat[geom]))
+        parts.setdefault(model.mat(model.geom_matid[geom]).name, []).append(part)
+    return {material: _joined(shapes) for material, shapes in parts.items()}
+
+
+def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return trimesh.Trimesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, first, strict=True)]),
+        process=False,
+    )
+
+
+def _primitive(kind: int, size: np.ndarray) -> trimesh.Trimesh:
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return trimesh.creation.box(extents=2 * size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return trimesh.creation.cylinder(radius=size[0], height=2 * size[1], sections=24)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[16, 16])
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    ball.apply_scale(size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[0])
+    return ball
+
+
+class LivePage:
+    """A page on which a person drives one robot.
+
+    Attributes:
+        source: what the person asks for: the command source of a control loop.
+        server: viser's, with its port.
+        pushes: forces in the pelvis' heading frame that wait to be applied [N], each of shape (3,).
+    """
+
+    def __init__(
+        self, simulation: Simulation, *, name: str, host: str = HOST, port: int = 0, expose: bool = False
+    ) -> None:
+        """Build the page and listen.
+
+        Args:
+            simulation: of the robot.
+            name: of the controller, for the title.
+            host: to listen on.
+            port: to listen on; 0 for any that is free.
+            expose: allow a host that other machines can reach.
+
+        Raises:
+            ConfigError: if the host is not this machine alone, and `expose` does not say so.
+        """
+        self.server = viser.ViserServer(check_host(host, expose=expose), port, label=f"hugwbc: {name}", verbose=False)
+        self.source = LiveSource()
+        self.pushes: list[np.ndarray] = []
+        self._robot = load_robot()
+        self._build_scene(simulation.model)
+        self._build_panel()
+        self.show(simulation)
+
+    @property
+    def address(self) -> str:
+        """To open in a browser."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def _build_scene(self, model: mujoco.MjModel) -> None:
+        scene = self.server.scene
+        scene.set_up_direction("+z")
+        scene.add_grid("/floor", 40.0, 40.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=0.5)
+        self.server.initial_camera.position = CAMERA
+        self.server.initial_camera.look_at = LOOK_AT
+        bodies = [model.body(index).name for index in range(1, model.nbody)]
+        drawn = {model.body(int(b)).name for b in model.geom_bodyid[model.geom_group == VISUAL_GROUP]}
+        self._links = {}
+        for link in (link for link in bodies if link in drawn):
+            self._links[link] = scene.add_frame(f"/robot/{link}", show_axes=False)
+            for material, mesh in link_meshes(model, link).items():
+                rgb = tuple(np.round(255 * model.mat(material).rgba[:3]).astype(int).tolist())
+                scene.add_mesh_simple(f"/robot/{link}/{material}", mesh.vertices, mesh.faces, color=rgb)
+        self._heading = scene.add_frame("/heading", show_axes=False)
+        self._handles = {}
+        for side in SIDES:
+            self._handles[side] = scene.add_transform_controls(
+                f"/heading/{side}_hand", 0.25, disable_rotations=True, disable_sliders=True, depth_test=False,
+                position=HANDS_AT_FIRST[side], visible=False,
+            )  # fmt: skip
+            self._handles[side].on_update(lambda _: self._take_hands())
+            scene.add_icosphere(f"/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
+
+    def _build_panel(self) -> None:
+        gui = self.server.gui
+        self._readings = gui.add_markdown("")
+        self._gaits = gui.add_button_group("gait", [gait.label for gait in Gait])
+        self._gaits.on_click(lambda event: self._choose_gait(Gait.parse(str(event.target.value))))
+        self._sliders = {}
+        for name in COMMAND_NAMES:
+            low, high = _slider_range(name)
+            slider = gui.add_slider(
+                f"{_NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
+            )
+            slider.on_update(lambda _, name=name: self.source.ask(name, float(self._sliders[name].value)))
+            self._sliders[name] = slider
+        with gui.add_folder("hands"):
+            self._hands_on = gui.add_checkbox("drag the hands", False)
+            self._body_on = gui.add_checkbox("whole body helps", False)
+        for box in (self._hands_on, self._body_on):
+            box.on_update(lambda _: self._take_hands())
+        with gui.add_folder("disturb"):
+            for label, force in (("push from the left", -PUSH_FORCE), ("push from behind", 0.0)):
+                vector = np.array([0.0, force, 0.0]) if force else np.array([PUSH_FORCE, 0.0, 0.0])
+                gui.add_button(label).on_click(lambda _, vector=vector: self.pushes.append(vector))
+            gui.add_button("stop").on_click(lambda _: self.stop())
+
+    def _choose_gait(self, gait: Gait) -> None:
+        self.source.ask_gait(gait)
+        for name, slider in self._sliders.items():
+            slider.value = getattr(self.source.wanted, name)
+
+    def _take_hands(self) -> None:
+        on = bool(self._hands_on.value)
+        for handle in self._handles.values():
+            handle.visible = on
+        left, right = (np.array(self._handles[side].position, dtype=float) for side in SIDES)
+        self.source.hands = HandTargets(left, right, "heading", whole_body=bool(self._body_on.value)) if on else None
+
+    def stop(self) -> None:
+        """All velocities to zero."""
+        for name in ("v_x", "v_y", "omega"):
+            self._sliders[name].value = 0.0
+            self.source.ask(name, 0.0)
+
+    def disturb(self, simulation: Simulation) -> None:
+        """Apply the pushes that wait."""
+        while self.pushes:
+            turn = rotations.rotation_z(simulation.state().yaw)
+            simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
+
+    def show(self, simulation: Simulation) -> None:
+        """Draw the robot where it is, and what it does."""
+        data, state = simulation.data, simulation.state()
+        assert state.position is not None and state.velocity is not None
+        with self.server.atomic():
+            for link, handle in self._links.items():
+                handle.position, handle.wxyz = data.body(link).xpos, data.body(link).xquat
+            self._heading.position = state.position
+            self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
+        velocity = rotations.rotation_z(-state.yaw) @ state.velocity
+        self._readings.content = (
+            f"**{self.source.wanted.gait.label}** at {state.time:.1f} s, "
+            f"pelvis {state.position[2]:.2f} m, forward {velocity[0]:+.2f} m/s"
+        )
+
+    def close(self) -> None:
+        """Stop listening."""
+        self.server.stop()
+
+
+def _slider_range(name: str) -> tuple[float, float]:
+    """From the least to the largest value that any gait admits."""
+    ranges = [command_ranges(gait)[name].finishing for gait in Gait]
+    return min(low for low, _ in ranges), max(high for _, high in ranges)

@@ -1,0 +1,65 @@
+"""What a person asks for from a page, turned into commands and hand targets that a robot can follow."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command, command_ranges, default_command
+from hugwbc.gait import Gait
+from hugwbc.targets import HandTargets
+
+# How fast commands follow the sliders, per second, in the order of COMMAND_NAMES.
+RATES = np.array([0.5, 0.5, 1.0, 1.0, 0.3, 0.2, 0.4, 0.8])
+SLOW = 0.02  # [m/s, rad/s]; below it a robot stands
+
+
+class LiveSource:
+    """Commands that ramp towards what is wanted; a robot comes to rest before it changes its gait.
+
+    The wanted values may be set from other threads at any time: each is replaced as a whole.
+
+    Attributes:
+        wanted: the command that is asked for, with its gait.
+        hands: the hand targets, None for arms that are the controller's.
+    """
+
+    def __init__(self, wanted: Command | None = None) -> None:
+        self.wanted = wanted or Command()
+        self.hands: HandTargets | None = None
+        self._command = default_command(self.wanted.gait)
+        self._t = 0.0
+
+    def restart(self) -> None:
+        """The time starts anew, with the robot at rest in the wanted gait."""
+        self._command = default_command(self.wanted.gait)
+        self._t = 0.0
+
+    def ask(self, name: str, value: float) -> None:
+        """Ask for a value of one command; it is brought into the range of the gait."""
+        self.wanted = dataclasses.replace(self.wanted, **{name: value}).clamp()[0]
+
+    def ask_gait(self, gait: Gait) -> None:
+        """Ask for a gait; the values are brought into its ranges."""
+        self.wanted = dataclasses.replace(self.wanted, gait=gait).clamp()[0]
+
+    def command_at(self, t: float) -> Command:
+        """The command at time t [s], as far as the ramps have come."""
+        dt, self._t = max(0.0, t - self._t), max(t, self._t)
+        wanted, gait = self.wanted, self._command.gait
+        goal = wanted.array()
+        if wanted.gait is not gait:
+            moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
+            if moving <= SLOW:
+                gait = wanted.gait
+            else:
+                goal[: len(VELOCITY_NAMES)] = 0.0
+        # Ramps stay in the ranges of the gait that is walked now.
+        low, high = np.array([command_ranges(gait)[name].finishing for name in COMMAND_NAMES]).T
+        value = np.clip(self._command.array(), low, high)
+        step = RATES * dt
+        self._command = Command.from_array(value + np.clip(np.clip(goal, low, high) - value, -step, step), gait)
+        return self._command
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """The hand targets now."""
+        return self.hands

@@ -1,0 +1,169 @@
+"""The live page in a real browser without a window: what a person does there reaches the robot."""
+
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+
+from hugwbc import Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import ControlLoop
+from hugwbc.evaluation.compare import upper_body_source
+from hugwbc.mbc import WholeBodyController
+from hugwbc.sim import Simulation
+from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage, check_host, link_meshes
+
+BROWSER = shutil.which("chromium")
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE = {"width": 1000, "height": 700}
+FIELD_OF_VIEW = np.radians(75.0)  # viser's, vertical
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::"])
+def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
+    with pytest.raises(ConfigError, match="other machines could drive the robot"):
+        check_host(host, expose=False)
+    assert check_host(host, expose=True) == host
+    assert check_host("127.0.0.1", expose=False) == "127.0.0.1"
+
+
+def test_the_page_listens_on_this_machine_only():
+    page = LivePage(Simulation(), name="test")
+    assert page.server.get_host() == "127.0.0.1"
+    assert page.address == f"http://127.0.0.1:{page.server.get_port()}"
+    page.close()
+
+
+def test_meshes_have_the_size_of_the_shapes():
+    model = Simulation().model
+    meshes = link_meshes(model, "left_elbow_link")
+    low = np.min([mesh.bounds[0] for mesh in meshes.values()], axis=0)
+    high = np.max([mesh.bounds[1] for mesh in meshes.values()], axis=0)
+    assert high[0] == pytest.approx(0.276 + 0.04, abs=2e-3), "the hand's ellipsoid"
+    assert low[1] == pytest.approx(-high[1], abs=1e-6)
+
+
+class Driven:
+    """A robot that runs in real time in a thread, with its page."""
+
+    def __init__(self):
+        self.simulation = Simulation()
+        controller = WholeBodyController()
+        self.page = LivePage(self.simulation, name="qp")
+        self.loop = ControlLoop(controller, self.page.source, self.simulation, upper_body_source(controller))
+        self._running = True
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        self.loop.reset()
+        tick, begin = 0, time.monotonic()
+        while self._running:
+            self.loop.step(self.loop.decide(tick * self.loop.period), self.loop.period)
+            tick += 1
+            if tick % 20 == 0:
+                self.page.disturb(self.simulation)
+                self.page.show(self.simulation)
+                time.sleep(max(0.0, begin + tick * self.loop.period - time.monotonic()))
+
+    def close(self):
+        self._running = False
+        self._thread.join()
+        self.page.close()
+
+    def until(self, condition, seconds=40.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if condition():
+                return True
+            time.sleep(0.1)
+        return False
+
+
+@pytest.fixture
+def driven():
+    robot = Driven()
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def browser_page(driven):
+    playwright = pytest.importorskip("playwright.sync_api")
+    if BROWSER is None:
+        pytest.skip("no chromium on this machine")
+    with playwright.sync_playwright() as api:
+        browser = api.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        page = browser.new_page(viewport=SIZE)
+        page.set_default_timeout(60_000)
+        page.goto(driven.page.address)
+        page.get_by_role("button", name="walking").wait_for()
+        yield page
+        browser.close()
+
+
+def on_screen(point):
+    """Pixel of a point in the world as the first camera sees it."""
+    forward = np.subtract(LOOK_AT, CAMERA)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    x, y, depth = (np.dot(np.subtract(point, CAMERA), axis) for axis in (right, up, forward))
+    scale = SIZE["height"] / 2.0 / np.tan(FIELD_OF_VIEW / 2.0)
+    return SIZE["width"] / 2.0 + scale * x / depth, SIZE["height"] / 2.0 - scale * y / depth
+
+
+@pytest.mark.slow
+def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, browser_page):
+    page, simulation = browser_page, driven.simulation
+    # A gait button and a slider: the robot walks ahead.
+    page.get_by_role("button", name="walking").click()
+    assert driven.until(lambda: driven.loop.safe.command.gait is Gait.WALKING)
+    slider = page.get_by_role("slider").first
+    slider.focus()
+    for _ in range(40):
+        slider.press("ArrowRight")
+    assert driven.until(lambda: driven.page.source.wanted.v_x > 0.3)
+    assert driven.until(lambda: simulation.data.qpos[0] > 0.3), "it walks"
+    page.wait_for_function("document.body.innerText.includes('walking at')")
+    # Stop, and stand.
+    page.get_by_role("button", name="stop").click()
+    page.get_by_role("button", name="standing").click()
+    assert driven.until(lambda: driven.loop.safe.command.gait is Gait.STANDING)
+    assert not simulation.fallen
+
+
+@pytest.mark.slow
+def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
+    page, simulation = browser_page, driven.simulation
+    page.get_by_role("checkbox").first.check(force=True)
+    assert driven.until(lambda: driven.page.source.hands is not None)
+    pelvis = simulation.data.qpos[:3].copy()
+    target = pelvis + HANDS_AT_FIRST["left"]
+    assert driven.until(lambda: np.linalg.norm(simulation.hand_position("left") - target) < 0.03)
+    before = np.array(driven.page.source.hands.left)
+    for offset in (0.1, 0.15, 0.2, 0.05):  # along the upward arrow
+        start, end = (on_screen(target + np.array([0, 0, z])) for z in (offset, offset + 0.2))
+        page.mouse.move(*start)
+        page.wait_for_timeout(500)
+        page.mouse.down()
+        page.mouse.move(*end, steps=10)
+        page.mouse.up()
+        if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
+            break
+    moved = np.array(driven.page.source.hands.left)
+    assert moved[2] > before[2] + 0.05
+    assert driven.until(lambda: simulation.hand_position("left")[2] > target[2] + 0.04)
+    assert not simulation.fallen
+
+
+@pytest.mark.slow
+def test_a_push_button_pushes(driven, browser_page):
+    simulation = driven.simulation
+    browser_page.get_by_role("button", name="push from the left").click()
+    assert driven.until(lambda: simulation.data.qvel[1] < -0.1)

@@ -1,0 +1,49 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.viz.live_source import RATES, LiveSource
+
+DT = 0.02
+
+
+def play(source, seconds, start=0.0):
+    return [source.command_at(start + tick * DT) for tick in range(1, round(seconds / DT) + 1)]
+
+
+def test_commands_ramp_and_stay_in_range_whatever_is_asked():
+    source = LiveSource()
+    source.ask_gait(Gait.WALKING)
+    source.ask("v_x", 9.0)
+    source.ask("h", -9.0)
+    commands = play(source, 6.0)
+    values = np.array([command.validate().array() for command in commands])
+    assert np.all(np.abs(np.diff(values, axis=0)) <= RATES * DT + 1e-12)
+    assert commands[-1].v_x == 2.0
+    assert commands[-1].h == pytest.approx(-0.3)
+    assert commands[49].v_x == pytest.approx(0.5), "after 1 s at 0.5 m/s^2"
+
+
+def test_a_robot_stops_before_it_stands():
+    source = LiveSource()
+    source.ask_gait(Gait.WALKING)
+    source.ask("v_x", 0.5)
+    play(source, 2.0)
+    source.ask_gait(Gait.STANDING)
+    commands = play(source, 2.0, start=2.0)
+    first = next(index for index, command in enumerate(commands) if command.gait is Gait.STANDING)
+    assert commands[first - 1].gait is Gait.WALKING and commands[first - 1].v_x <= 0.02
+    assert first * DT == pytest.approx(1.0, abs=0.1)
+    assert all(command.v_x == 0.0 for command in commands[first:])
+
+
+def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
+    source = LiveSource(Command(w=0.3))
+    source.ask("w", float("nan"))
+    assert source.wanted == Command()
+    source.wanted = dataclasses.replace(source.wanted, h=-0.2)
+    play(source, 3.0)
+    source.restart()
+    assert source.command_at(0.0) == Command()
