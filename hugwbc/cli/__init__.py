@@ -14,6 +14,7 @@ VERBS = {
     "play": "watch a controller live in the browser",
     "train": "train a policy, or continue a training",
     "export": "write a policy as an ONNX file",
+    "motions": "write a library of arm motions, made by the hand IK",
     "check": "verify the installation: models, versions, a rollout",
     "bench": "measure speed: training environment, controllers, IK",
 }
