@@ -199,11 +199,14 @@ class Locomotion:
         self.com.servo = np.ones(2)
         pendulum = Pendulum.about(middle, dynamics)
         to_heading = rotations.rotation_z(-self._yaw)[:2, :2]
+        deviation, between = to_heading @ (pendulum.dcm - middle[:2]), to_heading @ (pivots[0] - pivots[1])[:2]
         if self.plan.mode is not Mode.SHIFTING:
             self._shifted = False
-            self._watch_balance(to_heading @ (pendulum.dcm - middle[:2]), to_heading @ (pivots[0] - pivots[1])[:2])
+            self._watch_balance(deviation, between)
             return
         if self.plan.gait is not Gait.WALKING:
+            # The weight is to come over the outer foot, and may pass it a little.
+            self._watch_balance(deviation, between + [0.0, 2.0 * params.hop_overshoot])
             self._shift_onto(pivots[0 if self.plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
             return
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
@@ -222,8 +225,9 @@ class Locomotion:
         share = min(self.plan.elapsed / self._params.hop_shift_time, 1.0)
         self.com.target = middle + share * (pivot - middle)
         gaps = (float(np.linalg.norm(point - pivot)) for point in (pendulum.com, pendulum.dcm))
-        arrived = share >= 1.0 and max(gaps) < self._params.hop_shift_tolerance
-        self._shifted = arrived or self.plan.elapsed > 3.0 * self._params.hop_shift_time
+        # With time the demands fall: an estimated position may never quite arrive.
+        patience = max(self.plan.elapsed / self._params.hop_shift_time - 2.0, 1.0)
+        self._shifted = share >= 1.0 and max(gaps) < self._params.hop_shift_tolerance * min(patience, 2.0)
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.
