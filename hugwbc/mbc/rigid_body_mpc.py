@@ -108,8 +108,8 @@ class RigidBodyMpc:
     the robot's weight.
 
     The cost asks for height and velocity at take-off, for an upright body then and at the landing, for small departures
-    from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, normal
-    forces, and the moment that the ankles hold.
+    from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, which
+    include that the ground does not pull, and the moment that the ankles hold.
     """
 
     def __init__(self, params: ControllerParams, points: int, ankle_torque: float) -> None:
@@ -132,14 +132,12 @@ class RigidBodyMpc:
             self._C[j, : 4 * points, j] = friction
         self._low = np.full((self._intervals, self._rows), -_INFINITY)
         self._high = np.zeros((self._intervals, self._rows))
-        self._box_low = np.full(size, -_INFINITY)
-        self._box_low[2::3] = 0.0
         self._size = size
         self.reset()
 
     def reset(self) -> None:
         """Forget the previous solution."""
-        self._solver = proxqp.dense.QP(self._size, 0, self._intervals * self._rows, True)
+        self._solver = proxqp.dense.QP(self._size, 0, self._intervals * self._rows, False)
         settings = self._solver.settings
         settings.eps_abs = _TOLERANCE
         settings.max_iter, settings.max_iter_in = _ITERATIONS, _INNER_ITERATIONS
@@ -169,10 +167,7 @@ class RigidBodyMpc:
         self._fill_ankles(stance, weight)
         if not (np.isfinite(H).all() and np.isfinite(g).all()):
             return None
-        box_high = np.full(self._size, _INFINITY)
-        box_high[2::3] = self._params.max_normal_force / weight
-        data = (H, g, None, None, self._C.reshape(-1, self._size), self._low.ravel(), self._high.ravel(),
-                self._box_low, box_high)  # fmt: skip
+        data = (H, g, None, None, self._C.reshape(-1, self._size), self._low.ravel(), self._high.ravel())
         if self._started:
             self._solver.update(*data, False)
         else:
@@ -221,8 +216,7 @@ class RigidBodyMpc:
 
         def rows(weights: np.ndarray, block: np.ndarray) -> np.ndarray:
             """Row vectors of sum over j of weights_kj block_j: shape (K * rows, size)."""
-            blocks = np.broadcast_to(block, (n, *block.shape[-2:]))
-            return np.einsum("kj,jab->kajb", weights, blocks).reshape(-1, self._size)
+            return (weights[:, :, None, None] * block).swapaxes(1, 2).reshape(-1, self._size)
 
         velocity_rows = rows(speed, linear[:2])
         tilt_rows = rows(place, angular - sway @ linear)
@@ -258,6 +252,6 @@ class RigidBodyMpc:
             # lateral . (arm x f) = (lateral x arm) . f
             row = np.cross(stance.lateral[foot], stance.points[pair] - stance.ankles[foot]).ravel()
             index = 4 * self._points + foot
-            for j in range(self._intervals):
-                self._C[j, index, j, 6 * foot : 6 * foot + 6] = row
+            intervals = np.arange(self._intervals)
+            self._C[intervals, index, intervals, 6 * foot : 6 * foot + 6] = row
             self._low[:, index], self._high[:, index] = -self._ankle_torque / weight, self._ankle_torque / weight
