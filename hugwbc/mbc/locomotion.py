@@ -206,7 +206,7 @@ class Locomotion:
             return
         if self.plan.gait is not Gait.WALKING:
             # The weight is to come over the outer foot, and may pass it a little.
-            self._watch_balance(deviation, between + [0.0, 2.0 * params.hop_overshoot])
+            self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             self._shift_onto(pivots[0 if self.plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
             return
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)

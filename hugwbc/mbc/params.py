@@ -158,7 +158,7 @@ class ControllerParams:
     hop_shift_tolerance: float = 0.03
     """Distance of the weight from the hopping foot at which the first hop may begin [m]."""
     hop_overshoot: float = 0.07
-    """Distance beyond the hopping foot that the divergent component may reach in the shift before the robot steps [m]."""
+    """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
     """Lowering of the pelvis for a hop: its leg leans, and must still reach the ground [m]."""
     free_leg_weight: float = 2.0
