@@ -149,7 +149,7 @@ class ControllerParams:
     """By which the first and the last stance of a series of leaps are longer [s]."""
     leap_width: float = 0.36
     """Distance between the feet's centre lines when jumping in place [m]."""
-    leap_placement: float = 0.08
+    leap_placement: float = 0.12
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
     hop_placement: float = 1.0
     """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
