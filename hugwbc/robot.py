@@ -100,6 +100,12 @@ class Robot:
         return self.index("torso_joint")
 
     @functools.cached_property
+    def yaw_joints(self) -> np.ndarray:
+        """Indices of the joints that turn the body about its vertical axis: hip yaw and waist."""
+        waist = self.joint_names[self.waist]
+        return self.indices([n for n in self.joint_names if n.endswith("hip_yaw_joint") or n == waist])
+
+    @functools.cached_property
     def hip_yaw_roll(self) -> np.ndarray:
         """Indices of the four hip yaw and hip roll joints (the paper's hip x and z)."""
         return self.indices([f"{side}_{part}_joint" for side in SIDES for part in ("hip_yaw", "hip_roll")])

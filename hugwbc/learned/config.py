@@ -5,8 +5,11 @@ import math
 import pathlib
 from typing import Literal
 
+import numpy as np
+
 from hugwbc.errors import ConfigError
 from hugwbc.learned.contract import ACTION_SCALE, WAIST_RATE
+from hugwbc.robot import Robot
 
 
 def _require(condition: bool, name: str, value: object, valid: str) -> None:
@@ -53,6 +56,9 @@ class ExtraWeights:
     flat, so that small commands are not ignored."""
     yaw_rate_precision: float = 1.0
     """The same on the yaw rate."""
+    yaw_rate_error: float = -1.0
+    """Squared error of the yaw rate, up to 4 (rad/s)^2: its slope does not vanish under the oscillation and the
+    exploration noise that flatten the exponentials."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,8 +143,8 @@ class CurriculumConfig:
     """Initial factor on the regularisation rewards."""
     penalty_growth: float = 1.001
     """Factor on the penalty scale per iteration, up to 1."""
-    linear_threshold: float = 0.7
-    angular_threshold: float = 0.45
+    linear_threshold: float = 0.8
+    angular_threshold: float = 0.6
     """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
     alpha_step: float = 0.01
     """Change of the noise level (the paper's)."""
@@ -194,6 +200,12 @@ class EnvConfig:
     episode_steps: int = 1000
     action_scale: float = ACTION_SCALE
     """Radians of joint target per unit of action."""
+    yaw_action_factor: float = 0.4
+    """Factor on that of hip yaw and waist: stiff joints on a small yaw inertia, where the exploration noise of the
+    other joints' scale drowns the yaw rate that the reward is to see."""
+    yaw_damping_factor: float = 3.0
+    """Factor on the damping of hip yaw and waist, which with the paper's gains resonate near 2 Hz, the stride's
+    frequency. 1 for the paper's gains."""
     one_leg_start: float = 0.0
     """Part of the hopping episodes that start on one leg, the other folded, instead of on both."""
     held_foot_grace: float = 0.0
@@ -222,10 +234,27 @@ class EnvConfig:
             value = getattr(self, name)
             _require(value > 0, f"env.{name}", value, "a positive integer")
         _require(0.0 < self.action_scale < math.inf, "env.action_scale", self.action_scale, "a positive number")
+        for name in ("yaw_action_factor", "yaw_damping_factor"):
+            value = getattr(self, name)
+            _require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
         _require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
         _require(0.0 <= self.one_leg_start <= 1.0, "env.one_leg_start", self.one_leg_start, "0 to 1")
         _require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
+
+    def action_scales(self, robot: Robot) -> np.ndarray:
+        """Radians of joint target per unit of action, shape (19,)."""
+        return self._with_yaw(np.full(len(robot.joint_names), self.action_scale), self.yaw_action_factor, robot)
+
+    def damping(self, robot: Robot) -> np.ndarray:
+        """Damping of the joints' PD [N*m*s/rad], shape (19,)."""
+        return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
+
+    @staticmethod
+    def _with_yaw(values: np.ndarray, factor: float, robot: Robot) -> np.ndarray:
+        scaled = values.copy()
+        scaled[robot.yaw_joints] *= factor
+        return scaled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -236,8 +265,10 @@ class PPOConfig:
     """Control steps per iteration."""
     epochs: int = 3
     minibatches: int = 4
-    gamma: float = 0.99
-    lam: float = 0.95
+    gamma: float = 0.98
+    lam: float = 0.92
+    """With the usual 0.99 and 0.95, rare falls made most of the advantages' variance and hid what a command's error
+    costs: see the log in docs/learned.md."""
     clip: float = 0.2
     policy_weight: float = 1.0
     estimation_weight: float = 1.0
@@ -253,9 +284,6 @@ class PPOConfig:
     std_steps: float = 45e6
     """Environment steps over which the largest exploration std falls, geometrically, from initial to final."""
     std_min: float = 0.03
-    yaw_std_factor: float = 0.15
-    """Factor on the exploration std of hip yaw and waist: stiff joints on a small yaw inertia, whose noise would
-    otherwise drown the yaw rate that the reward is to see."""
     mixed_precision: bool = True
     """bfloat16 in the critic and in the mirrored branch of the symmetry loss; never in the actor."""
 
@@ -287,6 +315,9 @@ class TrainConfig:
     seed: int = 1
     threads: int = 2
     """Threads of the simulation and of torch; 1 leaves the other cores alone."""
+    critic_warm_up: int = 0
+    """Iterations at the start of this session in which only the critic learns: for a policy that another method made,
+    or after a change of rewards or discount, when the values are wrong at first and would lead the actor astray."""
     save_interval: int = 50
     """Iterations between two checkpoints."""
     evaluation_interval: int = 50
@@ -303,6 +334,7 @@ class TrainConfig:
         _require(self.steps > 0, "steps", self.steps, "a positive number")
         _require(self.hours > 0, "hours", self.hours, "a positive number")
         _require(self.threads > 0, "threads", self.threads, "a positive integer")
+        _require(self.critic_warm_up >= 0, "critic_warm_up", self.critic_warm_up, "0 or more")
         _require(self.save_interval > 0, "save_interval", self.save_interval, "a positive integer")
         _require(self.evaluation_interval >= 0, "evaluation_interval", self.evaluation_interval, "0 or more")
         _require(self.evaluation_robots > 0, "evaluation_robots", self.evaluation_robots, "a positive integer")

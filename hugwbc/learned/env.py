@@ -101,8 +101,10 @@ class HumanoidEnv:
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
         self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads)
+        self._action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
-        self._friction = tensor(randomize(self.simulation, config.randomization, rng))
+        damping = config.damping(self.robot) / self.robot.kd
+        self._friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
@@ -188,7 +190,7 @@ class HumanoidEnv:
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
-        target = self._body.nominal + self.config.action_scale * action
+        target = self._body.nominal + self._action_scale * action
         reach = self.config.waist_rate * self.dt
         self.waist = self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
         target[:, self._body.waist] += self.waist

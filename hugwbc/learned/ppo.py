@@ -12,7 +12,6 @@ from hugwbc.learned import observations as obs
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env import Observation, StepResult
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
-from hugwbc.robot import load_robot
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
@@ -133,10 +132,6 @@ class PPO:
         self.skipped = 0
         self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
         self._generator = generator
-        robot = load_robot()
-        yaw = [name for name in robot.joint_names if name.endswith("hip_yaw_joint")] + ["torso_joint"]
-        self._std_factor = torch.ones(ACTION_SIZE, device=self.device)
-        self._std_factor[torch.as_tensor(robot.indices(yaw))] = config.yaw_std_factor
         self.bound_std(0.0)
 
     def bound_std(self, steps: float) -> None:
@@ -147,10 +142,9 @@ class PPO:
         """
         c = self.config
         progress = min(1.0, steps / c.std_steps)
-        largest = c.std_initial * (c.std_final / c.std_initial) ** progress * self._std_factor
+        largest = c.std_initial * (c.std_final / c.std_initial) ** progress
         with torch.no_grad():
-            self.network.log_std.clamp_(math.log(c.std_min), None)
-            self.network.log_std.copy_(torch.minimum(self.network.log_std, largest.log()))
+            self.network.log_std.clamp_(math.log(c.std_min), math.log(largest))
 
     # Acting ---------------------------------------------------------------------------------------------------------
 
@@ -183,8 +177,15 @@ class PPO:
 
     # Learning -------------------------------------------------------------------------------------------------------
 
-    def update(self, last: Observation) -> dict[str, float]:
-        """Learn from the stored iteration; returns mean losses, KL, learning rate and std."""
+    def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
+        """Learn from the stored iteration; returns mean losses, KL, learning rate and std.
+
+        Args:
+            last: observation after the last step.
+            critic_only: leave the actor as it is.
+        """
+        for name, parameter in self.network.named_parameters():
+            parameter.requires_grad_(name.startswith("critic.") or not critic_only)
         c, r = self.config, self.rollout
         with torch.no_grad():
             last_value = self._value(last.critic.to(self.device))
@@ -239,7 +240,9 @@ class PPO:
 
         with torch.no_grad():
             kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
-        self._adapt_learning_rate(kl)
+        # A critic that learns alone moves no policy: its KL of zero says nothing about the rate.
+        if network.log_std.requires_grad:
+            self._adapt_learning_rate(kl)
         applied = self._descend(loss)
         losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
         return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied

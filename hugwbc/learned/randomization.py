@@ -8,13 +8,19 @@ from hugwbc.sim.batch import BatchSimulation
 _UNCHANGED = (1.0, 1.0)
 
 
-def randomize(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> np.ndarray:
+def randomize(
+    simulation: BatchSimulation,
+    config: RandomizationConfig,
+    rng: np.random.Generator,
+    damping_factor: np.ndarray | float = 1.0,
+) -> np.ndarray:
     """Draw the parameters of every robot of a batch.
 
     Args:
         simulation: the batch; its model fields become per-robot.
         config: the ranges.
         rng: of the draws.
+        damping_factor: of each joint's PD, before the draws, shape (19,).
 
     Returns:
         Friction coefficient of each robot, shape (count,).
@@ -29,7 +35,7 @@ def randomize(simulation: BatchSimulation, config: RandomizationConfig, rng: np.
     batch.expand("body_mass")[:, torso] += rng.uniform(*config.torso_mass, count)
     batch.expand("body_ipos")[:, torso] += rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
     stiffness = rng.uniform(*config.gains, (count, model.nu))
-    damping = rng.uniform(*config.gains, (count, model.nu))
+    damping = damping_factor * rng.uniform(*config.gains, (count, model.nu))
     _scale_actuators(simulation, stiffness, damping)
     # What is off by default is drawn last, so that it changes nothing else's draw.
     _randomize_links(simulation, config, rng)

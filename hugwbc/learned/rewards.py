@@ -14,6 +14,7 @@ CONTACT_FORCE_SIGMA = 50.0  # [N^2]
 CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
 LIMIT_FRACTION = 0.95
 PRECISION = 0.25  # [m/s] and [rad/s]
+LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
 CONTACT_THRESHOLD = 5.0  # [N]
 
 
@@ -224,6 +225,11 @@ def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
     return torch.exp(-(t.command[:, 2] - t.yaw_rate).abs() / PRECISION)
 
 
+def yaw_rate_error(t: Transition, body: Body) -> torch.Tensor:
+    """(omega_target - omega_z)^2, at most 4 (not in the paper)."""
+    return (t.command[:, 2] - t.yaw_rate).square().clamp(max=LARGEST_YAW_RATE_ERROR)
+
+
 PAPER_TERMS: dict[str, Term] = {
     term.__name__: term
     for term in (
@@ -249,7 +255,14 @@ PAPER_TERMS: dict[str, Term] = {
 }
 EXTRA_TERMS: dict[str, Term] = {
     term.__name__: term
-    for term in (alive, body_roll_tracking, joint_limits, linear_velocity_precision, yaw_rate_precision)
+    for term in (
+        alive,
+        body_roll_tracking,
+        joint_limits,
+        linear_velocity_precision,
+        yaw_rate_precision,
+        yaw_rate_error,
+    )
 }
 # The paper's regularisation group: grows with the penalty curriculum. Termination does not.
 REGULARISATION = frozenset(PAPER_TERMS) - {

@@ -69,6 +69,7 @@ class Trainer:
         elif config.start_from is not None:
             self.load(config.start_from)
             self.best = {}  # the other run's: there is no such file in this run's folder
+        self._actor_learns_from = self.iteration + config.critic_warm_up
 
     def run(self, report: Report) -> None:
         """Train until the limits of the configuration, or until asked to stop; saves at the end.
@@ -101,7 +102,7 @@ class Trainer:
             self.ppo.record(t, result)
             observation = self.env.observe()
         collected = time.monotonic()
-        losses = self.ppo.update(observation)
+        losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
         self.iteration += 1
         steps = self.config.ppo.horizon * self.config.env.count * distributed.size()
         self.steps += steps
@@ -182,7 +183,10 @@ class Trainer:
         checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
         settings = self.config.env
         contract = policy_contract(
-            period=self.env.dt, action_scale=settings.action_scale, waist_rate=settings.waist_rate
+            period=self.env.dt,
+            action_scale=settings.action_scales(self.env.robot),
+            kd=settings.damping(self.env.robot),
+            waist_rate=settings.waist_rate,
         )
         save_policy(folder / POLICY_FILE, self._actor(), contract, self._metadata())
 

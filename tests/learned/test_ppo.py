@@ -66,7 +66,7 @@ def make_learner(**changes: float) -> PPO:
 
 
 def test_std_is_bounded_by_the_schedule_and_tighter_for_yaw() -> None:
-    learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0, yaw_std_factor=0.5)
+    learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0)
     learner.bound_std(50.0)
     std = learner.network.log_std.detach().exp()
     robot = load_robot()
@@ -121,7 +121,7 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     torch.manual_seed(0)
     count, horizon = 64, 4
     config = PPOConfig(
-        horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5, yaw_std_factor=1.0
+        horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5
     )
     learner = PPO(config, count, torch.Generator().manual_seed(0))
     history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
