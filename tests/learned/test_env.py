@@ -188,3 +188,19 @@ def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> No
     ctrl = torch.from_numpy(small_env.simulation.ctrl[:, arms].copy()).float()
     torch.testing.assert_close(ctrl[4:], small_env.intervention.targets()[4:])
     torch.testing.assert_close(ctrl[:4], torch.tensor(small_env.robot.nominal[arms]).float().expand(4, 8))
+
+
+def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
+    env = HumanoidEnv(
+        EnvConfig(count=2, action_scale=0.2, yaw_action_factor=0.5, yaw_damping_factor=2.0), seed=0, threads=1
+    )
+    yaw = env.robot.yaw_joints
+    assert {env.robot.joint_names[i] for i in yaw} == {"left_hip_yaw_joint", "right_hip_yaw_joint", "torso_joint"}
+    env.command[:] = 0.0
+    env.step(torch.ones(2, 19))
+    target = env.simulation.ctrl - env.robot.nominal
+    others = np.setdiff1d(np.arange(19), yaw)
+    np.testing.assert_allclose(target[:, yaw], 0.1, atol=1e-6)
+    np.testing.assert_allclose(target[:, others], 0.2, atol=1e-6)
+    expected = env.robot.kd * np.where(np.isin(np.arange(19), yaw), 2.0, 1.0)
+    np.testing.assert_allclose(env.config.damping(env.robot), expected)

@@ -9,7 +9,6 @@ from hugwbc.learned import ppo
 from hugwbc.learned.config import PPOConfig, TrainConfig
 from hugwbc.learned.env import Observation, StepResult
 from hugwbc.learned.ppo import PPO
-from hugwbc.robot import load_robot
 
 
 def test_gae_by_hand() -> None:
@@ -65,15 +64,11 @@ def make_learner(**changes: float) -> PPO:
     return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
 
 
-def test_std_is_bounded_by_the_schedule_and_tighter_for_yaw() -> None:
+def test_std_is_bounded_by_the_schedule() -> None:
     learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0)
     learner.bound_std(50.0)
-    std = learner.network.log_std.detach().exp()
-    robot = load_robot()
-    assert std[robot.index("left_knee_joint")].item() == pytest.approx(math.sqrt(0.8 * 0.2), rel=1e-5)
-    assert std[robot.waist].item() == pytest.approx(0.5 * math.sqrt(0.8 * 0.2), rel=1e-5)
+    assert learner.network.log_std.detach().exp().max().item() == pytest.approx(math.sqrt(0.8 * 0.2), rel=1e-5)
     learner.bound_std(1e9)
-    assert std.max() <= 0.8
     assert learner.network.log_std.detach().exp().max().item() == pytest.approx(0.2, rel=1e-5)
 
 
@@ -120,9 +115,7 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     """One-step episodes, reward -|a - 0.5|^2 / 19, an estimate fixed by the history: all three are learnt."""
     torch.manual_seed(0)
     count, horizon = 64, 4
-    config = PPOConfig(
-        horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5
-    )
+    config = PPOConfig(horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5)
     learner = PPO(config, count, torch.Generator().manual_seed(0))
     history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
     observation = Observation(history, torch.zeros(count, 13), torch.zeros(count, 321), history @ mixing.T)
@@ -142,3 +135,25 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     assert rewards[-1] > noise_floor - 0.05
     assert losses[-1]["estimation_loss"] < 0.3 * losses[0]["estimation_loss"]
     assert abs(float(learner._value(observation.critic).mean()) - rewards[-1]) < 0.1
+
+
+def test_the_critic_can_learn_alone() -> None:
+    learner = make_learner()
+    observation = Observation(torch.randn(4, 315), torch.randn(4, 13), torch.randn(4, 321), torch.randn(4, 6))
+    nobody, everybody = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
+
+    def update(*, critic_only: bool) -> tuple[dict[str, torch.Tensor], float]:
+        before = {name: value.clone() for name, value in learner.network.state_dict().items()}
+        for t, done in enumerate((nobody, everybody)):
+            learner.act(t, observation)
+            learner.record(t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, 321)))
+        learner.update(observation, critic_only=critic_only)
+        after = learner.network.state_dict()
+        return {name: (after[name] - value).abs().max() for name, value in before.items()}, learner.learning_rate
+
+    rate = learner.learning_rate
+    moved, rate_alone = update(critic_only=True)
+    assert rate_alone == rate
+    assert {name for name, change in moved.items() if change > 0.0} == {n for n in moved if n.startswith("critic.")}
+    moved, _ = update(critic_only=False)
+    assert all(change > 0.0 for change in moved.values())

@@ -122,6 +122,7 @@ CASES = {
     "joint_limits": ({"q": with_joint("left_knee_joint", 2.05) + 0.0}, None),
     "linear_velocity_precision": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-2.0)),
     "yaw_rate_precision": ({"yaw_rate": torch.tensor([-0.25])}, math.exp(-1.0)),
+    "yaw_rate_error": ({"yaw_rate": torch.tensor([-0.5])}, 0.25),
 }
 
 
