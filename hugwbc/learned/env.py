@@ -191,8 +191,7 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         target = self._body.nominal + self._action_scale * action
-        reach = self.config.waist_rate * self.dt
-        self.waist = self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
+        self.waist = self.next_waist()
         target[:, self._body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
         # The paper: hopping is too unstable for arms under external control.
@@ -200,6 +199,11 @@ class HumanoidEnv:
         self.intervention.step()
         target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
         self.simulation.ctrl[:] = target.numpy()
+
+    def next_waist(self) -> torch.Tensor:
+        """The waist's joint target of the next step before the action is added [rad], shape (n,)."""
+        reach = self.config.waist_rate * self.dt
+        return self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
 
     def _simulate(self) -> np.ndarray:
         if self.latency is None:

@@ -14,14 +14,16 @@ import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned import checkpoint, distributed
-from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.contract import policy_contract, versions
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.evaluator import SCORE, Evaluator
-from hugwbc.learned.networks import Actor
+from hugwbc.learned.networks import Actor, ActorCritic
 from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
 from hugwbc.learned.run_log import append_row, append_session
+from hugwbc.robot import load_robot
+from hugwbc.sim.scene import TRAINING_TIMESTEP
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
@@ -178,17 +180,7 @@ class Trainer:
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
-        slim = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
-        checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", self._metadata())
-        settings = self.config.env
-        contract = policy_contract(
-            period=self.env.dt,
-            action_scale=settings.action_scales(self.env.robot),
-            kd=settings.damping(self.env.robot),
-            waist_rate=settings.waist_rate,
-        )
-        save_policy(folder / POLICY_FILE, self._actor(), contract, self._metadata())
+        save_product(folder, self.ppo.network, self.config.env, self._metadata())
 
     def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
         """Keep a minibatch whose update was skipped, for the search after the cause."""
@@ -277,6 +269,28 @@ class Trainer:
             "versions": versions(),
             "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
         }
+
+
+def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
+    """Write a policy and the slim snapshot from which a training can go on.
+
+    Args:
+        folder: for both.
+        network: what was learnt.
+        env: the environment that it was learnt in.
+        metadata: the training's record, anything JSON can hold.
+    """
+    # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
+    slim = {f"network.{name}": value for name, value in network.state_dict().items()}
+    checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
+    robot = load_robot()
+    contract = policy_contract(
+        period=TRAINING_TIMESTEP * env.substeps,
+        action_scale=env.action_scales(robot),
+        kd=env.damping(robot),
+        waist_rate=env.waist_rate,
+    )
+    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu(), contract, metadata)
 
 
 def train(config: TrainConfig, report: Report) -> Trainer:

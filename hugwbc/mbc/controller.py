@@ -73,6 +73,11 @@ class WholeBodyController:
         self._last: JointCommand | None = None
         self._started = False
 
+    @property
+    def phase(self) -> float:
+        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        return self._locomotion.plan.phase
+
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, standing."""
         self._clear()

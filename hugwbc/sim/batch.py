@@ -8,6 +8,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
+from hugwbc.state import RobotState
 
 _FAULTS = [
     int(warning)
@@ -93,6 +94,21 @@ class BatchSimulation:
         self.batch.warning[:] = 0
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         return self.batch.warning[:, _FAULTS, _WARNING_COUNT].any(axis=1)
+
+    def states(self) -> list[RobotState]:
+        """The true state of every robot, as a controller of one robot takes it."""
+        return [
+            RobotState(
+                q=qpos[7:].copy(),
+                dq=qvel[6:].copy(),
+                orientation=qpos[3:7].copy(),
+                angular_velocity=qvel[3:6].copy(),
+                position=qpos[:3].copy(),
+                velocity=qvel[:3].copy(),
+                foot_force=force,
+            )
+            for qpos, qvel, force in zip(self.qpos, self.qvel, self.foot_force(), strict=True)
+        ]
 
     def forward(self, ids: np.ndarray) -> None:
         """Bring the derived quantities of some robots up to date after a write to their state."""

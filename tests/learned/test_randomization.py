@@ -151,3 +151,9 @@ def test_bad_ranges_are_refused() -> None:
             RandomizationConfig(**changes)
     with pytest.raises(ConfigError, match=r"randomization\.offset = -1"):
         RandomizationConfig(offset=-1.0)
+
+
+def test_damping_has_a_factor_a_joint() -> None:
+    simulation, factor = BatchSimulation(COUNT), np.linspace(1.0, 3.0, 19)
+    randomize(simulation, RandomizationConfig(**PLAIN), np.random.default_rng(0), factor)  # type: ignore[arg-type]
+    np.testing.assert_allclose(torque(simulation, 0.0, 0.1), np.tile(-0.1 * factor * ROBOT.kd, (COUNT, 1)), atol=1e-9)

@@ -105,12 +105,3 @@ def test_a_link_on_the_ground_shows_its_force() -> None:
     torso = ROBOT.contact_links.index("torso_link")
     assert batch.link_force()[1, torso] > 20.0
     assert batch.link_force()[0, torso] == 0.0
-
-
-def test_damping_of_the_joints_can_be_replaced() -> None:
-    batch = BatchSimulation(2)
-    batch.set_damping(3.0 * ROBOT.kd)
-    batch.ctrl[:] = batch.qpos[:, 7:]
-    batch.qvel[:, 6:] = 0.1
-    batch.forward(np.arange(2))
-    np.testing.assert_allclose(batch.torque, np.tile(-0.3 * ROBOT.kd, (2, 1)), atol=1e-9)

@@ -1,0 +1,39 @@
+"""`hugwbc imitate`: a policy that imitates the whole-body QP, for reinforcement learning to start from."""
+
+from collections.abc import Callable, Sequence
+
+from hugwbc.cli.output import parse, progress, say
+from hugwbc.learned.config import ImitationConfig
+
+_LINE_SAMPLES = 10_000
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, imitate, report."""
+    description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' goes on from it."
+    config = parse(ImitationConfig, words, "imitate", description)
+    from hugwbc.learned.imitation import Imitator
+    from hugwbc.mbc import WholeBodyController
+
+    with progress(f"imitation {config.out}") as advance:
+        imitator = Imitator(config, lambda period: WholeBodyController(period=period))
+        imitator.run(_reporter(config.samples, advance))
+    say(f"{imitator.samples} labels; saved in {config.out}")
+    return 0
+
+
+def _reporter(total: float, advance: Callable[[float], None]) -> Callable[[dict[str, float]], None]:
+    falls, steps, last = 0.0, 0.0, 0.0
+
+    def report(figures: dict[str, float]) -> None:
+        nonlocal falls, steps, last
+        advance(min(1.0, figures["samples"] / total))
+        falls, steps = falls + figures["falls"], steps + figures["steps"]
+        if figures["samples"] - last >= _LINE_SAMPLES:
+            say(
+                f"labels {figures['samples']:.0f}  loss {figures['imitation_loss']:.3f}  "
+                f"estimation {figures['estimation_loss']:.3f}  falls in 1000 steps {1000.0 * falls / steps:.2f}"
+            )
+            falls, steps, last = 0.0, 0.0, figures["samples"]
+
+    return report
