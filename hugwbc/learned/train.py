@@ -271,6 +271,17 @@ class Trainer:
         }
 
 
+def contract_of(env: EnvConfig) -> dict[str, Any]:
+    """The contract of a policy trained in an environment."""
+    robot = load_robot()
+    return policy_contract(
+        period=TRAINING_TIMESTEP * env.substeps,
+        action_scale=env.action_scales(robot),
+        kd=env.damping(robot),
+        waist_rate=env.waist_rate,
+    )
+
+
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
     """Write a policy and the slim snapshot from which a training can go on.
 
@@ -283,13 +294,7 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
-    robot = load_robot()
-    contract = policy_contract(
-        period=TRAINING_TIMESTEP * env.substeps,
-        action_scale=env.action_scales(robot),
-        kd=env.damping(robot),
-        waist_rate=env.waist_rate,
-    )
+    contract = contract_of(env)
     save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu(), contract, metadata)
 
 

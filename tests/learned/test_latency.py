@@ -55,8 +55,9 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
     late, prompt = make(0.02), make(0.0)
     generator = torch.Generator().manual_seed(0)
     actions = [0.3 * torch.randn(4, 19, generator=generator) for _ in range(6)]
+    scales = prompt.config.action_scales(load_robot())
     # What acts before the first late target: the joint positions of the start.
-    hold = torch.tensor((prompt.simulation.qpos[:, 7:] - NOMINAL) / 0.25, dtype=torch.float32)
+    hold = torch.tensor((prompt.simulation.qpos[:, 7:] - NOMINAL) / scales, dtype=torch.float32)
     for action in actions:
         late.step(action)
     for action in [hold, *actions[:-1]]:

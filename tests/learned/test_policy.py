@@ -17,6 +17,7 @@ from hugwbc.learned.contract import policy_contract
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.networks import Actor
 from hugwbc.learned.policy import LearnedController, load_policy, save_policy
+from hugwbc.learned.train import contract_of
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
@@ -74,8 +75,7 @@ def test_controller_does_what_the_training_environment_does(
     env.gait[:] = int(Gait.WALKING)
     env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
     actor = random_actor()
-    contract = policy_contract(period=0.005 * substeps, action_scale=action_scale, waist_rate=waist_rate)
-    save_policy(tmp_path / "policy.safetensors", actor, contract, {})
+    save_policy(tmp_path / "policy.safetensors", actor, contract_of(settings), {})
     controller = load_policy(tmp_path)
     assert controller.period == 0.005 * substeps
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
@@ -92,10 +92,11 @@ def test_controller_does_what_the_training_environment_does(
         observation = env.observe()
         with torch.no_grad():
             action, _ = actor(observation.history, observation.command)
-        expected = ROBOT.nominal + action_scale * action[0].double().numpy()
+        expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
         waist = min(waist + waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
+        np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
         env.step(action)
         np.testing.assert_allclose(env.simulation.ctrl[0], expected, atol=2e-5)
 
