@@ -105,13 +105,11 @@ class Memory:
         for name, mirror in (
             ("history", obs.mirror_history),
             ("command", obs.mirror_command_observation),
+            ("estimate", obs.mirror_estimate),
             ("action", obs.mirror_action),
             ("weight", lambda weight: obs.mirror_action(weight).abs()),
         ):
             batch[name][:half] = mirror(batch[name][:half])
-        # The mirrored estimate: v_y changes sign, the soles swap.
-        batch["estimate"][:half] = batch["estimate"][:half][:, [0, 1, 2, 4, 3, 5]]
-        batch["estimate"][:half, 1] *= -1.0
         return batch
 
 

@@ -176,6 +176,13 @@ def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
     return observation.index_select(1, index) * sign
 
 
+def mirror_estimate(estimate: torch.Tensor) -> torch.Tensor:
+    """Mirror image of the estimator's output, shape (n, 6): v_y changes sign, the soles swap."""
+    mirrored = estimate[:, [0, 1, 2, 4, 3, 5]]
+    mirrored[:, 1] *= -1.0
+    return mirrored
+
+
 def mirror_action(action: torch.Tensor) -> torch.Tensor:
     """Mirror image of an action, shape (n, 19)."""
     _, _, joints, signs = _on(action.device, _mirror_maps())

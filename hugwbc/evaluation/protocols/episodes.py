@@ -17,6 +17,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.loop import Constant
 from hugwbc.evaluation.rollout import Trace, rollout
+from hugwbc.gait import Gait
 
 ControllerFactory = Callable[[], Controller]
 Row = TypeVar("Row")
@@ -49,6 +50,34 @@ class EpisodeSettings:
             raise ConfigError(f"workers is {self.workers}; give 1 or more")
         if self.seed < 0:
             raise ConfigError(f"seed is {self.seed}; give 0 or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class GaitSettings(EpisodeSettings):
+    """Settings of a protocol of one gait, beside those of any.
+
+    Attributes:
+        gait: of all episodes.
+        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
+    """
+
+    gait: Gait
+    both_legs: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.both_legs and not self.gait.hops:
+            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
+
+    @property
+    def gait_label(self) -> str:
+        """Label of the gait; "hopping" for both legs."""
+        return "hopping" if self.both_legs else self.gait.label
+
+    @property
+    def alternating(self) -> tuple[Gait, Gait]:
+        """The gaits that take turns: twice the same one without `both_legs`."""
+        return self.gait, self.gait.mirrored() if self.both_legs else self.gait
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,37 +14,26 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, EpisodeSettings, Run, known, run_episodes
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, run_episodes
 from hugwbc.gait import Gait
 
 PARTS = ("low", "middle", "high")  # thirds of a command's range
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomCommandsConfig(EpisodeSettings):
-    """Settings of the protocol, beside those of any.
+class RandomCommandsConfig(GaitSettings):
+    """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
-        gait: of all episodes.
-        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
         episodes: in all.
     """
 
-    gait: Gait
-    both_legs: bool = False
     episodes: int = 64
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.episodes < 1:
             raise ConfigError(f"episodes is {self.episodes}; give 1 or more")
-        if self.both_legs and not self.gait.hops:
-            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
-
-    @property
-    def gait_label(self) -> str:
-        """Label of the gait; "hopping" for both legs."""
-        return "hopping" if self.both_legs else self.gait.label
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,8 +104,7 @@ class RandomCommandsResult:
 def sample_episodes(config: RandomCommandsConfig) -> list[Command]:
     """The command of every episode."""
     values = sample_all(config.gait, np.random.default_rng(config.seed), config.episodes)
-    gaits = (config.gait, config.gait.mirrored() if config.both_legs else config.gait)
-    return [Command.from_array(row, gaits[index % 2]) for index, row in enumerate(values)]
+    return [Command.from_array(row, config.alternating[index % 2]) for index, row in enumerate(values)]
 
 
 def run_random_commands(

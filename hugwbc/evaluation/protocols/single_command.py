@@ -16,7 +16,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, EpisodeSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
 from hugwbc.evaluation.rollout import Trace
 from hugwbc.gait import Gait
 
@@ -24,17 +24,13 @@ SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted apar
 
 
 @dataclasses.dataclass(frozen=True)
-class SingleCommandConfig(EpisodeSettings):
-    """Settings of the protocol, beside those of any.
+class SingleCommandConfig(GaitSettings):
+    """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
-        gait: of all episodes.
-        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
         episodes: in all, split evenly over the commands of the gait.
     """
 
-    gait: Gait
-    both_legs: bool = False
     episodes: int = 32
 
     def __post_init__(self) -> None:
@@ -44,13 +40,6 @@ class SingleCommandConfig(EpisodeSettings):
             raise ConfigError(
                 f"episodes is {self.episodes}; the {self.gait.label} gait needs at least {least}, one per command"
             )
-        if self.both_legs and not self.gait.hops:
-            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
-
-    @property
-    def gait_label(self) -> str:
-        """Label of the gait; "hopping" for both legs."""
-        return "hopping" if self.both_legs else self.gait.label
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,14 +124,15 @@ def sample_episodes(config: SingleCommandConfig) -> list[tuple[str, Command]]:
     rng = np.random.default_rng(config.seed)
     names = sampled_commands(config.gait)
     share, rest = divmod(config.episodes, len(names))
-    gaits = (config.gait, config.gait.mirrored() if config.both_legs else config.gait)
     samples: list[tuple[str, Command]] = []
     for position, name in enumerate(names):
         count = share + (position < rest)
         low, high = command_ranges(config.gait)[name].finishing
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
         for index, value in enumerate(values):
-            samples.append((name, dataclasses.replace(default_command(gaits[index % 2]), **{name: float(value)})))
+            samples.append(
+                (name, dataclasses.replace(default_command(config.alternating[index % 2]), **{name: float(value)}))
+            )
     return samples
 
 

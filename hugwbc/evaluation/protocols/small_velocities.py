@@ -14,7 +14,7 @@ from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import TRACKED
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, EpisodeSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
 from hugwbc.gait import Gait
 
 SMALL = (0.1, 0.3)  # [m/s]
@@ -22,17 +22,13 @@ DIRECTIONS = ("forward", "backward", "left", "right")
 
 
 @dataclasses.dataclass(frozen=True)
-class SmallVelocitiesConfig(EpisodeSettings):
-    """Settings of the protocol, beside those of any.
+class SmallVelocitiesConfig(GaitSettings):
+    """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
-        gait: of all episodes.
-        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
         episodes: in all, split evenly over `DIRECTIONS`.
     """
 
-    gait: Gait
-    both_legs: bool = False
     episodes: int = 16
 
     def __post_init__(self) -> None:
@@ -41,13 +37,6 @@ class SmallVelocitiesConfig(EpisodeSettings):
             raise ConfigError(f"episodes is {self.episodes}; give at least {len(DIRECTIONS)}, one per direction")
         if self.gait is Gait.STANDING:
             raise ConfigError("standing has no velocities; choose another gait")
-        if self.both_legs and not self.gait.hops:
-            raise ConfigError(f"both_legs is for hopping; the gait is {self.gait.label}")
-
-    @property
-    def gait_label(self) -> str:
-        """Label of the gait; "hopping" for both legs."""
-        return "hopping" if self.both_legs else self.gait.label
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +95,7 @@ def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
     for index in range(config.episodes):
         turn, direction = divmod(index, len(DIRECTIONS))
         speed = float(SMALL[0] + (SMALL[1] - SMALL[0]) * (turn + rng.uniform()) / rounds)
-        gait = config.gait.mirrored() if config.both_legs and turn % 2 else config.gait
+        gait = config.alternating[turn % 2]
         name, sign = ("v_x", "v_y")[direction // 2], 1.0 - 2.0 * (direction % 2)
         commands.append(dataclasses.replace(default_command(gait), **{name: sign * speed}))
     return commands
