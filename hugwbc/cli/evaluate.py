@@ -53,6 +53,8 @@ class EvaluateOptions:
     """Folder of motion files (.npz) for --intervention motion; without one, generated motions."""
     terrain_roughness: float = 0.0
     """Half-width of the random height of the ground [m], such as 0.02; 0 for a plane."""
+    slope: float = 0.0
+    """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
     episodes: int = 32
     """Episodes in all; the single-command protocol splits them evenly over the commands."""
     seed: int = 0
@@ -89,6 +91,7 @@ def run(words: Sequence[str]) -> int:
         "conditions": Conditions(
             timestep=options.timestep,
             terrain_roughness=options.terrain_roughness,
+            slope=options.slope,
             noise=options.noise,
             intervention=options.intervention,
             motions=None if options.motions is None else str(options.motions),

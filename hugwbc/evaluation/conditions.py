@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 INTERVENTIONS = ("none", "noise", "motion")
 NOISE_INTERVAL = 90  # control steps between two targets of the noise, the paper's
 GENERATED_MOTIONS_SEED = 1  # other motions than the training's
-_START_RADIUS = 0.6  # [m] of level ground around the start
+_START_RADIUS = 0.6  # [m] of plane ground around the start
+_STEEPEST = 0.5  # [rad]
 _TOP_SPEED = 2.5  # [m/s], with which the ground must be large enough
 
 
@@ -30,6 +31,7 @@ class Conditions:
     Attributes:
         timestep: of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
+        slope: angle at which the ground rises along x, the robot's first heading [rad].
         noise: whether sensors have a real robot's noise and latency, and the state is estimated from them.
         intervention: one of `INTERVENTIONS`: what moves the arms during the whole episode.
         motions: folder of motion files for the motion intervention; None for generated motions.
@@ -37,6 +39,7 @@ class Conditions:
 
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
+    slope: float = 0.0
     noise: bool = False
     intervention: str = "none"
     motions: str | None = None
@@ -46,6 +49,8 @@ class Conditions:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
             raise ConfigError(f"terrain roughness is {self.terrain_roughness}; give a height from 0 to 0.5 m")
+        if not abs(self.slope) <= _STEEPEST:
+            raise ConfigError(f"slope is {self.slope} rad; give an angle from {-_STEEPEST} to {_STEEPEST} rad")
 
     def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
         """The robot on the ground of one episode.
@@ -57,11 +62,11 @@ class Conditions:
         make = Simulation
         if self.noise:
             make = functools.partial(noisy_simulation, seed=int(np.random.SeedSequence(seed).generate_state(1)[0]))
-        if self.terrain_roughness == 0.0:
+        if self.terrain_roughness == 0.0 and self.slope == 0.0:
             return make(timestep=self.timestep)
         size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
         rng = np.random.default_rng(seed)
-        terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS)
+        terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS, slope=self.slope)
         return make(timestep=self.timestep, terrain=terrain)
 
     def estimator(self) -> StateEstimator | None:

@@ -3,11 +3,13 @@
 MuJoCo collides with a height field as with upright prisms. A small sphere that an impact presses in by more than its
 radius leaves its prism by the nearest face, near an edge of the grid a vertical one: at 2 cm half of the contacts of a
 foot push sideways, even on level ground, and robots stumble over nothing. So the spheres of the soles do not collide
-with the field. They meet a plane at the ground's height below the pelvis, and each sphere is moved within its foot by
-the difference to the ground's height at its own place. On level ground this is the plane, exactly. Contact normals are
-vertical, and the point of contact is off by that difference: right for gentle ground of a few centimetres, not for
-steps. The other links collide with the field.
+with the field. They meet a plane through the ground below the pelvis, and each sphere is moved within its foot by
+the difference to the ground's height at its own place. On plane ground this is the plane, exactly. Contact normals are
+those of the ground's mean plane, and the point of contact is off by that difference: right for gentle ground of a few
+centimetres about a level or a slope, not for steps. The other links collide with the field.
 """
+
+import math
 
 import mujoco
 import numpy as np
@@ -18,8 +20,9 @@ PLANE_NAME = "footing"
 FOOT_CONTACT_BIT = 2  # of spheres and plane alone
 
 
-def add_footing(spec: mujoco.MjSpec) -> None:
-    """Add the plane for the soles' spheres to a model whose floor is a height field."""
+def add_footing(spec: mujoco.MjSpec, terrain: HeightField) -> None:
+    """Add the plane for the soles' spheres to a model whose floor is this height field."""
+    rise_x, rise_y = terrain.gradient
     floor = spec.geom("floor")
     spec.worldbody.add_geom(
         name=PLANE_NAME,
@@ -32,6 +35,7 @@ def add_footing(spec: mujoco.MjSpec) -> None:
         group=floor.group,
         # A pose of its own: MuJoCo does not look at the position of a geom that lies at its body's origin.
         pos=[0.0, 0.0, -1e-3],
+        zaxis=np.array([-rise_x, -rise_y, 1.0]) / math.sqrt(1.0 + rise_x**2 + rise_y**2),
     )
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE and geom.conaffinity:
@@ -57,9 +61,11 @@ class Footing:
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
         self.geoms = np.append(spheres, model.geom(PLANE_NAME).id)
         self._terrain = terrain
+        self._gradient = np.array(terrain.gradient)
         self._bodies = model.geom_bodyid[spheres]
         self._pelvis = model.body("pelvis").id
         self._nominal = model.geom_pos[spheres].copy()
+        self._radius = model.geom_size[spheres, 0].copy()
 
     def positions(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
         """Places of `geoms` in their bodies [m], shape (..., geoms, 3).
@@ -68,13 +74,25 @@ class Footing:
             xpos: origins of the bodies in the world [m], shape (..., bodies, 3).
             xmat: their axes in the world, shape (..., bodies, 9).
         """
-        rotation = xmat[..., self._bodies, :].reshape(*xmat.shape[:-2], len(self._bodies), 3, 3)
-        points = xpos[..., self._bodies, :] + np.einsum("...sij,sj->...si", rotation, self._nominal)
+        rotation, points = self._spheres(xpos, xmat)
         # A diverged robot may be nowhere.
-        base = self._terrain.height_at(np.nan_to_num(xpos[..., self._pelvis, :2]))
-        above = self._terrain.height_at(np.nan_to_num(points[..., :2])) - base[..., None]
+        pelvis, below = np.nan_to_num(xpos[..., self._pelvis, :2]), np.nan_to_num(points[..., :2])
+        # Of the plane through the ground below the pelvis, at the world's origin and at the spheres.
+        base = self._terrain.height_at(pelvis) - pelvis @ self._gradient
+        above = self._terrain.height_at(below) - below @ self._gradient - base[..., None]
         result = np.zeros((*xpos.shape[:-2], len(self.geoms), 3))
         # The world's vertical in the axes of the foot is the third row of its rotation.
         result[..., :-1, :] = self._nominal - above[..., None] * np.nan_to_num(rotation[..., 2, :])
         result[..., -1, 2] = base
         return result
+
+    def depth(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
+        """How far the deepest sphere is in the ground, 0 if none is [m], shape (...); bodies as in `positions`."""
+        _, points = self._spheres(xpos, xmat)
+        sunk = self._terrain.height_at(points[..., :2]) - points[..., 2] + self._radius
+        return np.maximum(sunk.max(axis=-1), 0.0)
+
+    def _spheres(self, xpos: np.ndarray, xmat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes of the spheres' bodies, shape (..., spheres, 3, 3), and the unmoved spheres [m], (..., spheres, 3)."""
+        rotation = xmat[..., self._bodies, :].reshape(*xmat.shape[:-2], len(self._bodies), 3, 3)
+        return rotation, xpos[..., self._bodies, :] + np.einsum("...sij,sj->...si", rotation, self._nominal)

@@ -57,4 +57,4 @@ def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:
     floor.type = mujoco.mjtGeom.mjGEOM_HFIELD
     floor.hfieldname = "terrain"
     floor.pos = [0.0, 0.0, low]
-    add_footing(spec)
+    add_footing(spec, terrain)

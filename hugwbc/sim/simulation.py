@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 
 import mujoco
 import numpy as np
@@ -127,18 +128,26 @@ class Simulation:
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Stand the robot on the ground at `xy` [m], heading `yaw` [rad], at joint positions `q` (default nominal)."""
+        """Stand the robot on the ground at `xy` [m], heading `yaw` [rad], at joint positions `q`.
+
+        By default they are the nominal ones, with the ankles turned so that the soles lie on the ground's mean plane.
+        """
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self.data.qpos[:2] = xy
         self.data.qpos[2] += self.ground_height(np.asarray(xy))
         self.data.qpos[3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
         if q is not None:
             self.data.qpos[7:] = q
+        elif self.terrain is not None:
+            rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
+            self.data.qpos[7 + self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
         self.data.xfrc_applied[:] = 0.0
         self._force_until.clear()
         self.diverged = False
         self._command = JointCommand.position(self.robot, self.data.qpos[7:].copy())
         if self._footing is not None:
+            mujoco.mj_kinematics(self.model, self.data)
+            self.data.qpos[2] += self._footing.depth(self.data.xpos, self.data.xmat)
             mujoco.mj_kinematics(self.model, self.data)
             self._place_feet(self._footing)
         mujoco.mj_forward(self.model, self.data)

@@ -1,6 +1,7 @@
 """Ground as a height field: a grid of heights, the height between them as MuJoCo sees it, and two generators."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -14,10 +15,13 @@ class HeightField:
     Attributes:
         heights: ground height at the grid points [m], shape (rows along y, columns along x).
         size: extent in x and in y [m].
+        gradient: dz/dx and dz/dy of the ground's mean plane, which the feet's contact normals stand on; the heights
+            include it.
     """
 
     heights: np.ndarray
     size: tuple[float, float]
+    gradient: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.heights.ndim != 2 or min(self.heights.shape) < 2 or not np.all(np.isfinite(self.heights)):
@@ -26,6 +30,8 @@ class HeightField:
             )
         if not all(0.0 < extent < np.inf for extent in self.size):
             raise ConfigError(f"a height field's size is {self.size} m; give finite extents above 0")
+        if not all(abs(rise) <= 1.0 for rise in self.gradient):
+            raise ConfigError(f"a height field's gradient is {self.gradient}; give dz/dx and dz/dy from -1 to 1")
 
     def height_at(self, xy: np.ndarray) -> np.ndarray:
         """Height of the ground [m] at points (..., 2); beyond the edge, the height of the edge.
@@ -51,26 +57,33 @@ def rough_terrain(
     size: float = 16.0,
     spacing: float = 0.2,
     start_radius: float = 0.0,
+    slope: float = 0.0,
 ) -> HeightField:
     """Uniformly random heights within plus or minus `amplitude` [m] on a square grid around the world's origin.
+
+    They are about a level plane, or about one that rises along x.
 
     Args:
         amplitude: half-width of the heights [m].
         rng: of the heights.
         size: length of a side [m].
         spacing: of the grid [m].
-        start_radius: distance from the origin within which the ground is level, to stand up on [m].
+        start_radius: distance from the origin within which the ground is plane, to stand up on [m].
+        slope: angle at which the ground rises along x [rad].
 
     Raises:
-        ConfigError: if the amplitude is negative or not finite.
+        ConfigError: if the amplitude is not from 0 to 1 m, or the slope steeper than 45 degrees.
     """
     if not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"terrain amplitude is {amplitude}; give a height from 0 to 1 m")
+    if not abs(slope) <= math.pi / 4.0:
+        raise ConfigError(f"terrain slope is {slope} rad; give an angle from -0.78 to 0.78 rad")
     points = round(size / spacing) + 1
     heights = rng.uniform(-amplitude, amplitude, (points, points))
     axis = np.linspace(-size / 2.0, size / 2.0, points)
     heights[np.hypot(*np.meshgrid(axis, axis)) < start_radius] = 0.0
-    return HeightField(heights, (size, size))
+    rise = math.tan(slope)
+    return HeightField(heights + rise * axis, (size, size), (rise, 0.0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

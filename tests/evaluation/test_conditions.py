@@ -20,6 +20,13 @@ def test_rough_ground_reaches_as_far_as_the_robot_can_walk_and_follows_the_seed(
     assert Conditions().simulation(10.0, (0,)).terrain is None
 
 
+def test_a_slope_is_under_the_robot_s_feet_at_once_and_rises_along_its_heading():
+    simulation = Conditions(slope=0.087).simulation(2.0, (3,))
+    assert simulation.ground_height(np.array([2.0, 1.0])) == pytest.approx(2.0 * math.tan(0.087))
+    with pytest.raises(ConfigError, match="give an angle from"):
+        Conditions(slope=1.0)
+
+
 def test_the_robot_stands_on_rough_ground():
     simulation = Conditions(terrain_roughness=0.05).simulation(1.0, (3,))
     height = simulation.state().position[2]

@@ -63,6 +63,31 @@ def test_every_sphere_meets_the_ground_at_its_own_place() -> None:
             assert contacts[name][0] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_on_a_slope_the_soles_lie_flat_and_the_ground_pushes_along_its_normal(yaw: float) -> None:
+    slope = 0.1
+    simulation = Simulation(terrain=rough_terrain(0.0, np.random.default_rng(0), slope=slope))
+    contacts = press(simulation, np.array([2.0, -1.0]), yaw, 0.03)
+    assert len(contacts) == 8
+    for distance, normal in contacts.values():
+        np.testing.assert_allclose(normal, [-np.sin(slope), 0.0, np.cos(slope)], atol=1e-6)
+        # Up to 3 cm less the width of the stance on the slope, across which the legs do not turn the soles.
+        assert -0.045 < distance < 0.0
+    along = [float(contacts[f"left_{end}_left"][0]) for end in ("heel", "toe")]
+    assert along[0] == pytest.approx(along[1], abs=2e-3)
+
+
+def test_on_a_slope_the_robot_starts_on_the_ground_and_stays_there() -> None:
+    slope = 0.1
+    simulation = Simulation(terrain=rough_terrain(0.0, np.random.default_rng(0), slope=slope))
+    state = simulation.reset(xy=(3.0, 0.0))
+    height = state.position[2]
+    assert height - 3.0 * np.tan(slope) == pytest.approx(0.98, abs=0.02)
+    state = simulation.step(HOLD, 0.1)
+    assert np.abs(state.velocity).max() < 0.3
+    assert state.foot_force[:, 2].sum() == pytest.approx(51.4 * 9.81, rel=0.5)
+
+
 def test_level_ground_is_the_plane_for_many_robots_too() -> None:
     plane, level = BatchSimulation(2), BatchSimulation(2, terrain=HeightField(np.zeros((5, 5)), (8.0, 8.0)))
     for step in range(30):

@@ -21,6 +21,25 @@ def test_heights_by_hand() -> None:
     assert field.height_at(np.array([100.0, -100.0])) == 2.0  # beyond the edge, the edge's
 
 
+def test_a_slope_rises_along_x_below_the_same_roughness() -> None:
+    level, sloped = (rough_terrain(0.02, np.random.default_rng(7), size=4.0, slope=slope) for slope in (0.0, 0.1))
+    points = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 2))
+    rise = sloped.height_at(points) - level.height_at(points)
+    np.testing.assert_allclose(rise, np.tan(0.1) * points[:, 0], atol=1e-12)
+    assert sloped.gradient == (pytest.approx(np.tan(0.1)), 0.0) and level.gradient == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("slope", [1.0, -0.8, np.nan])
+def test_bad_slope_is_refused(slope: float) -> None:
+    with pytest.raises(ConfigError, match=r"terrain slope is .* give an angle from -0.78 to 0.78 rad"):
+        rough_terrain(0.0, np.random.default_rng(0), slope=slope)
+
+
+def test_bad_gradient_is_refused() -> None:
+    with pytest.raises(ConfigError, match="give dz/dx and dz/dy from -1 to 1"):
+        HeightField(np.zeros((2, 2)), (1.0, 1.0), (np.nan, 0.0))
+
+
 @pytest.mark.parametrize("size", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (np.inf, 1.0)])
 def test_bad_size_is_refused(size: tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match="give finite extents above 0"):
