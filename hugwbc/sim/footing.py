@@ -87,9 +87,14 @@ class Footing:
         return result
 
     def depth(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
-        """How far the deepest sphere is in the ground, 0 if none is [m], shape (...); bodies as in `positions`."""
+        """How far the deepest sphere is in the mean plane through the ground below the pelvis, 0 if none is [m].
+
+        Bodies as in `positions`; shape (...).
+        """
         _, points = self._spheres(xpos, xmat)
-        sunk = self._terrain.height_at(points[..., :2]) - points[..., 2] + self._radius
+        pelvis = xpos[..., self._pelvis, :2]
+        plane = (points[..., :2] - pelvis[..., None, :]) @ self._gradient + self._terrain.height_at(pelvis)[..., None]
+        sunk = plane - points[..., 2] + self._radius
         return np.maximum(sunk.max(axis=-1), 0.0)
 
     def _spheres(self, xpos: np.ndarray, xmat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
