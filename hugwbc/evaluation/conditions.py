@@ -1,4 +1,4 @@
-"""Under which conditions a controller is evaluated: physics time step, ground, external control of the arms."""
+"""Under which conditions a controller is evaluated: physics, ground, robot, sensors, external control of the arms."""
 
 import dataclasses
 import functools
@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.estimation import StateEstimator
-from hugwbc.sim import Simulation, noisy_simulation, rough_terrain
+from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ NOISE_INTERVAL = 90  # control steps between two targets of the noise, the paper
 GENERATED_MOTIONS_SEED = 1  # other motions than the training's
 _START_RADIUS = 0.6  # [m] of plane ground around the start
 _STEEPEST = 0.5  # [rad]
+_LONGEST_LATENCY = 0.5  # [s]
 _TOP_SPEED = 2.5  # [m/s], with which the ground must be large enough
 
 
@@ -35,6 +36,11 @@ class Conditions:
         noise: whether sensors have a real robot's noise and latency, and the state is estimated from them.
         intervention: one of `INTERVENTIONS`: what moves the arms during the whole episode.
         motions: folder of motion files for the motion intervention; None for generated motions.
+        payload: mass added to the torso [kg].
+        friction: between robot and ground; None for the robot description's.
+        latency: age of what the sensors say [s]; None for none, and with `noise` for a real robot's.
+        gain: factor on the joints' stiffness and damping.
+        strength: factor on the motors' torque.
     """
 
     timestep: float = SIMULATION_TIMESTEP
@@ -43,6 +49,11 @@ class Conditions:
     noise: bool = False
     intervention: str = "none"
     motions: str | None = None
+    payload: float = 0.0
+    friction: float | None = None
+    latency: float | None = None
+    gain: float = 1.0
+    strength: float = 1.0
 
     def __post_init__(self) -> None:
         if self.intervention not in INTERVENTIONS:
@@ -51,6 +62,17 @@ class Conditions:
             raise ConfigError(f"terrain roughness is {self.terrain_roughness}; give a height from 0 to 0.5 m")
         if not abs(self.slope) <= _STEEPEST:
             raise ConfigError(f"slope is {self.slope} rad; give an angle from {-_STEEPEST} to {_STEEPEST} rad")
+        if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
+            raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
+        self.variation()
+
+    def variation(self) -> Variation:
+        """How the robot differs from its description.
+
+        Raises:
+            ConfigError: if a value is out of range.
+        """
+        return Variation(self.payload, self.friction, self.gain, self.strength)
 
     def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
         """The robot on the ground of one episode.
@@ -59,15 +81,18 @@ class Conditions:
             duration: of the episode [s]; the ground is large enough for it.
             seed: of the ground and of the sensors' noise.
         """
-        make = Simulation
+        make = functools.partial(Simulation, timestep=self.timestep, variation=self.variation())
         if self.noise:
-            make = functools.partial(noisy_simulation, seed=int(np.random.SeedSequence(seed).generate_state(1)[0]))
+            draws = int(np.random.SeedSequence(seed).generate_state(1)[0])
+            make = functools.partial(noisy_simulation, **make.keywords, seed=draws)
+        if self.latency is not None:
+            make = functools.partial(make, latency=self.latency)
         if self.terrain_roughness == 0.0 and self.slope == 0.0:
-            return make(timestep=self.timestep)
+            return make()
         size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
         rng = np.random.default_rng(seed)
         terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS, slope=self.slope)
-        return make(timestep=self.timestep, terrain=terrain)
+        return make(terrain=terrain)
 
     def estimator(self) -> StateEstimator | None:
         """What gives the controller its state; None where it reads the sensors itself."""

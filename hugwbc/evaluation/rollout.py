@@ -1,7 +1,7 @@
 """One run of a controller in simulation, and the record of it that metrics, plots and replays read."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, 
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.safety import SafetyReport
-from hugwbc.sim import Simulation
+from hugwbc.sim import Disturber, Force, Simulation
 from hugwbc.state import RobotState
 
 RECORD_PERIOD = 0.02  # [s]
@@ -33,10 +33,12 @@ class Trace:
         clearance: height of the left and right sole above the ground [m], shape (T, 2).
         foot_contact: whether each foot is on the ground, shape (T, 2), bool.
         qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26).
+        qvel: pelvis velocity [m/s], its angular velocity in its own frame and joint velocities [rad/s], shape (T, 25).
+        target: joint position targets that the controller gave at this time [rad], shape (T, 19).
         hand_target_world: targets of both hands [m]; NaN where there is none; shape (T, 2, 3).
         hand_error: distance of each hand to its target [m]; NaN where there is none or it is unreachable; shape (T, 2).
         reachable: whether each hand's target could be reached, shape (T, 2), bool.
-        torque: joint torques [N*m], shape (T, 19).
+        torque: joint torques of the physics step before this time [N*m], shape (T, 19).
         tick_ms: time that each call of the controller took [ms], shape (number of calls,).
         ik_ms: time that each call of the upper-body source took [ms], shape (number of calls,).
         touch_downs: times at which the left and the right foot came down after a swing of at least `SHORTEST_SWING`,
@@ -55,6 +57,8 @@ class Trace:
     clearance: np.ndarray
     foot_contact: np.ndarray
     qpos: np.ndarray
+    qvel: np.ndarray
+    target: np.ndarray
     hand_target_world: np.ndarray
     hand_error: np.ndarray
     reachable: np.ndarray
@@ -76,6 +80,7 @@ def rollout(
     *,
     duration: float,
     estimator: StateEstimator | None = None,
+    forces: Sequence[Force] = (),
     on_progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
@@ -90,15 +95,17 @@ def rollout(
         upper_body: turns hand targets into arm targets; without it hand targets are ignored.
         duration: [s].
         estimator: of the state from the sensors; None where the controller reads them itself.
+        forces: that act on the robot.
         on_progress: called with the fraction done, about fifty times a simulated second.
 
     Raises:
         ConfigError: if the duration is not above 0, or the controller's period is no multiple of the time step.
+        UnknownNameError: if no link has the name of a force's.
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = _Recorder(loop)
+    recorder = _Recorder(loop, Disturber(simulation.model, forces))
     loop.reset()
     ticks = round(duration / loop.period)
     for tick in range(ticks):
@@ -107,7 +114,7 @@ def rollout(
         recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
         recorder.ik_ms.append(loop.ik_s * 1e3)
         if recorder.due(t):
-            recorder.sample(t)
+            recorder.sample(t, joint_command)
             if on_progress is not None:
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t):
@@ -118,8 +125,9 @@ def rollout(
 class _Recorder:
     """Collects the samples of one run and watches the feet at every physics step."""
 
-    def __init__(self, loop: ControlLoop) -> None:
+    def __init__(self, loop: ControlLoop, disturber: Disturber) -> None:
         self.loop = loop
+        self.disturber = disturber
         self.simulation = loop.simulation
         self.kinematics = Kinematics()
         self.rows: dict[str, list] = {}
@@ -136,8 +144,9 @@ class _Recorder:
 
     def advance(self, command: JointCommand, t: float) -> bool:
         """Step the physics through one control period, noting touch-downs; whether the robot is still up."""
-        dt = self.simulation.timestep
+        dt, data = self.simulation.timestep, self.simulation.data
         for substep in range(self.loop.substeps):
+            self.disturber.update(t + substep * dt, data.qpos, data.xfrc_applied)
             now = t + (substep + 1) * dt
             self._contact = _contacts(self.loop.step(command, dt))
             for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
@@ -145,7 +154,7 @@ class _Recorder:
             self._last_contact[self._contact] = now
         return not self.simulation.fallen
 
-    def sample(self, t: float) -> None:
+    def sample(self, t: float, command: JointCommand) -> None:
         """Add one row of everything at time t."""
         self._samples += 1
         state = self.simulation.state()
@@ -163,6 +172,8 @@ class _Recorder:
             "clearance": measured.clearance,
             "foot_contact": self._contact.copy(),
             "qpos": self.simulation.data.qpos.copy(),
+            "qvel": self.simulation.data.qvel.copy(),
+            "target": command.q.copy(),
             "hand_target_world": target,
             "hand_error": np.where(reachable, np.linalg.norm(actual - target, axis=1), np.nan),
             "reachable": reachable,

@@ -1,13 +1,18 @@
 """The H1 in MuJoCo: on a plane or a height field."""
 
+from hugwbc.sim.disturbance import Disturber, Force
 from hugwbc.sim.simulation import SensorNoise, Simulation, noisy_simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
+from hugwbc.sim.variation import Variation
 
 __all__ = [
+    "Disturber",
+    "Force",
     "HeightField",
     "LevelGround",
     "SensorNoise",
     "Simulation",
+    "Variation",
     "level_terrain",
     "noisy_simulation",
     "rough_terrain",

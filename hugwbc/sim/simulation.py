@@ -14,6 +14,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 # The paper's early termination: trunk contact above 1 N, or inclinations beyond these; and a pelvis near the ground.
@@ -74,6 +75,7 @@ class Simulation:
     Attributes:
         model, data: MuJoCo's, for viewers and tests.
         robot: names, limits and gains.
+        variation: of this robot from its description.
         rejected_commands: how many joint commands were not finite; the last good one was held instead.
         diverged: whether the physics failed since the last reset (MuJoCo then restarts the state by itself).
     """
@@ -86,6 +88,7 @@ class Simulation:
         noise: SensorNoise | None = None,
         latency: float = 0.0,
         seed: int = 0,
+        variation: Variation | None = None,
     ) -> None:
         """Build the model and stand the robot up.
 
@@ -95,11 +98,14 @@ class Simulation:
             noise: on what `sense` returns; None for exact readings.
             latency: age of what `sense` returns, rounded to whole physics steps [s].
             seed: of the noise.
+            variation: of the robot from its description; None for none.
         """
         self.robot = load_robot()
         self.terrain = terrain
         self.noise = noise
+        self.variation = variation or Variation()
         self.model = load_model(timestep, terrain)
+        self.variation.apply_to(self.model)
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
         self.rejected_commands = 0
@@ -114,9 +120,9 @@ class Simulation:
         self._readings: collections.deque[_Reading] = collections.deque(maxlen=1 + round(latency / timestep))
         self._pelvis = self.model.body("pelvis").id
         self._force_until: dict[int, float] = {}
-        # With unit gain, the control is the whole affine torque; stiffness and damping go into the bias, where the
-        # implicit integrator sees them.
-        self.model.actuator_gainprm[:, 0] = 1.0
+        # The control is the whole affine torque; stiffness and damping go into the bias, where the implicit integrator
+        # sees them.
+        self.model.actuator_gainprm[:, 0] = self.variation.strength
         self._command = JointCommand.position(self.robot, self.robot.nominal)
         self.reset()
 
@@ -166,9 +172,10 @@ class Simulation:
         else:
             self.rejected_commands += 1
         command = self._command
-        self.model.actuator_biasprm[:, 1] = -command.kp
-        self.model.actuator_biasprm[:, 2] = -command.kd
-        self.data.ctrl[:] = command.tau + command.kp * command.q + command.kd * command.dq
+        kp, kd = self.variation.gain * command.kp, self.variation.gain * command.kd
+        self.model.actuator_biasprm[:, 1] = -self.variation.strength * kp
+        self.model.actuator_biasprm[:, 2] = -self.variation.strength * kd
+        self.data.ctrl[:] = command.tau + kp * command.q + kd * command.dq
         for _ in range(max(1, round(duration / self.timestep))):
             self._expire_forces()
             self.data.warning.number[:] = 0
@@ -302,7 +309,19 @@ class Simulation:
 
 
 def noisy_simulation(
-    *, timestep: float = SIMULATION_TIMESTEP, terrain: HeightField | None = None, seed: int = 0
+    *,
+    timestep: float = SIMULATION_TIMESTEP,
+    terrain: HeightField | None = None,
+    latency: float = ROBOT_LATENCY,
+    seed: int = 0,
+    variation: Variation | None = None,
 ) -> Simulation:
     """The H1 with the sensor noise and latency of a real robot: what a state estimator is for."""
-    return Simulation(timestep=timestep, terrain=terrain, noise=SensorNoise.robot(), latency=ROBOT_LATENCY, seed=seed)
+    return Simulation(
+        timestep=timestep,
+        terrain=terrain,
+        noise=SensorNoise.robot(),
+        latency=latency,
+        seed=seed,
+        variation=variation,
+    )

@@ -41,6 +41,8 @@ def _synthetic_trace(
         "clearance": clearance,
         "foot_contact": clearance <= 0.0,
         "qpos": np.zeros((n, 26)),
+        "qvel": np.zeros((n, 25)),
+        "target": np.zeros((n, 19)),
         "hand_target_world": np.full((n, 2, 3), np.nan),
         "hand_error": np.full((n, 2), np.nan),
         "reachable": np.zeros((n, 2), dtype=bool),

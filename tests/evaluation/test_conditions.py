@@ -3,9 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.motion import ArmMotion
+from hugwbc.sim import Variation
 
 
 def test_rough_ground_reaches_as_far_as_the_robot_can_walk_and_follows_the_seed():
@@ -56,3 +58,19 @@ def test_bad_conditions_are_refused():
     for roughness in (-0.01, 0.6, math.nan):
         with pytest.raises(ConfigError, match=r"give a height from 0 to 0\.5 m"):
             Conditions(terrain_roughness=roughness)
+
+
+def test_robot_and_sensors_vary_as_told():
+    simulation = Conditions(payload=5.0, friction=0.5, gain=0.9, strength=0.8).simulation(1.0, (0,))
+    assert simulation.variation == Variation(5.0, 0.5, 0.9, 0.8)
+    hold = JointCommand.position(load_robot(), load_robot().nominal)
+    for conditions, age in (
+        (Conditions(), 0.0), (Conditions(latency=0.02), 0.02),
+        (Conditions(noise=True), 0.01), (Conditions(noise=True, latency=0.03), 0.03),
+    ):  # fmt: skip
+        simulation = conditions.simulation(1.0, (0,))
+        simulation.step(hold, 0.1)
+        assert simulation.sense().age == pytest.approx(age), conditions
+    for values in ({"latency": 1.0}, {"latency": math.nan}, {"strength": 0.0}):
+        with pytest.raises(ConfigError, match=next(iter(values))):
+            Conditions(**values)

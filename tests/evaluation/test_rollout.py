@@ -53,7 +53,8 @@ def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simula
     np.testing.assert_allclose(trace.time, np.arange(25) * 0.02)
     for name, shape in {
         "command": (25, 8), "gait": (25,), "measured": (25, 6), "clearance": (25, 2), "foot_contact": (25, 2),
-        "qpos": (25, 26), "hand_target_world": (25, 2, 3), "hand_error": (25, 2), "reachable": (25, 2),
+        "qpos": (25, 26), "qvel": (25, 25),
+        "target": (25, 19), "hand_target_world": (25, 2, 3), "hand_error": (25, 2), "reachable": (25, 2),
         "torque": (25, 19), "tick_ms": (25,), "ik_ms": (25,),
     }.items():  # fmt: skip
         assert getattr(trace, name).shape == shape, name

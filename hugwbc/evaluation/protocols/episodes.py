@@ -1,4 +1,4 @@
-"""What the protocols share: episodes of one constant command each, run by one process or several."""
+"""What the protocols share: episodes by plan, run by one process or several."""
 
 import concurrent.futures
 import dataclasses
@@ -15,12 +15,13 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.loop import Constant
+from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.rollout import Trace, rollout
 from hugwbc.gait import Gait
 
 ControllerFactory = Callable[[], Controller]
 Row = TypeVar("Row")
+Judge = Callable[[int, "Run"], Row]  # makes what is kept of an episode from its index and its run
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class EpisodeSettings:
         duration: of an episode [s].
         settle: start of an episode that is left out of the errors [s].
         workers: processes that share the episodes.
-        conditions: physics, ground, sensors and arms.
+        conditions: physics, ground, robot, sensors and arms.
     """
 
     seed: int = 0
@@ -85,35 +86,40 @@ class Run:
     """One episode that has been run.
 
     Attributes:
-        command: of the whole episode.
+        plan: what was to happen.
         trace: the record.
         arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
             external control.
     """
 
-    command: Command
+    plan: EpisodePlan
     trace: Trace
     arm_error: float
+
+    @property
+    def command(self) -> Command:
+        """At the start, and without a schedule all the time."""
+        return self.plan.command
 
 
 def run_episodes(
     factory: ControllerFactory,
-    commands: Sequence[Command],
-    judge: Callable[[int, Run], Row],
+    plans: Sequence[EpisodePlan],
+    judge: Judge[Row],
     settings: EpisodeSettings,
     on_episode: Callable[[Row], None] | None = None,
 ) -> list[Row]:
-    """Run an episode of each command and keep what `judge` makes of it.
+    """Run every episode and keep what `judge` makes of it.
 
     Args:
         factory: makes the controller; with more than one worker it must be picklable.
-        commands: one per episode.
+        plans: one per episode.
         judge: called with the index and the run of every episode; with more than one worker it must be picklable.
         settings: of the episodes.
         on_episode: called with every result, in order.
     """
     rows: list[Row] = []
-    for row in _results(factory, commands, judge, settings):
+    for row in _results(factory, plans, judge, settings):
         rows.append(row)
         if on_episode is not None:
             on_episode(row)
@@ -121,37 +127,49 @@ def run_episodes(
 
 
 def _results(
-    factory: ControllerFactory, commands: Sequence[Command], judge: Callable[[int, Run], Row], settings: EpisodeSettings
+    factory: ControllerFactory,
+    plans: Sequence[EpisodePlan],
+    judge: Judge[Row],
+    settings: EpisodeSettings,
 ) -> Iterator[Row]:
     if settings.workers == 1:
         controller = factory()
-        yield from (_run(controller, judge, settings, task) for task in enumerate(commands))
+        yield from (_run(controller, judge, settings, task) for task in enumerate(plans))
         return
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(settings.workers, mp_context=context) as pool:
-        yield from pool.map(functools.partial(_run_in_worker, factory, judge, settings), enumerate(commands))
+        yield from pool.map(functools.partial(_run_in_worker, factory, judge, settings), enumerate(plans))
 
 
 _worker_controller = functools.lru_cache(maxsize=1)(lambda factory: factory())
 
 
 def _run_in_worker(
-    factory: ControllerFactory, judge: Callable[[int, Run], Row], settings: EpisodeSettings, task: tuple[int, Command]
+    factory: ControllerFactory,
+    judge: Judge[Row],
+    settings: EpisodeSettings,
+    task: tuple[int, EpisodePlan],
 ) -> Row:
     return _run(_worker_controller(factory), judge, settings, task)
 
 
-def _run(
-    controller: Controller, judge: Callable[[int, Run], Row], settings: EpisodeSettings, task: tuple[int, Command]
-) -> Row:
-    index, command = task
-    seed = (settings.seed, index)  # of its own for every episode, so that the number of workers does not matter
-    simulation = settings.conditions.simulation(settings.duration, seed)
-    arms = settings.conditions.arms(seed)
-    estimator = settings.conditions.estimator()
-    trace = rollout(controller, Constant(command), simulation, arms, duration=settings.duration, estimator=estimator)
+def _run(controller: Controller, judge: Judge[Row], settings: EpisodeSettings, task: tuple[int, EpisodePlan]) -> Row:
+    index, plan = task
+    conditions = plan.conditions or settings.conditions
+    # Of its own for every episode, so that the number of workers does not matter.
+    seed = (settings.seed, index if plan.draw is None else plan.draw)
+    arms = conditions.arms(seed)
+    trace = rollout(
+        controller,
+        plan.source,
+        conditions.simulation(settings.duration, seed),
+        arms,
+        duration=settings.duration,
+        estimator=conditions.estimator(),
+        forces=plan.forces,
+    )
     error = float("nan") if arms is None else arms.error(trace, settings.settle)
-    return judge(index, Run(command, trace, error))
+    return judge(index, Run(plan, trace, error))
 
 
 def known(value: float) -> float | None:

@@ -14,6 +14,7 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, run_episodes
 from hugwbc.gait import Gait
 
@@ -119,7 +120,8 @@ def run_random_commands(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    rows = run_episodes(factory, sample_episodes(config), _Judge(config.settle), config, on_episode)
+    plans = [EpisodePlan(command) for command in sample_episodes(config)]
+    rows = run_episodes(factory, plans, _Judge(config.settle), config, on_episode)
     falls = sum(row.fell for row in rows)
     return RandomCommandsResult(
         controller=factory().name,

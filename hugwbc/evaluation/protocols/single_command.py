@@ -16,6 +16,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
+from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
 from hugwbc.evaluation.rollout import Trace
 from hugwbc.gait import Gait
@@ -148,7 +149,8 @@ def run_single_command(
     """
     samples = sample_episodes(config)
     judge = functools.partial(_judge, [name for name, _ in samples], config.settle)
-    rows = run_episodes(factory, [command for _, command in samples], judge, config, on_episode)
+    plans = [EpisodePlan(command) for _, command in samples]
+    rows = run_episodes(factory, plans, judge, config, on_episode)
     slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
     falls_slow = sum(row.fell for row in slow)
     return SingleCommandResult(

@@ -14,6 +14,7 @@ from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import TRACKED
+from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
 from hugwbc.gait import Gait
 
@@ -113,7 +114,8 @@ def run_small_velocities(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    rows = run_episodes(factory, sample_episodes(config), _Judge(config.settle), config, on_episode)
+    plans = [EpisodePlan(command) for command in sample_episodes(config)]
+    rows = run_episodes(factory, plans, _Judge(config.settle), config, on_episode)
     return SmallVelocitiesResult(
         controller=factory().name,
         gait=config.gait_label,

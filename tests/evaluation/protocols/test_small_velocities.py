@@ -6,6 +6,7 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.controllers import HoldController
+from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities, small_velocities
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.small_velocities import sample_episodes
@@ -28,7 +29,9 @@ def test_the_executed_part_has_the_sign_of_the_command(name, value, synthetic_tr
     command = Command(**{name: value}, gait=Gait.WALKING)
     judge = small_velocities._Judge(settle=1.0)
     parts = {
-        share: judge(0, Run(command, synthetic_trace(command, bias={name: (share - 1.0) * value}), np.nan)).executed
+        share: judge(
+            0, Run(EpisodePlan(command), synthetic_trace(command, bias={name: (share - 1.0) * value}), np.nan)
+        ).executed
         for share in (1.0, 0.0, 0.25, -0.5)
     }
     assert list(parts.values()) == pytest.approx(list(parts))

@@ -1,0 +1,95 @@
+"""Forces on the robot by plan: how much, on which link, from when to when."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import ConfigError, UnknownNameError
+
+FRAMES = ("world", "heading")
+_ROUNDING = 1e-9  # [s], of sums of time steps
+
+
+@dataclasses.dataclass(frozen=True)
+class Force:
+    """A force that is constant while it acts, at the centre of mass of a link.
+
+    Attributes:
+        vector: [N].
+        start: when it sets in [s].
+        duration: for how long it acts [s]; None for all the time that follows.
+        link: name of the link.
+        frame: "world", or "heading": turned by the robot's yaw at the start of the force, and constant from then on.
+    """
+
+    vector: tuple[float, float, float]
+    start: float = 0.0
+    duration: float | None = None
+    link: str = "torso_link"
+    frame: str = "world"
+
+    def __post_init__(self) -> None:
+        if len(self.vector) != 3 or not all(math.isfinite(value) for value in self.vector):
+            raise ConfigError(f"a force is {self.vector}; give three finite numbers in N")
+        if not 0.0 <= self.start < math.inf:
+            raise ConfigError(f"a force sets in at {self.start} s; give a finite time from 0 s on")
+        if self.duration is not None and not 0.0 < self.duration < math.inf:
+            raise ConfigError(f"a force lasts {self.duration} s; give a finite time above 0 s, or None for no end")
+        if self.frame not in FRAMES:
+            raise UnknownNameError("frame of a force", self.frame, FRAMES)
+
+    def acts_at(self, t: float) -> bool:
+        """Whether it acts in the physics step that begins at time t [s]."""
+        begun = t >= self.start - _ROUNDING
+        return begun and (self.duration is None or t < self.start + self.duration - _ROUNDING)
+
+
+class Disturber:
+    """Applies forces to one robot; those that act on one link at one time add up."""
+
+    def __init__(self, model: mujoco.MjModel, forces: Sequence[Force]) -> None:
+        """Find the links.
+
+        Raises:
+            UnknownNameError: if no link has the name of a force's.
+        """
+        links = {model.body(i).name: i for i in range(1, model.nbody)}
+        for force in forces:
+            if force.link not in links:
+                raise UnknownNameError("link", force.link, links)
+        self._forces = tuple(forces)
+        self._bodies = [links[force.link] for force in forces]
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a new run at time 0."""
+        self._acting: dict[int, np.ndarray] = {}
+
+    def update(self, t: float, qpos: np.ndarray, xfrc_applied: np.ndarray) -> bool:
+        """Set the forces for the physics step that begins at time t; touches nothing but the links of its forces.
+
+        Args:
+            t: [s].
+            qpos: of the robot, whose yaw turns the forces in the heading frame, shape (26,).
+            xfrc_applied: MuJoCo's forces on bodies, in the world [N], [N*m], shape (bodies, 6); written to.
+
+        Returns:
+            Whether anything has changed.
+        """
+        acting = {i for i, force in enumerate(self._forces) if force.acts_at(t)}
+        if acting == self._acting.keys():
+            return False
+        self._acting = {i: self._acting[i] if i in self._acting else self._in_world(i, qpos) for i in acting}
+        for body in set(self._bodies):
+            on_body = [vector for i, vector in self._acting.items() if self._bodies[i] == body]
+            xfrc_applied[body, :3] = np.sum(on_body, axis=0) if on_body else 0.0
+        return True
+
+    def _in_world(self, index: int, qpos: np.ndarray) -> np.ndarray:
+        force = self._forces[index]
+        vector = np.array(force.vector)
+        return vector if force.frame == "world" else rotations.rotation_z(float(rotations.yaw_of(qpos[3:7]))) @ vector

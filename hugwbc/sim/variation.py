@@ -1,0 +1,48 @@
+"""How a robot differs from its description: payload, friction, joint gains, motor strength."""
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+
+from hugwbc.errors import ConfigError
+from hugwbc.sim.footing import PLANE_NAME
+
+
+@dataclasses.dataclass(frozen=True)
+class Variation:
+    """One robot's differences; the defaults are none.
+
+    Attributes:
+        payload: mass added at the torso's centre of mass; negative takes away [kg].
+        friction: sliding friction between robot and ground; None for the description's.
+        gain: factor on the stiffness and damping that a controller commands.
+        strength: factor on the torque that the motors deliver, their limit included.
+    """
+
+    payload: float = 0.0
+    friction: float | None = None
+    gain: float = 1.0
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not -10.0 <= self.payload <= 50.0:
+            raise ConfigError(f"payload is {self.payload} kg; give -10 to 50 kg")
+        if self.friction is not None and not 0.0 < self.friction < math.inf:
+            raise ConfigError(f"friction is {self.friction}; give a finite coefficient above 0, or None")
+        for name in ("gain", "strength"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} factor is {getattr(self, name)}; give a finite factor above 0")
+
+    def apply_to(self, model: mujoco.MjModel) -> None:
+        """Change a fresh model; gain and strength act on its torque limits alone, the rest is the simulation's."""
+        if self.payload:
+            model.body_mass[model.body("torso_link").id] += self.payload
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        if self.friction is not None:
+            # MuJoCo takes the larger of two coefficients: the ground's must not exceed the wanted one.
+            ground = np.array([model.geom(i).name in ("floor", PLANE_NAME) for i in range(model.ngeom)])
+            model.geom_friction[~ground, 0] = self.friction
+            model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)
+        model.actuator_forcerange *= self.strength

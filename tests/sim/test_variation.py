@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from hugwbc import JointCommand, load_robot
+from hugwbc.errors import ConfigError
+from hugwbc.sim import Simulation, Variation, rough_terrain
+
+ROBOT = load_robot()
+
+
+def test_payload_adds_to_the_weight_on_the_feet():
+    simulation = Simulation(variation=Variation(payload=10.0))
+    hold = JointCommand.position(ROBOT, ROBOT.nominal)
+    # The baseline topples slowly: a tenth of a second is quiet.
+    states = [simulation.step(hold, 0.002) for _ in range(50)]
+    forces = [state.foot_force[:, 2].sum() for state in states[25:] if state.foot_force is not None]
+    assert np.mean(forces) == pytest.approx((51.649896 + 10.0) * 9.81, rel=0.02)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.6, 1.2])
+@pytest.mark.parametrize("terrain", [None, rough_terrain(0.0, np.random.default_rng(0), size=4.0)])
+def test_contacts_with_the_ground_have_the_friction(friction, terrain):
+    simulation = Simulation(terrain=terrain, variation=Variation(friction=friction))
+    simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.05)
+    contacts = simulation.data.contact.friction
+    assert len(contacts) >= 4
+    np.testing.assert_allclose(contacts[:, :2], friction)
+
+
+def test_gain_and_strength_act_on_the_torque():
+    command = JointCommand(
+        ROBOT.nominal + 0.01, np.full(19, 0.2), np.full(19, 100.0), np.full(19, 1.0), np.full(19, 2.0)
+    )
+    # tau + kp 0.01 + kd 0.2 at the first step from rest
+    for variation, torque in ((Variation(gain=1.5), 2.0 + 1.5 * 1.2), (Variation(strength=0.5), 0.5 * 3.2)):
+        simulation = Simulation(timestep=1e-5, variation=variation)
+        simulation.step(command, 1e-5)
+        np.testing.assert_allclose(simulation.torque, torque, rtol=0.01)
+
+
+def test_weak_motors_have_a_lower_limit():
+    simulation = Simulation(variation=Variation(strength=0.5))
+    strong = JointCommand.position(ROBOT, ROBOT.nominal + 10.0)
+    simulation.step(strong, 0.002)
+    np.testing.assert_allclose(simulation.torque, 0.5 * ROBOT.torque_limit)
+
+
+@pytest.mark.parametrize("values", [{"payload": -20.0}, {"friction": 0.0}, {"gain": 0.0}, {"strength": float("nan")}])
+def test_bad_values_are_refused(values):
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        Variation(**values)
