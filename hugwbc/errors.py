@@ -38,6 +38,10 @@ class PolicyFileError(HugwbcError):
     """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
 
 
+class ContractError(HugwbcError):
+    """A contract of a foreign policy that cannot be read, or says what a contract may not; names file and line."""
+
+
 class ModelError(HugwbcError):
     """A robot description that is missing or inconsistent."""
 

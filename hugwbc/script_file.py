@@ -21,23 +21,21 @@ parts.
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
 
 import yaml
 
 from hugwbc import hand_paths
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.errors import HugwbcError, ScriptError, UnknownNameError
+from hugwbc.errors import ScriptError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import HandPath
 from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment, check_transition
 from hugwbc.targets import HAND_FRAMES
+from hugwbc.yaml_file import Read, YamlReader
 
 FOLDER = pathlib.Path(__file__).parent / "scripts"
 SCRIPT_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
-LARGEST_FILE = 1_000_000  # [byte]
-Read = Callable[["_Reader", yaml.Node], Any]
+_HINT = "scripts are short lists of segments, which use `file` for long paths"
 
 
 def load_script(name: str | pathlib.Path) -> Script:
@@ -64,14 +62,8 @@ def read_script(path: pathlib.Path) -> Script:
     Raises:
         ScriptError: if the file cannot be read or is no valid script, with its line.
     """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ScriptError(
-                f"{path} has more than {LARGEST_FILE} bytes; scripts are short, use `file` for long paths"
-            )
-        return parse_script(path.read_text(encoding="utf-8"), path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScriptError(f"cannot read the script {path}: {error}") from error
+    reader = _Reader(path)
+    return reader.script(reader.load("script", _HINT))
 
 
 def parse_script(text: str, path: pathlib.Path) -> Script:
@@ -84,28 +76,15 @@ def parse_script(text: str, path: pathlib.Path) -> Script:
     Raises:
         ScriptError: if it is no valid script, with its line.
     """
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-        raise ScriptError(f"{path}{place}: no YAML: {error.problem}") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ScriptError(f"{path}: no YAML: {error}") from error
-    if root is None:
-        raise ScriptError(f"{path}:1: the file is empty; give it segments")
-    return _Reader(path).script(root)
+    reader = _Reader(path)
+    return reader.script(reader.compose(text, _HINT))
 
 
-class _Reader:
-    """Turns YAML nodes into parts of a script; every complaint names the node's line and column."""
+class _Reader(YamlReader):
+    """Turns YAML nodes into parts of a script."""
 
     def __init__(self, path: pathlib.Path) -> None:
-        self.path = path
-
-    def fail(self, node: yaml.Node, message: object) -> NoReturn:
-        mark = node.start_mark
-        raise ScriptError(f"{self.path}:{mark.line + 1}:{mark.column + 1}: {message}")
+        super().__init__(path, ScriptError)
 
     def script(self, root: yaml.Node) -> Script:
         fields = self.fields(root, "script", {"segments": _Reader.nodes, "about": _Reader.text}, required=("segments",))
@@ -179,60 +158,6 @@ class _Reader:
         readers = {field.name: _FIELDS[str(field.type)] for field in dataclasses.fields(cls)}
         required = [f.name for f in dataclasses.fields(cls) if f.default is dataclasses.MISSING]
         return self.checked(value, cls, **self.fields(value, kind, readers, required=required))
-
-    def fields(
-        self, node: yaml.Node, kind: str, readers: Mapping[str, Read], required: tuple[str, ...] | list[str] = ()
-    ) -> dict[str, Any]:
-        """The values of a mapping, each read by the reader of its key."""
-        if not isinstance(node, yaml.MappingNode):
-            self.fail(node, f"here should be a {kind} with fields: {', '.join(readers)}")
-        values: dict[str, Any] = {}
-        for key, value in node.value:
-            name = key.value if isinstance(key, yaml.ScalarNode) else ""
-            if name not in readers:
-                self.fail(key, UnknownNameError(f"{kind} field" if kind != "command" else kind, name, readers))
-            if name in values:
-                self.fail(key, f"{kind} field '{name}' is given twice; keep one")
-            values[name] = readers[name](self, value)
-        for name in required:
-            if name not in values:
-                self.fail(node, f"{kind} field '{name}' is missing; every {kind} needs {', '.join(required)}")
-        return values
-
-    def checked(self, node: yaml.Node, make: Callable, *values: object, **fields: object) -> Any:  # noqa: ANN401
-        """What `make` returns, its complaints with the node's line."""
-        try:
-            return make(*values, **fields)
-        except HugwbcError as error:
-            self.fail(node, error)
-
-    def text(self, node: yaml.Node) -> str:
-        if not isinstance(node, yaml.ScalarNode):
-            self.fail(node, "here should be a text")
-        return node.value
-
-    def number(self, node: yaml.Node) -> float:
-        try:
-            return float(self.text(node))
-        except ValueError:
-            self.fail(node, f"'{self.text(node)}' is no number")
-
-    def integer(self, node: yaml.Node) -> int:
-        value = self.number(node)
-        if value != value // 1:
-            self.fail(node, f"{value:g} is no whole number")
-        return int(value)
-
-    def truth(self, node: yaml.Node) -> bool:
-        text = self.text(node)
-        if text not in ("true", "false"):
-            self.fail(node, f"'{text}' is neither true nor false")
-        return text == "true"
-
-    def nodes(self, node: yaml.Node) -> list[yaml.Node]:
-        if not isinstance(node, yaml.SequenceNode) or not node.value:
-            self.fail(node, "here should be a list with at least one entry")
-        return node.value
 
     def point(self, node: yaml.Node) -> tuple[float, ...]:
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != 3:

@@ -22,7 +22,7 @@ class CompareOptions:
     walk: float | None = None
     """Play the script while walking ahead at this velocity [m/s], where it says nothing else."""
     controllers: tuple[str, ...] = ("learned", "qp")
-    """Which controllers: learned, qp, hold."""
+    """Which controllers: learned, qp, hold, plug-ins' names, paths of policies or contracts (docs/evaluation.md)."""
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     seed: int = 0

@@ -35,9 +35,10 @@ class EvaluateOptions:
     """Run a protocol and print the errors beside the paper's figures, or where the robot falls."""
 
     controller: str = "learned"
-    """learned, qp, or hold (the baseline that only holds its pose)."""
+    """learned, qp, hold (the baseline that only holds its pose), a plug-in's name, or the path of a policy or
+    of a contract for somebody else's (docs/evaluation.md)."""
     policy: str | None = None
-    """Name of a shipped policy, or path of a policy file, for the learned controller."""
+    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
     gait: str = "walking"
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
     protocol: str = "single-command"

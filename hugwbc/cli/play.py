@@ -32,9 +32,10 @@ class PlayOptions:
     """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
 
     controller: str = "learned"
-    """learned, qp, or hold (the baseline that only holds its pose)."""
+    """learned, qp, hold (the baseline that only holds its pose), a plug-in's name, or the path of a policy or
+    of a contract for somebody else's (docs/evaluation.md)."""
     policy: str | None = None
-    """Name of a shipped policy, or path of a policy file, for the learned controller."""
+    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
     script: str | None = None
     """Play this script, with its hand targets, instead of one command: a shipped one's name, or a file (.yaml)."""
     gait: str | None = None

@@ -1,17 +1,37 @@
-"""Controllers by name, as on the command line."""
+"""Controllers by name or path, as on the command line: ours, a plug-in's, a policy folder, a foreign policy.
+
+A plug-in is an entry point in the group `hugwbc.controllers`: something to call that gives an object with the members
+of `hugwbc.controller.Controller`. If it has a parameter `policy`, that receives what the user gave with --policy, or
+None. Ours are registered in the same way.
+"""
 
 import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import inspect
 import pathlib
+from importlib.metadata import EntryPoint
+from typing import Any
 
 import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
+from hugwbc.evaluation.foreign.network import SUFFIXES
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
-CONTROLLER_NAMES = ("learned", "qp", "hold")
+GROUP = "hugwbc.controllers"
+# As in pyproject.toml, for a source tree that is not installed and has no metadata.
+_OURS = {
+    "learned": "hugwbc.evaluation.controllers:learned_controller",
+    "qp": "hugwbc.mbc:WholeBodyController",
+    "hold": "hugwbc.evaluation.controllers:HoldController",
+}
+_PATHS = "the path of a policy folder or file, or of a contract (.yaml)"
 
 
 class HoldController:
@@ -33,34 +53,134 @@ class HoldController:
         return override_arms(JointCommand.position(self.robot, np.asarray(q)), upper_body, self.robot)
 
 
+def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
+    """The HugWBC policy: a shipped one by name, a file or a folder; None for the default.
+
+    Raises:
+        PolicyFileError: if the policy file is missing, truncated or foreign.
+    """
+    from hugwbc.learned.policy import load_policy
+
+    return load_policy() if policy is None else load_policy(policy)
+
+
+@functools.cache
+def plugins() -> dict[str, EntryPoint]:
+    """The registered controllers by name, ours first.
+
+    Raises:
+        ConfigError: if two packages register different controllers under one name.
+    """
+    found = {name: EntryPoint(name, value, GROUP) for name, value in _OURS.items()}
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise ConfigError(
+                f"two controllers are registered as '{entry.name}': {other.value} and {entry.value}; uninstall one of "
+                "the packages, or let it register another name"
+            )
+    return found
+
+
+def controller_names() -> tuple[str, ...]:
+    """Names of the registered controllers and of the shipped contracts of foreign policies."""
+    return (*plugins(), *CONTRACT_NAMES)
+
+
 @dataclasses.dataclass(frozen=True)
 class ControllerSpec:
-    """A controller by name: cheap to send to another process, which builds it there.
+    """A controller by name or path: cheap to send to another process, which builds it there.
 
     Attributes:
-        name: one of `CONTROLLER_NAMES`.
-        policy: name of a shipped policy or path of a policy file, for the learned controller; None for the default.
+        name: one of `controller_names()`, the path of a policy file or of a folder with one, or the path of a contract
+            of a foreign policy or of a folder with a `contract.yaml`.
+        policy: of the learned controller: name of a shipped policy or path of a policy file; of a foreign policy: its
+            network's file; None for the default.
     """
 
     name: str
     policy: str | pathlib.Path | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in CONTROLLER_NAMES:
-            raise UnknownNameError("controller", self.name, CONTROLLER_NAMES)
+        if self.name in controller_names():
+            return
+        path = pathlib.Path(self.name)
+        if path.suffix in SUFFIXES:
+            raise ConfigError(
+                f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
+            )
+        if not path.exists():
+            raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
+
+    @property
+    def label(self) -> str:
+        """Short name for tables: tells apart what differs in policy alone."""
+        name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
+        return name if self.policy is None else f"{name} {pathlib.Path(self.policy).stem}"
 
     def build(self) -> Controller:
         """The controller, ready to `reset`.
 
         Raises:
-            PolicyFileError: if the policy file is missing, truncated or foreign.
+            ContractError: if a contract is malformed.
+            PolicyFileError: if a policy file is missing, truncated or foreign.
+            ConfigError: if a plug-in cannot be loaded, or does not give a controller.
         """
-        if self.name == "hold":
-            return HoldController()
-        if self.name == "qp":
-            from hugwbc.mbc import WholeBodyController
+        if self.name in plugins():
+            return _build_plugin(plugins()[self.name], self.policy)
+        if self._is_foreign:
+            from hugwbc.evaluation.foreign import load_foreign_policy
 
-            return WholeBodyController()
-        from hugwbc.learned.policy import load_policy
+            return load_foreign_policy(self.name, self.policy)
+        return learned_controller(self.name)
 
-        return load_policy() if self.policy is None else load_policy(self.policy)
+    @property
+    def _is_foreign(self) -> bool:
+        path = pathlib.Path(self.name)
+        in_folder = path.is_dir() and (path / CONTRACT_FILE).is_file()
+        return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
+
+    def identity(self) -> dict[str, Any]:
+        """What the controller's behaviour depends on, as JSON: name, package and its version, and digests of its files.
+
+        Equal controllers have equal identities on any machine; no path is in it.
+        """
+        entry = plugins().get(self.name)
+        package = "hugwbc" if entry is None or entry.dist is None else entry.dist.name
+        return {
+            "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
+            "package": f"{package} {importlib.metadata.version(package)}",
+            "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self._files()],
+        }
+
+    def _files(self) -> list[pathlib.Path]:
+        """The files that it is made of: contract and network, or policy."""
+        given = None if self.policy is None else pathlib.Path(self.policy)
+        if self._is_foreign:
+            contract = contract_path(self.name)
+            network = given or load_contract(contract).policy
+            return [contract, *([] if network is None else [network])]
+        from hugwbc.learned.policy import DEFAULT_POLICY, policy_file
+
+        if self.name not in plugins():
+            return [policy_file(self.name)]
+        if self.name == "learned":
+            return [policy_file(given or DEFAULT_POLICY)]
+        return [] if given is None or not given.is_file() else [given]
+
+
+def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None) -> Controller:
+    """What a plug-in makes, if that is a controller."""
+    try:
+        factory = entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(f"controller '{entry.name}' ({entry.value}) cannot be loaded: {error}") from error
+    takes_policy = "policy" in inspect.signature(factory).parameters
+    controller = factory(policy=policy) if takes_policy else factory()
+    if not isinstance(controller, Controller):
+        missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
+        raise ConfigError(
+            f"controller '{entry.name}' ({entry.value}) gives a {type(controller).__name__} without "
+            f"{', '.join(missing)}; see hugwbc.controller.Controller"
+        )
+    return controller

@@ -31,6 +31,20 @@ def shipped_policies() -> list[str]:
     return sorted(path.parent.name for path in policy_dir().glob(f"*/{POLICY_FILE}"))
 
 
+def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
+    """The file of a shipped policy's name, of a policy file, or of a folder that holds one.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+    """
+    path = pathlib.Path(name_or_path)
+    if not path.exists():
+        path = policy_dir() / str(name_or_path)
+        if not path.exists():
+            raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
+    return path / POLICY_FILE if path.is_dir() else path
+
+
 def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
     """A controller from a shipped policy's name, a policy file, or a folder that holds one.
 
@@ -46,13 +60,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     """
     if threads is not None:
         torch.set_num_threads(threads)
-    path = pathlib.Path(name_or_path)
-    if not path.exists():
-        path = policy_dir() / str(name_or_path)
-        if not path.exists():
-            raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
-    if path.is_dir():
-        path = path / POLICY_FILE
+    path = policy_file(name_or_path)
     tensors, metadata = checkpoint.load_file(path, "policy")
     metadata = complete_contract(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}

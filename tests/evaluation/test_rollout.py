@@ -7,7 +7,7 @@ import pytest
 from hugwbc import Command, Gait, HugwbcError, JointCommand, UpperBody, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import Constant, rollout
-from hugwbc.evaluation.controllers import CONTROLLER_NAMES, ControllerSpec, HoldController
+from hugwbc.evaluation.controllers import ControllerSpec, HoldController, controller_names
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
@@ -147,4 +147,4 @@ def test_controllers_by_name():
     assert ControllerSpec("hold").build().name == "hold"
     with pytest.raises(HugwbcError, match="Did you mean 'learned'") as info:
         ControllerSpec("learnd")
-    assert all(name in str(info.value) for name in CONTROLLER_NAMES)
+    assert all(name in str(info.value) for name in controller_names())
