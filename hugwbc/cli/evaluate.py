@@ -2,32 +2,16 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
+from hugwbc.cli import descriptions
+from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.errors import UnknownNameError
+from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.evaluation.paper import ERROR_UNITS
-from hugwbc.evaluation.protocols import (
-    PROTOCOL_NAMES,
-    HandsConfig,
-    HandsResult,
-    RandomCommandsConfig,
-    RandomCommandsResult,
-    SingleCommandConfig,
-    SingleCommandResult,
-    SmallVelocitiesConfig,
-    SmallVelocitiesResult,
-    run_hands,
-    run_random_commands,
-    run_single_command,
-    run_small_velocities,
-)
-from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.gait import Gait
-
-LISTED_PAIRS = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,8 +23,9 @@ class EvaluateOptions:
     of a contract for somebody else's (docs/evaluation.md)."""
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
-    gait: str = "walking"
-    """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn."""
+    gait: str | None = None
+    """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn. By default
+    walking, and standing where the protocol is about it."""
     protocol: str = "single-command"
     """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
     at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
@@ -56,12 +41,12 @@ class EvaluateOptions:
     """Half-width of the random height of the ground [m], such as 0.02; 0 for a plane."""
     slope: float = 0.0
     """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
-    episodes: int = 32
-    """Episodes in all; the single-command protocol splits them evenly over the commands."""
+    episodes: int | None = None
+    """Episodes in all; the single-command protocol splits them evenly over the commands. By default the protocol's."""
     seed: int = 0
     """Of the sampled commands, the ground and the arms."""
-    duration: float = 10.0
-    """Length of an episode [s]."""
+    duration: float | None = None
+    """Length of an episode [s]; by default the protocol's, 10 in most."""
     settle: float | None = None
     """Start of an episode that is left out of the errors [s]; by default 1, and 2 in the hands protocol."""
     timestep: float = 0.002
@@ -73,145 +58,92 @@ class EvaluateOptions:
     json: pathlib.Path | None = None
     """Write the result to this file; without a path, to standard output."""
 
+    def conditions(self) -> Conditions:
+        """The conditions of all episodes."""
+        return Conditions(
+            timestep=self.timestep,
+            terrain_roughness=self.terrain_roughness,
+            slope=self.slope,
+            noise=self.noise,
+            intervention=self.intervention,
+            motions=None if self.motions is None else str(self.motions),
+        )
+
+    def given(self, *names: str) -> dict[str, Any]:
+        """Options by name, without those that are left to the protocol."""
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def settings(self) -> dict[str, Any]:
+        """Settings of any protocol."""
+        return {**self.given("seed", "duration", "settle", "workers"), "conditions": self.conditions()}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Protocol:
+    """How to run a protocol from the command line.
+
+    Attributes:
+        config: makes its settings from the options.
+        run: called with the controller's factory, the settings, and what to call after each episode.
+        describe: the result as text.
+    """
+
+    config: Callable[[EvaluateOptions], Any]
+    run: Callable[..., Any]
+    describe: Callable[[Any], str]
+
+
+def _one_gait(config: type[Any], *names: str) -> Callable[[EvaluateOptions], Any]:
+    """Settings of a protocol of one gait, or of hopping on both legs; `names` of options of its own."""
+
+    def build(options: EvaluateOptions) -> Any:  # noqa: ANN401  each protocol has its own type
+        both_legs = options.gait == "hopping"
+        gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or "walking")
+        return config(gait, both_legs=both_legs, **options.given("episodes", *names), **options.settings())
+
+    return build
+
+
+def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
+    return protocols.HandsConfig(
+        gait=Gait.parse(options.gait or "walking"),
+        conditions=options.conditions(),
+        **options.given("v_x", "episodes", "seed", "duration", "settle"),
+    )
+
+
+_PROTOCOLS = {
+    "single-command": _Protocol(
+        _one_gait(protocols.SingleCommandConfig), protocols.run_single_command, descriptions.describe_single
+    ),
+    "random-commands": _Protocol(
+        _one_gait(protocols.RandomCommandsConfig), protocols.run_random_commands, descriptions.describe_random
+    ),
+    "small-velocities": _Protocol(
+        _one_gait(protocols.SmallVelocitiesConfig), protocols.run_small_velocities, descriptions.describe_small
+    ),
+    "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
+}
+
 
 def run(words: Sequence[str]) -> int:
     """Parse, run, print, write."""
     options = parse(EvaluateOptions, words, "evaluate", EvaluateOptions.__doc__)
     check_writable(options.json)
-    if options.protocol not in PROTOCOL_NAMES:
-        raise UnknownNameError("protocol", options.protocol, PROTOCOL_NAMES)
-    both_legs = options.gait == "hopping"
-    settings = {
-        "gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait),
-        "both_legs": both_legs,
-        "episodes": options.episodes,
-        "seed": options.seed,
-        "duration": options.duration,
-        "settle": 1.0 if options.settle is None else options.settle,
-        "workers": options.workers,
-        "conditions": Conditions(
-            timestep=options.timestep,
-            terrain_roughness=options.terrain_roughness,
-            slope=options.slope,
-            noise=options.noise,
-            intervention=options.intervention,
-            motions=None if options.motions is None else str(options.motions),
-        ),
-    }
+    if options.protocol not in _PROTOCOLS:
+        raise UnknownNameError("protocol", options.protocol, _PROTOCOLS)
+    protocol = _PROTOCOLS[options.protocol]
+    config = protocol.config(options)
     spec = ControllerSpec(options.controller, options.policy)
-    if options.protocol == "hands":
-        return _run_hands(options, spec, settings["conditions"])
     done = 0
-    with progress(f"{options.controller}, {options.gait}: {options.episodes} episodes") as advance:
+    with progress(f"{options.controller}, {options.protocol}: {config.episodes} episodes") as advance:
 
         def on_episode(_: object) -> None:
             nonlocal done
             done += 1
-            advance(done / options.episodes)
+            advance(done / config.episodes)
 
-        if options.protocol == "single-command":
-            result = run_single_command(spec.build, SingleCommandConfig(**settings), on_episode)
-            text = describe(result)
-        elif options.protocol == "small-velocities":
-            result = run_small_velocities(spec.build, SmallVelocitiesConfig(**settings), on_episode)
-            text = describe_small(result)
-        else:
-            result = run_random_commands(spec.build, RandomCommandsConfig(**settings), on_episode)
-            text = describe_random(result)
-    say(text, options.json)
+        result = protocol.run(spec.build, config, on_episode)
+    say(protocol.describe(result), options.json)
     write_json(options.json, dataclasses.asdict(result))
     return 0
-
-
-def _run_hands(options: EvaluateOptions, spec: ControllerSpec, conditions: Conditions) -> int:
-    config = HandsConfig(
-        gait=Gait.parse(options.gait),
-        v_x=options.v_x,
-        episodes=options.episodes,
-        seed=options.seed,
-        duration=options.duration,
-        settle=2.0 if options.settle is None else options.settle,
-        conditions=conditions,
-    )
-    with progress(f"{options.controller}, {options.gait}: {options.episodes} episodes") as advance:
-        result = run_hands(spec.build, config, advance)
-    say(describe_hands(result), options.json)
-    write_json(options.json, dataclasses.asdict(result))
-    return 0
-
-
-def describe_hands(result: HandsResult) -> str:
-    """Hand errors, joint error, saturation and jitter, and the falls."""
-    errors = {part: result.hand_error_m[part] for part in ("mean", "p95", "left", "right")}
-    rows: list[tuple[object, ...]] = [
-        (f"hand error {part} [cm]", None if error is None else 100.0 * error) for part, error in errors.items()
-    ]
-    rows += [
-        ("targets reached by the IK", result.hand_error_m["reachable_fraction"]),
-        ("arm joints' error [rad]", result.joint_error_rad),
-        ("control steps with an arm joint at its torque limit", result.saturated_ticks),
-        ("jitter [rad^2/s^6]", result.jitter),
-    ]
-    falls = f"falls: {result.fell} of {result.episodes} episodes"
-    return format_table((result.gait, result.controller), rows) + f"\n\n{falls}"
-
-
-def describe(result: SingleCommandResult) -> str:
-    """The result as a table beside the paper's figures, and the falls."""
-    rows = []
-    for name, unit in ERROR_UNITS.items():
-        error, paper = result.errors[name], result.paper.get(name)
-        if error is None and paper is None:
-            continue
-        ratio = error / paper if error is not None and paper is not None else None
-        # Four decimals: the paper's three would print some of the errors as zero.
-        rows.append((name, unit, None if error is None else f"{error:.4f}", paper, ratio))
-    lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
-    lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
-    lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
-    if result.foot_travel is not None:
-        seconds = result.duration - result.settle
-        lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
-    if result.held_foot_contact is not None:
-        lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
-    if result.arm_error is not None:
-        lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
-    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
-
-
-def describe_random(result: RandomCommandsResult) -> str:
-    """Falls in all, falls by the third of each command's range, and the pairs of thirds with the most falls."""
-    lines = [f"falls: {result.falls} of {result.episodes} episodes ({100 * result.fall_rate:.1f} %)"]
-    if result.falls:
-        counts = _falls_by_third(result)
-        rows = [(name, *(counts[name].get(part) for part in PARTS)) for name in counts]
-        lines += ["", format_table(("falls of episodes", *(f"{part} third" for part in PARTS)), rows)]
-        pairs = [c for c in result.combinations if len(c.parts) == 2][:LISTED_PAIRS]
-        rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
-        lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
-    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
-
-
-def describe_small(result: SmallVelocitiesResult) -> str:
-    """The executed part of small velocities by direction, and the falls."""
-    rows = [(name, part) for name, part in result.executed.items()]
-    table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
-    falls = f"falls: {result.falls} of {result.episodes} episodes"
-    return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
-
-
-def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:
-    counts: dict[str, dict[str, str]] = {}
-    for combination in result.combinations:
-        if len(combination.parts) == 1:
-            ((name, part),) = combination.parts.items()
-            counts.setdefault(name, {})[part] = f"{combination.falls} of {combination.episodes}"
-    return dict(sorted(counts.items(), key=lambda item: list(result.rows[0].command).index(item[0])))
-
-
-def _label(combination: Combination) -> str:
-    return ", ".join(f"{name} {part}" for name, part in combination.parts.items())
-
-
-def _failures(count: int) -> list[str]:
-    return [f"the controller raised {count} exceptions, which the safety filter caught"] if count else []

@@ -22,6 +22,7 @@ ERROR_UNITS = {
     "E_w": "rad",
 }
 ERROR_NAMES = tuple(ERROR_UNITS)
+TRAININGS = ("noise", "motion", "none")  # of the paper's ablation: what moved the arms in training
 HIGH_SPEED = 1.0  # [m/s]; v_x above this counts towards E_vx_high
 
 
@@ -42,8 +43,34 @@ def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str
     """
     if intervention == "none":
         return _tables()["single_command_tracking"]["hopping" if gait.hops else gait.label]
-    errors = _tables()["intervention_tracking"].get(gait.label, {}).get(intervention, {})
+    errors = intervention_errors(gait, intervention)
     return {"E_vx_low" if name == "E_vx" else name: error for name, error in errors.items()}
+
+
+def intervention_errors(gait: Gait, intervention: str, training: str = "noise") -> Mapping[str, float]:
+    """The paper's tracking errors with the arms under external control, by name (E_vx at all speeds).
+
+    Args:
+        gait: the gait; the paper has none of hopping.
+        intervention: what moves the arms in the test: "none", "noise" or "motion".
+        training: what moved them in training, one of `TRAININGS`.
+    """
+    return _tables()["intervention_tracking"].get(gait.label, {}).get(training, {}).get(intervention, {})
+
+
+def foot_displacement(intervention: str, training: str = "noise") -> Mapping[str, float]:
+    """The paper's foot displacement in 20 s of standing, by command: h, p and w [m]; arguments as above."""
+    return _tables()["foot_displacement_standing"][training].get(intervention, {})
+
+
+def real_robot_errors(gait: Gait) -> Mapping[str, float]:
+    """E_p and E_w of the paper's test on the real robot; empty for hopping."""
+    return _tables()["real_robot"].get(gait.label, {})
+
+
+def other_controllers() -> Mapping[str, Mapping[str, float]]:
+    """Walking errors that the paper publishes for other controllers, by controller and error."""
+    return _tables()["other_controllers_walking"]
 
 
 def error_name(command: str, value: float) -> str:

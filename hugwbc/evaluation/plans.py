@@ -74,6 +74,7 @@ class EpisodePlan:
         draw: number that, with the settings' seed, determines ground, sensors' noise and arms; None for the episode's
             place in the list.
         timed: whether the time that the controller takes matters: such an episode runs by itself.
+        label: what the episode is for, to the protocol that judges it.
     """
 
     commands: Command | Schedule
@@ -81,6 +82,7 @@ class EpisodePlan:
     conditions: Conditions | None = None
     draw: int | None = None
     timed: bool = False
+    label: str = ""
 
     @property
     def source(self) -> CommandSource:

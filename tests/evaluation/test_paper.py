@@ -19,6 +19,26 @@ def test_figures_under_intervention():
     assert paper.single_command_errors(Gait.HOPPING_LEFT, "noise") == {}
 
 
+def test_figures_of_the_ablation():
+    assert paper.intervention_errors(Gait.JUMPING, "noise", "motion")["E_l"] == 0.2560
+    assert paper.intervention_errors(Gait.WALKING, "none")["E_vx"] == 0.0264
+    assert paper.intervention_errors(Gait.HOPPING_RIGHT, "noise") == {}
+    for training in paper.TRAININGS:
+        for intervention in ("noise", "motion", "none"):
+            assert len(paper.intervention_errors(Gait.WALKING, intervention, training)) == 8
+            assert set(paper.foot_displacement(intervention, training)) == {"h", "p", "w"}
+    assert paper.foot_displacement("motion") == {"h": 0.0454, "p": 0.0728, "w": 0.0196}
+    assert paper.foot_displacement("noise", "none")["w"] == 25.7132
+
+
+def test_figures_of_the_real_robot_and_of_others():
+    assert paper.real_robot_errors(Gait.STANDING) == {"E_p": 0.0712, "E_w": 0.0718}
+    assert paper.real_robot_errors(Gait.HOPPING_LEFT) == {}
+    others = paper.other_controllers()
+    assert set(others) == {"HOVER", "ExBody"}
+    assert others["ExBody"]["E_omega"] == 0.587 and others["HOVER"]["E_vx_high"] == 1.324
+
+
 @pytest.mark.parametrize(
     ("command", "value", "name"),
     [("v_x", 1.0, "E_vx_low"), ("v_x", 1.01, "E_vx_high"), ("v_x", -0.6, "E_vx_low"), ("v_y", 0.5, "E_vy"),

@@ -13,10 +13,7 @@ from hugwbc.evaluation.protocols.small_velocities import (
     run_small_velocities,
 )
 
-PROTOCOL_NAMES = ("single-command", "random-commands", "small-velocities", "hands")
-
 __all__ = [
-    "PROTOCOL_NAMES",
     "HandsConfig",
     "HandsResult",
     "RandomCommandsConfig",

@@ -165,14 +165,14 @@ def hands_script(config: HandsConfig, rng: np.random.Generator) -> Script:
 
 
 def run_hands(
-    factory: ControllerFactory, config: HandsConfig, on_progress: Callable[[float], None] | None = None
+    factory: ControllerFactory, config: HandsConfig, on_episode: Callable[[HandsEpisode], None] | None = None
 ) -> HandsResult:
     """Run the protocol.
 
     Args:
         factory: makes the controller.
         config: settings.
-        on_progress: called with the fraction done.
+        on_episode: called with every finished episode, in order.
     """
     controller = factory()
     rows, errors, reachable = [], [], []
@@ -192,8 +192,8 @@ def run_hands(
         errors.append(trace.hand_error[kept])
         reachable.append(trace.reachable[kept])
         rows.append(_judge(trace, source, controller.period, kept))
-        if on_progress is not None:
-            on_progress((index + 1) / config.episodes)
+        if on_episode is not None:
+            on_episode(rows[-1])
     error = np.concatenate(errors)
     found = error[np.isfinite(error)]
     left, right = (column[np.isfinite(column)] for column in error.T)

@@ -6,7 +6,6 @@ one uniform sample, so that few episodes cover the whole range as well.
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -147,10 +146,8 @@ def run_single_command(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    samples = sample_episodes(config)
-    judge = functools.partial(_judge, [name for name, _ in samples], config.settle)
-    plans = [EpisodePlan(command) for _, command in samples]
-    rows = run_episodes(factory, plans, judge, config, on_episode)
+    plans = [EpisodePlan(command, label=name) for name, command in sample_episodes(config)]
+    rows = run_episodes(factory, plans, SingleCommandJudge(config.settle), config, on_episode)
     slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
     falls_slow = sum(row.fell for row in slow)
     return SingleCommandResult(
@@ -174,22 +171,34 @@ def run_single_command(
     )
 
 
-def _judge(names: list[str], settle: float, index: int, run: Run) -> Episode:
-    name, command, trace = names[index], run.command, run.trace
-    value = float(command.array()[COMMAND_NAMES.index(name)])
-    return Episode(
-        gait=command.gait.label,
-        command=name,
-        value=value,
-        error_name=error_name(name, value),
-        error=known(episode_error(trace, name, settle)),
-        fell=trace.fell,
-        survived_s=trace.survived_s,
-        arm_error=known(run.arm_error),
-        foot_travel=known(metrics.foot_travel(trace, settle)) if command.gait is Gait.STANDING else None,
-        held_foot_contact=known(metrics.held_foot_contact(trace, settle)),
-        failures=trace.safety.failures,
-    )
+@dataclasses.dataclass(frozen=True)
+class SingleCommandJudge:
+    """Judges an episode by the error of the command that its plan's label names.
+
+    Attributes:
+        settle: start of the episode that is left out [s].
+    """
+
+    settle: float
+
+    def __call__(self, index: int, run: Run) -> Episode:
+        """The row of one episode."""
+        name, command, trace = run.plan.label, run.command, run.trace
+        value = float(command.array()[COMMAND_NAMES.index(name)])
+        standing = command.gait is Gait.STANDING
+        return Episode(
+            gait=command.gait.label,
+            command=name,
+            value=value,
+            error_name=error_name(name, value),
+            error=known(episode_error(trace, name, self.settle)),
+            fell=trace.fell,
+            survived_s=trace.survived_s,
+            arm_error=known(run.arm_error),
+            foot_travel=known(metrics.foot_travel(trace, self.settle)) if standing else None,
+            held_foot_contact=known(metrics.held_foot_contact(trace, self.settle)),
+            failures=trace.safety.failures,
+        )
 
 
 def episode_error(trace: Trace, command: str, settle: float) -> float:

@@ -1,0 +1,85 @@
+"""What `hugwbc evaluate` prints of each protocol's result."""
+
+from hugwbc.cli.output import format_table
+from hugwbc.evaluation.paper import ERROR_UNITS
+from hugwbc.evaluation.protocols import HandsResult, RandomCommandsResult, SingleCommandResult, SmallVelocitiesResult
+from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
+
+LISTED_PAIRS = 10
+
+
+def describe_hands(result: HandsResult) -> str:
+    """Hand errors, joint error, saturation and jitter, and the falls."""
+    errors = {part: result.hand_error_m[part] for part in ("mean", "p95", "left", "right")}
+    rows: list[tuple[object, ...]] = [
+        (f"hand error {part} [cm]", None if error is None else 100.0 * error) for part, error in errors.items()
+    ]
+    rows += [
+        ("targets reached by the IK", result.hand_error_m["reachable_fraction"]),
+        ("arm joints' error [rad]", result.joint_error_rad),
+        ("control steps with an arm joint at its torque limit", result.saturated_ticks),
+        ("jitter [rad^2/s^6]", result.jitter),
+    ]
+    falls = f"falls: {result.fell} of {result.episodes} episodes"
+    return format_table((result.gait, result.controller), rows) + f"\n\n{falls}"
+
+
+def describe_single(result: SingleCommandResult) -> str:
+    """The result as a table beside the paper's figures, and the falls."""
+    rows = []
+    for name, unit in ERROR_UNITS.items():
+        error, paper = result.errors[name], result.paper.get(name)
+        if error is None and paper is None:
+            continue
+        ratio = error / paper if error is not None and paper is not None else None
+        # Four decimals: the paper's three would print some of the errors as zero.
+        rows.append((name, unit, None if error is None else f"{error:.4f}", paper, ratio))
+    lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
+    lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
+    lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
+    if result.foot_travel is not None:
+        seconds = result.duration - result.settle
+        lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
+    if result.held_foot_contact is not None:
+        lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
+    if result.arm_error is not None:
+        lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
+    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_random(result: RandomCommandsResult) -> str:
+    """Falls in all, falls by the third of each command's range, and the pairs of thirds with the most falls."""
+    lines = [f"falls: {result.falls} of {result.episodes} episodes ({100 * result.fall_rate:.1f} %)"]
+    if result.falls:
+        counts = _falls_by_third(result)
+        rows = [(name, *(counts[name].get(part) for part in PARTS)) for name in counts]
+        lines += ["", format_table(("falls of episodes", *(f"{part} third" for part in PARTS)), rows)]
+        pairs = [c for c in result.combinations if len(c.parts) == 2][:LISTED_PAIRS]
+        rows = [(_label(c), f"{c.falls} of {c.episodes}") for c in pairs]
+        lines += ["", format_table(("pairs with the most falls", "falls"), rows)]
+    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_small(result: SmallVelocitiesResult) -> str:
+    """The executed part of small velocities by direction, and the falls."""
+    rows = [(name, part) for name, part in result.executed.items()]
+    table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
+    falls = f"falls: {result.falls} of {result.episodes} episodes"
+    return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
+
+
+def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:
+    counts: dict[str, dict[str, str]] = {}
+    for combination in result.combinations:
+        if len(combination.parts) == 1:
+            ((name, part),) = combination.parts.items()
+            counts.setdefault(name, {})[part] = f"{combination.falls} of {combination.episodes}"
+    return dict(sorted(counts.items(), key=lambda item: list(result.rows[0].command).index(item[0])))
+
+
+def _label(combination: Combination) -> str:
+    return ", ".join(f"{name} {part}" for name, part in combination.parts.items())
+
+
+def _failures(count: int) -> list[str]:
+    return [f"the controller raised {count} exceptions, which the safety filter caught"] if count else []
