@@ -91,6 +91,9 @@ class Controller(Protocol):
     Attributes:
         name: short name for tables.
         period: time between two calls of `act` [s].
+
+    Two more members are shown in pictures where a controller has them: `phase`, the common phase of its gait
+    (`hugwbc.gait`), and `footholds`, where the soles of the feet in the air are to land (see `hugwbc.moment`).
     """
 
     name: str

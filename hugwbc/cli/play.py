@@ -14,8 +14,9 @@ from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation import Constant, ControlLoop
 from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.evaluation.loop import CommandSource, world_targets
+from hugwbc.evaluation.loop import CommandSource
 from hugwbc.gait import Gait
+from hugwbc.moment import Moment
 from hugwbc.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets
@@ -24,7 +25,7 @@ FRAME_PERIOD = 0.04  # [s] between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
 HEADLESS_DURATION = 10.0  # [s]
 
-Draw = Callable[[Simulation, np.ndarray], None]
+Draw = Callable[[Moment], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,7 +118,7 @@ def _run_live(options: PlayOptions) -> int:
     if options.browser:
         webbrowser.open(page.address)
 
-    def draw(simulation: Simulation, _: np.ndarray) -> None:
+    def draw(_: Moment) -> None:
         page.disturb(simulation)
         page.show(simulation)
 
@@ -173,10 +174,9 @@ def _viewer(name: str, browser: bool) -> Draw:
     if browser:
         webbrowser.open(address)
 
-    def draw(simulation: Simulation, targets: np.ndarray) -> None:
-        scene.robots[0].set_pose(simulation.data.qpos)
-        scene.robots[0].set_hand_targets(targets)
-        scene.look_at(simulation.data.qpos[:2])
+    def draw(moment: Moment) -> None:
+        scene.robots[0].show(moment)
+        scene.look_at(moment.qpos[:2])
 
     return draw
 
@@ -193,12 +193,12 @@ def _run(
     loop.reset()
     begin = time.monotonic()
     while simulated < duration - 1e-9:
-        state = loop.step(loop.decide(t), loop.period)
+        loop.step(loop.decide(t), loop.period)
         t += loop.period
         simulated += loop.period
         if draw is not None and simulated >= next_frame:
             next_frame += FRAME_PERIOD
-            draw(loop.simulation, world_targets(loop.hands, state))
+            draw(loop.moment())
             begin = _keep_pace(begin, simulated)
         if loop.simulation.fallen:
             falls += 1

@@ -11,11 +11,14 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.estimation import StateEstimator
+from hugwbc.moment import Moment, gait_plan
 from hugwbc.safety import SafetyFilter
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, HandBack, IKSolution
+
+CONTACT_FORCE = 1.0  # [N] above which a foot counts as on the ground
 
 
 class UpperBodySource(Protocol):
@@ -156,6 +159,24 @@ class ControlLoop:
             self._estimate = self.estimator.update(self.simulation.sense())
         return self.simulation.state()
 
+    def moment(self) -> Moment:
+        """What a picture shows now."""
+        state, simulation = self.simulation.state(), self.simulation
+        assert state.foot_force is not None
+        phase, foothold = gait_plan(self.safe.controller)
+        solution = None if self.upper_body is None or self.hands is None else self.upper_body.solution
+        return Moment(
+            qpos=simulation.data.qpos.copy(),
+            gait=int(self.safe.command.gait),
+            phase=phase,
+            foot_contact=foot_contacts(state),
+            foot_force=state.foot_force.copy(),
+            pressure_centre=simulation.pressure_centres,
+            foothold=foothold.copy(),
+            hand_target_world=world_targets(self.hands, state),
+            arm_target=np.full(8, np.nan) if solution is None else solution.q.copy(),
+        )
+
     @property
     def reachable(self) -> np.ndarray:
         """Whether there is a left and a right hand target that can be reached, shape (2,), bool."""
@@ -163,6 +184,12 @@ class ControlLoop:
         if solution is None or self.hands is None:
             return np.zeros(2, dtype=bool)
         return solution.reachable & self.hands.given
+
+
+def foot_contacts(state: RobotState) -> np.ndarray:
+    """Whether the left and the right foot are on the ground, shape (2,), bool."""
+    assert state.foot_force is not None
+    return state.foot_force[:, 2] > CONTACT_FORCE
 
 
 def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:

@@ -8,15 +8,14 @@ import numpy as np
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.estimation import StateEstimator
-from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, world_targets
+from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, foot_contacts
 from hugwbc.kinematics import Kinematics
+from hugwbc.moment import MOMENT_FIELDS
 from hugwbc.robot import SIDES
 from hugwbc.safety import SafetyReport
 from hugwbc.sim import Disturber, Force, Simulation
-from hugwbc.state import RobotState
 
 RECORD_PERIOD = 0.02  # [s]
-CONTACT_FORCE = 1.0  # [N] above which a foot counts as on the ground
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for less has bounced, not stepped
 
 
@@ -31,11 +30,16 @@ class Trace:
         gait: values of `Gait`, shape (T,).
         measured: v_x, v_y, omega, h, p, w as executed (see `kinematics.Measured`), shape (T, 6).
         clearance: height of the left and right sole above the ground [m], shape (T, 2).
+        phase: common phase of the gait in [0, 1), NaN for a controller that keeps none, shape (T,).
         foot_contact: whether each foot is on the ground, shape (T, 2), bool.
+        foot_force: ground reaction on each foot, world frame [N], shape (T, 2, 3).
+        pressure_centre: where it acts [m]; NaN for a foot in the air; shape (T, 2, 3).
+        foothold: where the controller plans to put each sole next, x and y [m]; NaN where it has no plan; (T, 2, 2).
         qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26).
         qvel: pelvis velocity [m/s], its angular velocity in its own frame and joint velocities [rad/s], shape (T, 25).
         target: joint position targets that the controller gave at this time [rad], shape (T, 19).
         hand_target_world: targets of both hands [m]; NaN where there is none; shape (T, 2, 3).
+        arm_target: arm positions that the inverse kinematics wants [rad]; NaN where it does not move them; (T, 8).
         hand_error: distance of each hand to its target [m]; NaN where there is none or it is unreachable; shape (T, 2).
         reachable: whether each hand's target could be reached, shape (T, 2), bool.
         torque: joint torques of the physics step before this time [N*m], shape (T, 19).
@@ -55,11 +59,16 @@ class Trace:
     gait: np.ndarray
     measured: np.ndarray
     clearance: np.ndarray
+    phase: np.ndarray
     foot_contact: np.ndarray
+    foot_force: np.ndarray
+    pressure_centre: np.ndarray
+    foothold: np.ndarray
     qpos: np.ndarray
     qvel: np.ndarray
     target: np.ndarray
     hand_target_world: np.ndarray
+    arm_target: np.ndarray
     hand_error: np.ndarray
     reachable: np.ndarray
     torque: np.ndarray
@@ -148,7 +157,7 @@ class _Recorder:
         for substep in range(self.loop.substeps):
             self.disturber.update(t + substep * dt, data.qpos, data.xfrc_applied)
             now = t + (substep + 1) * dt
-            self._contact = _contacts(self.loop.step(command, dt))
+            self._contact = foot_contacts(self.loop.step(command, dt))
             for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
                 self.touch_downs[foot].append(now)
             self._last_contact[self._contact] = now
@@ -162,20 +171,17 @@ class _Recorder:
         assert state.position is not None
         left, right = (self.simulation.ground_height(self.kinematics.position(f"{side}_sole")[:2]) for side in SIDES)
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
-        target, reachable = world_targets(self.loop.hands, state), self.loop.reachable
+        moment, reachable = self.loop.moment(), self.loop.reachable
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         row = {
             "time": t,
             "command": self.loop.safe.command.array(),
-            "gait": int(self.loop.safe.command.gait),
             "measured": [getattr(measured, name) for name in ("v_x", "v_y", "omega", "h", "p", "w")],
             "clearance": measured.clearance,
-            "foot_contact": self._contact.copy(),
-            "qpos": self.simulation.data.qpos.copy(),
+            **{name: getattr(moment, name) for name in MOMENT_FIELDS},
             "qvel": self.simulation.data.qvel.copy(),
             "target": command.q.copy(),
-            "hand_target_world": target,
-            "hand_error": np.where(reachable, np.linalg.norm(actual - target, axis=1), np.nan),
+            "hand_error": np.where(reachable, np.linalg.norm(actual - moment.hand_target_world, axis=1), np.nan),
             "reachable": reachable,
             "torque": self.simulation.torque,
         }
@@ -196,8 +202,3 @@ class _Recorder:
             steps=steps,
             safety=self.loop.safe.report(),
         )
-
-
-def _contacts(state: RobotState) -> np.ndarray:
-    assert state.foot_force is not None
-    return state.foot_force[:, 2] > CONTACT_FORCE

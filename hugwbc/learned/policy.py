@@ -142,6 +142,11 @@ class LearnedController:
         self._waist_step = float(metadata["waist_rate"]) * self.period
         self._started = False
 
+    @property
+    def phase(self) -> float:
+        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        return self._phase
+
     def reset(self, state: RobotState) -> None:
         """Forget the past; the history starts filled with the first frame."""
         self._action.zero_()

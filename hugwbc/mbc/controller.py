@@ -78,6 +78,11 @@ class WholeBodyController:
         """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
         return self._locomotion.plan.phase
 
+    @property
+    def footholds(self) -> np.ndarray:
+        """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
+        return self._locomotion.footholds if self._started else np.full((2, 2), np.nan)
+
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, standing."""
         self._clear()

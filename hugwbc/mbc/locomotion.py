@@ -46,6 +46,7 @@ class Locomotion:
         plan: the gait clock.
         contact: whether the left and the right foot stand, shape (2,), bool.
         foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
+        footholds: the same of both feet, shape (2, 2); NaN for one that stands.
         height, orientation, momentum, com, travel, stance, swing: tasks.
         clipped: number of ticks with a foothold out of reach.
     """
@@ -92,6 +93,7 @@ class Locomotion:
         self._leap.reset()
         self.contact = np.ones(2, dtype=bool)
         self.foothold: np.ndarray | None = None
+        self.footholds = np.full((2, 2), np.nan)
         self.clipped = 0
         self._landed = False
         self._shifted = False
@@ -117,6 +119,7 @@ class Locomotion:
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         """Advance the plan by one tick and set every target."""
+        self.footholds[:] = np.nan
         self._catching = max(self._catching - dt, 0.0)
         catching = self._catching > 0.0
         lift_off = self.plan.advance(
@@ -269,6 +272,7 @@ class Locomotion:
         landing_yaw = self._yaw + command.omega * plan.remaining
         ahead = _SOLE_MIDDLE - self._balance
         self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
+        self.footholds[swing] = self.foothold
         elapsed = plan.step_time - plan.remaining
         ground = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
         self._trajectory.advance(self.foothold, command.l, ground, elapsed, plan.remaining, dt)
@@ -318,6 +322,7 @@ class Locomotion:
         pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot)
         ahead = _SOLE_MIDDLE - self._balance
         self.foothold = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
+        self.footholds[foot] = self.foothold
         trajectory.advance(self.foothold, command.l, self._ground, elapsed, plan.remaining, dt)
         if elapsed > self._params.early_contact_phase * plan.step_time:
             self.contact[foot] |= self._lowest(dynamics, foot) - self._ground < self._params.early_contact_height

@@ -281,6 +281,21 @@ class Simulation:
         """Joint torques of the last physics step [N*m], shape (19,)."""
         return self.data.actuator_force.copy()
 
+    @property
+    def pressure_centres(self) -> np.ndarray:
+        """Where the ground's reaction acts on the left and the right foot [m], shape (2, 3); NaN without contact."""
+        centres, contact, wrench = np.full((2, 3), np.nan), self.data.contact, np.zeros(6)
+        links = self.model.geom_bodyid[contact.geom]
+        for foot, side in enumerate(SIDES):
+            weighted, total = np.zeros(3), 0.0
+            for index in np.flatnonzero(np.any(links == self.model.body(f"{side}_ankle_link").id, axis=1)):
+                mujoco.mj_contactForce(self.model, self.data, int(index), wrench)
+                weighted += wrench[0] * contact.pos[index]
+                total += wrench[0]
+            if total > 0.0:
+                centres[foot] = weighted / total
+        return centres
+
     def hand_position(self, side: str) -> np.ndarray:
         """Position of a hand in the world [m], shape (3,)."""
         return self.data.sensor(f"{side}_hand_position").data.copy()

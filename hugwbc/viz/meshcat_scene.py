@@ -1,4 +1,4 @@
-"""Robots and hand targets in a meshcat scene, live in a browser or recorded into a page."""
+"""Robots and the marks around them in a meshcat scene, live in a browser or recorded into a page."""
 
 import io
 from collections.abc import Sequence
@@ -9,14 +9,16 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from hugwbc.robot import SIDES
+from hugwbc.moment import Moment
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.viz.marks import UPRIGHT, Mark, Marks
+from hugwbc.viz.overlays import LAYERS, Part, footprint, mark_parts
 from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes
 from hugwbc.viz.trace import LABEL_COLOURS, lanes
 
-TARGET_RADIUS = 0.035  # [m]
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # from the point looked at, in meshcat's camera axes (x, up, -y) [m]
 LOOK_AT_HEIGHT = 0.85  # [m]
+LIVE_FOOTPRINTS = 40  # that a live picture keeps
 # meshcat's camera circles the origin and cannot be sent elsewhere, so the world moves under it instead.
 WORLD = "world"
 FLOOR_SIZE, TILE = 60.0, 0.5  # [m]
@@ -39,9 +41,10 @@ def labelled_colour(material: str, rgb: Sequence[float], label: str) -> np.ndarr
 
 
 class RobotView:
-    """One robot of a scene, with its two hand targets.
+    """One robot of a scene, with the marks around it.
 
     Attributes:
+        marks: finds the marks of a moment.
         path: of the robot in the world; each link is a child of it by name.
         links: names of the links that are drawn.
         offset: added to every position, to set robots side by side [m], shape (3,).
@@ -66,10 +69,36 @@ class RobotView:
         self._bodies = [model.body(link).id for link in self.links]
         for index, shape in enumerate(shapes):
             self._add(shape, index, label)
-        for side in SIDES:
-            material = geometry.MeshPhongMaterial(color=_hex(_rgb(label)), opacity=0.75)
-            self._node[f"target_{side}"].set_object(geometry.Sphere(TARGET_RADIUS), material)
-            self._node[f"target_{side}"].set_property("visible", False)
+        self.marks = Marks(model)
+        self._label, self._steps, self._on_ground = label, 0, np.zeros(2, dtype=bool)
+        for layer in LAYERS:
+            self._node[layer].set_transform(homogeneous(self.offset, UPRIGHT))
+        for name, parts in mark_parts(shapes, label, self.marks.sole).items():
+            for index, part in enumerate(parts):
+                self._add_part(f"{name}/part_{index}", part)
+
+    def _add_part(self, name: str, part: Part) -> None:
+        # The browser draws what is transparent last.
+        last = {"transparent": True, "depthTest": False} if part.on_top else {}
+        material = geometry.MeshPhongMaterial(color=_hex(_rgb(part.colour)), opacity=part.opacity, **last)
+        self._node[name].set_object(part.primitive, material)
+        self._node[name].set_transform(part.placement)
+
+    def add_footprint(self, number: int, mark: Mark) -> str:
+        """Leave a footprint of a number on the ground; its path below the robot."""
+        name = f"steps/placed_{number}"
+        self._add_part(f"{name}/part_0", footprint(self._label, 0.8))
+        self.place(name, mark)
+        return name
+
+    def place(self, name: str, mark: Mark) -> None:
+        """Put a mark where it belongs, or hide it."""
+        node = self._node[name]
+        node.set_property("visible", mark.visible)
+        if mark.visible:
+            placement = homogeneous(mark.position, mark.quaternion)
+            placement[:3, :3] *= mark.scale
+            node.set_transform(placement)
 
     def _add(self, shape: Shape, index: int, label: str) -> None:
         colour = _hex(labelled_colour(shape.material, shape.colour, label))
@@ -92,14 +121,15 @@ class RobotView:
         for link, position, quaternion in zip(self.links, *self.placements(qpos), strict=True):
             self._node[link].set_transform(homogeneous(position, quaternion))
 
-    def set_hand_targets(self, targets: np.ndarray) -> None:
-        """Show the hand targets in the world [m], shape (2, 3); one with a NaN is hidden."""
-        for side, target in zip(SIDES, targets, strict=True):
-            node = self._node[f"target_{side}"]
-            shown = bool(np.all(np.isfinite(target)))
-            node.set_property("visible", shown)
-            if shown:
-                node.set_transform(homogeneous(target + self.offset, np.array([1.0, 0, 0, 0])))
+    def show(self, moment: Moment) -> None:
+        """Show the robot and its marks live; a foot that comes down leaves its print."""
+        self.set_pose(moment.qpos)
+        for name, mark in self.marks.at(moment).items():
+            self.place(name, mark)
+        for foot in np.flatnonzero(moment.foot_contact & ~self._on_ground):
+            self.add_footprint(self._steps % LIVE_FOOTPRINTS, self.marks.footprint(moment.qpos, int(foot)))
+            self._steps += 1
+        self._on_ground = moment.foot_contact
 
 
 def _tiles() -> geometry.Material:
@@ -138,7 +168,7 @@ class Scene:
         visualizer["/Lights/AmbientLight/<object>"].set_property("intensity", 0.75)
         floor = visualizer[WORLD]["floor"]
         floor.set_object(geometry.Box([FLOOR_SIZE, FLOOR_SIZE, 0.02]), _tiles())
-        floor.set_transform(homogeneous(np.array([0.0, 0.0, -0.01]), np.array([1.0, 0, 0, 0])))
+        floor.set_transform(homogeneous(np.array([0.0, 0.0, -0.01]), UPRIGHT))
         visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(CAMERA_POSITION))
         model = load_model(SIMULATION_TIMESTEP)
         self.robots = [
@@ -149,7 +179,7 @@ class Scene:
 
     def look_at(self, xy: np.ndarray) -> None:
         """Bring a point on the ground into the middle of the picture [m], shape (2,)."""
-        self.visualizer[WORLD].set_transform(homogeneous(world_offset(xy), np.array([1.0, 0, 0, 0])))
+        self.visualizer[WORLD].set_transform(homogeneous(world_offset(xy), UPRIGHT))
 
 
 def world_offset(xy: np.ndarray) -> np.ndarray:

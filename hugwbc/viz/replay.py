@@ -1,4 +1,4 @@
-"""A self-contained page that replays one or more runs in three dimensions, with play, pause and scrubbing."""
+"""A self-contained page that replays one or more runs in three dimensions: play, pause, scrub, choose what is shown."""
 
 import base64
 import html
@@ -13,9 +13,11 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack
 from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
-from hugwbc.robot import SIDES
+from hugwbc.viz.gait_bar import gait_bar
+from hugwbc.viz.marks import Mark
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
-from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples
+from hugwbc.viz.overlays import LAYERS
+from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, moment
 
 FPS = 25
 _ROOT = Path(("meshcat",))
@@ -54,8 +56,9 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
     animation = Animation(default_framerate=fps)
     for view, trace in zip(scene.robots, traces, strict=True):
         samples = frame_samples(trace.time, fps, end)
-        for path, tracks in _robot_tracks(view, trace, samples):
-            animation.clips[path] = _clip(tracks, fps)
+        robot = _ROOT.append(WORLD).append(view.path)
+        for path, tracks in (*_link_tracks(view, trace, samples), *_mark_tracks(view, trace, samples, fps)):
+            animation.clips[robot.append(path)] = _clip(tracks, fps)
     centre, distance = camera_path(traces, fps, end)
     # A camera that stands back by a factor sees what this one sees of a world that has shrunk by it.
     scale = 1.0 / distance[:, None]
@@ -65,7 +68,7 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
     ]
     animation.clips[_ROOT.append(WORLD)] = _clip(world, fps)
     scene.visualizer.set_animation(animation, play=False, repetitions=1_000_000)
-    return _page(recorder.commands, traces, title)
+    return _page(recorder.commands, traces, title, gait_bar(traces, float(traces[0].time[0]), end))
 
 
 def write_replay(path: pathlib.Path, traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> None:
@@ -83,38 +86,75 @@ def _clip(tracks: Tracks, fps: int) -> AnimationClip:
     )
 
 
-def _robot_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[Path, Tracks]]:
-    """Tracks of every link and of both hand targets."""
+def _link_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
     placements = [view.placements(trace.qpos[sample]) for sample in samples]
     positions = np.array([position for position, _ in placements])
     quaternions = np.array([quaternion for _, quaternion in placements])[..., [1, 2, 3, 0]]
-    robot = _ROOT.append(WORLD).append(view.path)
     for index, link in enumerate(view.links):
-        tracks: Tracks = [
-            ("position", "vector3", positions[:, index].tolist()),
-            ("quaternion", "quaternion", quaternions[:, index].tolist()),
-        ]
-        yield robot.append(link), tracks
-    for index, side in enumerate(SIDES):
-        targets = trace.hand_target_world[samples, index]
-        shown = np.all(np.isfinite(targets), axis=1)
-        if shown.any():
-            path = np.where(shown[:, None], targets + view.offset, 0.0)
-            yield (
-                robot.append(f"target_{side}"),
-                [("position", "vector3", path.tolist()), ("visible", "bool", shown.tolist())],
-            )
+        yield (
+            link,
+            [
+                ("position", "vector3", positions[:, index].tolist()),
+                ("quaternion", "quaternion", quaternions[:, index].tolist()),
+            ],
+        )
 
 
-def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str) -> str:
+def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
+    """Tracks of what changes about the marks; what does not is placed here once and for all."""
+    frames = [view.marks.at(moment(trace, int(sample))) for sample in samples]
+    for name in frames[0]:
+        marks = [frame[name] for frame in frames]
+        shown = np.array([mark.visible for mark in marks])
+        if not shown.any():
+            view.place(name, marks[0])
+            continue
+        # A hidden mark stays where it was, so that the browser does not move it on the way to its next place.
+        last = np.maximum.accumulate(np.where(shown, np.arange(len(marks)), np.argmax(shown)))
+        marks = [marks[index] for index in last]
+        view.place(name, marks[0])
+        tracks = [] if shown.all() else [("visible", "bool", shown.tolist())]
+        tracks += _motion(marks)
+        if tracks:
+            yield name, tracks
+    yield from _footprint_tracks(view, trace, samples, fps)
+
+
+def _motion(marks: Sequence[Mark]) -> Tracks:
+    candidates = (
+        ("position", "vector3", np.array([mark.position for mark in marks])),
+        ("quaternion", "quaternion", np.array([mark.quaternion for mark in marks])[:, [1, 2, 3, 0]]),
+        ("scale", "vector3", np.array([mark.scale for mark in marks])),
+    )
+    return [(name, kind, values.tolist()) for name, kind, values in candidates if np.ptp(values, axis=0).any()]
+
+
+def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
+    """Footprints that appear when a foot comes down, and stay."""
+    times = [(float(time), foot) for foot in range(2) for time in trace.touch_downs[foot] if time <= trace.time[-1]]
+    for number, (time, foot) in enumerate(sorted(times)):
+        sample = int(np.searchsorted(trace.time, time))
+        name = view.add_footprint(number, view.marks.footprint(trace.qpos[sample], foot))
+        shown = np.arange(len(samples)) / fps + trace.time[0] >= time
+        yield name, [("visible", "bool", shown.tolist())]
+
+
+def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, bar: str) -> str:
     viewer = (pathlib.Path(VIEWER_ROOT) / "main.min.js").read_text(encoding="utf-8")
     data = ",\n".join(f'"{base64.b64encode(command).decode("ascii")}"' for command in commands)
     legend = "".join(
         f'<li><span style="background:{colour}"></span>{html.escape(trace.name)}{" (fell)" if trace.fell else ""}</li>'
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
     )
+    layers = "".join(
+        f'<label><input type="checkbox" id="{layer}" checked> {html.escape(name)}</label>'
+        for layer, name in LAYERS.items()
+    )
     return (
         _TEMPLATE.replace("@TITLE@", html.escape(title))
+        .replace("@LAYERS@", layers)
+        .replace("@GAITS@", bar)
+        .replace("@ROBOTS@", str(len(traces)))
         .replace("@LEGEND@", legend)
         .replace("@COMMANDS@", data)
         .replace("@VIEWER@", viewer)
@@ -133,8 +173,10 @@ _TEMPLATE = """<!DOCTYPE html>
   .panel { position: fixed; left: 12px; background: #ffffffd9; border-radius: 8px; padding: 8px 12px; }
   #legend { top: 12px; margin: 0; list-style: none; }
   #legend span { display: inline-block; width: 12px; height: 12px; border-radius: 3px; margin-right: 8px; }
+  #layers { bottom: 104px; display: flex; flex-direction: column; }
   #bar { bottom: 12px; right: 12px; display: flex; gap: 12px; align-items: center; }
-  #bar input { flex: 1; min-width: 40px; }
+  #times { flex: 1; min-width: 40px; }
+  #times input, #times svg { display: block; width: 100%; margin: 0; }
   #bar button { font: inherit; width: 5em; }
   #bar output { font-variant-numeric: tabular-nums; white-space: nowrap; }
 </style>
@@ -142,9 +184,15 @@ _TEMPLATE = """<!DOCTYPE html>
 <body>
 <div id="meshcat-pane"></div>
 <ul id="legend" class="panel">@LEGEND@</ul>
+<div id="layers" class="panel">@LAYERS@</div>
 <div id="bar" class="panel">
   <button id="play" type="button">Play</button>
-  <input id="time" type="range" min="0" step="0.01" value="0" aria-label="Time">
+  <div id="times">
+    <input id="time" type="range" min="0" step="0.01" value="0" aria-label="Time">
+    <div id="gaits" title="Left foot over right. By the clock, green stance, yellow swing; dark: on the ground">
+      @GAITS@
+    </div>
+  </div>
   <output id="clock"></output>
 </div>
 <script>@VIEWER@</script>
@@ -172,7 +220,17 @@ slider.addEventListener("input", () => { animator.pause(); seek(Number(slider.va
 document.addEventListener("keydown", (event) => {
   if (event.code === "Space" && event.target !== play) { event.preventDefault(); play.click(); }
 });
-const start = new URLSearchParams(location.search).get("t");
+const asked = new URLSearchParams(location.search), start = asked.get("t");
+for (const box of document.querySelectorAll("#layers input")) {
+  box.addEventListener("change", () => {
+    for (let robot = 0; robot < @ROBOTS@; robot++) {
+      viewer.scene_tree.find(["meshcat", "world", `robot_${robot}`, box.id]).object.visible = box.checked;
+    }
+    if (box.id === "phases") { document.getElementById("gaits").hidden = !box.checked; }
+    viewer.set_dirty();
+  });
+  if ((asked.get("hide") ?? "").split(",").includes(box.id)) { box.click(); }
+}
 animator.play();
 if (start !== null) { animator.pause(); seek(Number(start)); }
 (function tick() { show(animator.time); requestAnimationFrame(tick); })();

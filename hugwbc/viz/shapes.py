@@ -9,7 +9,7 @@ import numpy as np
 
 VISUAL_GROUP = 2
 # meshcat's cylinder lies along y, MuJoCo's along z.
-_CYLINDER_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+CYLINDER_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,7 +40,8 @@ def homogeneous(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     return placement
 
 
-def _along_z(z: float) -> np.ndarray:
+def along_z(z: float) -> np.ndarray:
+    """A shift along z [m], shape (4, 4)."""
     return homogeneous(np.array([0.0, 0.0, z]), np.array([1.0, 0, 0, 0]))
 
 
@@ -59,11 +60,11 @@ def _ellipsoid(size: np.ndarray) -> list[tuple[geometry.Geometry, np.ndarray]]:
 def _cylinder(size: np.ndarray) -> list[tuple[geometry.Geometry, np.ndarray]]:
     cylinder = geometry.Cylinder(2 * float(size[1]), float(size[0]))
     cylinder.radialSegments = 24
-    return [(cylinder, _CYLINDER_TO_Z)]
+    return [(cylinder, CYLINDER_TO_Z)]
 
 
 def _capsule(size: np.ndarray) -> list[tuple[geometry.Geometry, np.ndarray]]:
-    ends = [(geometry.Sphere(float(size[0])), _along_z(sign * float(size[1]))) for sign in (-1, 1)]
+    ends = [(geometry.Sphere(float(size[0])), along_z(sign * float(size[1]))) for sign in (-1, 1)]
     return _cylinder(size) + ends
 
 

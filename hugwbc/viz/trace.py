@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from hugwbc.errors import ConfigError
+from hugwbc.moment import MOMENT_FIELDS, Moment
 
 LANE = 1.5  # [m] between robots shown side by side
 FRAMED_RADIUS = 1.0  # [m] about the point looked at within which robots are well in the picture
@@ -48,6 +49,36 @@ class Trace(Protocol):
         ...
 
     @property
+    def phase(self) -> np.ndarray:
+        """Common phase of the gait, NaN where there is none, shape (T,)."""
+        ...
+
+    @property
+    def foot_contact(self) -> np.ndarray:
+        """Whether each foot is on the ground, shape (T, 2), bool."""
+        ...
+
+    @property
+    def foot_force(self) -> np.ndarray:
+        """Ground reaction on each foot [N], shape (T, 2, 3)."""
+        ...
+
+    @property
+    def pressure_centre(self) -> np.ndarray:
+        """Where it acts [m], NaN for a foot in the air, shape (T, 2, 3)."""
+        ...
+
+    @property
+    def foothold(self) -> np.ndarray:
+        """Where each sole is planned to land, x and y [m], NaN where there is no plan, shape (T, 2, 2)."""
+        ...
+
+    @property
+    def touch_downs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times at which the left and the right foot came down [s]."""
+        ...
+
+    @property
     def qpos(self) -> np.ndarray:
         """Pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26)."""
         ...
@@ -55,6 +86,11 @@ class Trace(Protocol):
     @property
     def hand_target_world(self) -> np.ndarray:
         """Targets of both hands [m], NaN where there is none, shape (T, 2, 3)."""
+        ...
+
+    @property
+    def arm_target(self) -> np.ndarray:
+        """Arm positions that the inverse kinematics wants [rad], NaN where there are none, shape (T, 8)."""
         ...
 
     @property
@@ -71,6 +107,11 @@ class Trace(Protocol):
     def fell(self) -> bool:
         """Whether the robot fell."""
         ...
+
+
+def moment(trace: Trace, sample: int) -> Moment:
+    """What a picture of one sample shows."""
+    return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
 def check_traces(traces: Sequence[Trace]) -> None:

@@ -16,7 +16,8 @@ import mujoco
 import numpy as np
 
 from hugwbc.robot import load_robot
-from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, TARGET_RADIUS, labelled_colour
+from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
+from hugwbc.viz.overlays import TARGET_RADIUS
 from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
 
 FPS = 25

@@ -53,8 +53,9 @@ def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simula
     np.testing.assert_allclose(trace.time, np.arange(25) * 0.02)
     for name, shape in {
         "command": (25, 8), "gait": (25,), "measured": (25, 6), "clearance": (25, 2), "foot_contact": (25, 2),
-        "qpos": (25, 26), "qvel": (25, 25),
-        "target": (25, 19), "hand_target_world": (25, 2, 3), "hand_error": (25, 2), "reachable": (25, 2),
+        "phase": (25,), "foot_force": (25, 2, 3), "pressure_centre": (25, 2, 3), "foothold": (25, 2, 2),
+        "qpos": (25, 26), "qvel": (25, 25), "target": (25, 19), "hand_target_world": (25, 2, 3),
+        "arm_target": (25, 8), "hand_error": (25, 2), "reachable": (25, 2),
         "torque": (25, 19), "tick_ms": (25,), "ik_ms": (25,),
     }.items():  # fmt: skip
         assert getattr(trace, name).shape == shape, name
@@ -63,6 +64,8 @@ def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simula
     np.testing.assert_allclose(trace.measured[:, 5], trace.qpos[:, 7 + ROBOT.waist])
     assert np.isnan(trace.hand_error).all() and np.isnan(trace.hand_target_world).all()
     assert trace.foot_contact[5:20].all(), "standing still, both feet stay on the ground"
+    assert (trace.foot_force[5:20, :, 2] > 50.0).all() and np.isfinite(trace.pressure_centre[5:20]).all()
+    assert np.isnan(trace.phase).all() and np.isnan(trace.foothold).all(), "this controller has no gait"
 
 
 def test_two_runs_are_equal(simulation):
@@ -81,6 +84,7 @@ def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.3, 0.2, 0.1]), trace.qpos[10, 3:7])
     np.testing.assert_allclose(trace.hand_target_world[10, 0], trace.qpos[10, :3] + offset, atol=1e-9)
+    assert np.isnan(trace.arm_target[:10]).all() and (trace.arm_target[10:] == 0.1).all()
     assert np.isfinite(trace.hand_error[10:, 0]).all(), "the left target is reachable"
     assert np.isnan(trace.hand_error[:, 1]).all(), "the right one is not: it has no error"
     data = simulation.data

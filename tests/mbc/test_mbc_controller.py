@@ -45,6 +45,18 @@ def test_standing_still_it_carries_the_weight(standing_state):
     assert diagnostics.next_foothold is None and diagnostics.report == ()
 
 
+def test_it_says_where_the_foot_in_the_air_is_to_land(standing_state):
+    controller = WholeBodyController()
+    assert np.isnan(controller.footholds).all()
+    controller.reset(standing_state)
+    walk = Command(v_x=0.5, gait=Gait.WALKING)
+    while controller.diagnostics.swing is None and controller.phase < 1.0:
+        controller.act(standing_state, walk, NONE)
+    swing = ("left", "right").index(controller.diagnostics.swing)
+    assert controller.footholds[swing] == pytest.approx(controller.diagnostics.next_foothold)
+    assert np.isnan(controller.footholds[1 - swing]).all()
+
+
 def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
     controller = WholeBodyController()
     controller.reset(standing_state)

@@ -64,6 +64,28 @@ def test_feet_carry_the_weight_upwards(plane: Simulation) -> None:
     assert np.all(forces[50:, :, 2].mean(0) > 0.3 * WEIGHT)
 
 
+def test_the_pressure_centre_lies_in_the_sole_where_the_forces_balance(plane: Simulation) -> None:
+    """At rest, the forces of both feet act below the centre of mass; on one foot only, the other has no centre."""
+    plane.reset()
+    for _ in range(100):
+        plane.step(HOLD, 0.002)
+    centres, state = plane.pressure_centres, plane.state()
+    for centre, side in zip(centres, ("left", "right"), strict=True):
+        away = centre - plane.data.site(f"{side}_sole").xpos
+        assert abs(away[0]) < 0.16 and abs(away[1]) < 0.02 and abs(away[2]) < 0.01
+    # The vertical forces' moment about the origin, from the contacts' sum, equals that from the centres.
+    data, wrench, moment = plane.data, np.zeros(6), np.zeros(2)
+    for index in range(data.ncon):
+        mujoco.mj_contactForce(plane.model, data, index, wrench)
+        moment += wrench[0] * data.contact.pos[index, :2]
+    assert state.foot_force is not None
+    np.testing.assert_allclose(state.foot_force[:, 2] @ centres[:, :2], moment, atol=1e-6)
+    q = plane.robot.nominal.copy()
+    q[plane.robot.index("left_knee_joint")] += 1.0
+    plane.reset(q=q)
+    assert np.isnan(plane.pressure_centres[0]).all()
+
+
 def test_time_advances_by_whole_physics_steps(plane: Simulation) -> None:
     plane.reset()
     assert plane.step(HOLD, 0.02).time == pytest.approx(0.02)

@@ -19,8 +19,15 @@ class Run:
     gait: np.ndarray
     measured: np.ndarray
     clearance: np.ndarray
+    phase: np.ndarray
+    foot_contact: np.ndarray
+    foot_force: np.ndarray
+    pressure_centre: np.ndarray
+    foothold: np.ndarray
+    touch_downs: tuple[np.ndarray, np.ndarray]
     qpos: np.ndarray
     hand_target_world: np.ndarray
+    arm_target: np.ndarray
     hand_error: np.ndarray
     torque: np.ndarray
     fell: bool
@@ -37,6 +44,10 @@ def _run(name: str = "qp", seconds: float = 1.0, seed: int = 0, *, hands: bool =
     targets[: count // 2] = np.nan
     if not hands:
         targets[:] = np.nan
+    # Half a second on each foot, the left one first; the foot in the air has a foothold.
+    phase = time % 1.0
+    contact = np.stack((phase >= 0.5, phase < 0.5), axis=1)
+    feet = position[:, None] + np.array([[0.05, 0.2, -0.95], [0.05, -0.2, -0.95]])
     return Run(
         name=name,
         time=time,
@@ -44,8 +55,15 @@ def _run(name: str = "qp", seconds: float = 1.0, seed: int = 0, *, hands: bool =
         gait=np.full(count, Gait.WALKING),
         measured=np.tile([0.5, 0, 0.4, -0.03, 0.1, 0], (count, 1)) + 0.01 * rng.normal(size=(count, 6)),
         clearance=np.abs(rng.normal(size=(count, 2))) * 0.1,
+        phase=phase,
+        foot_contact=contact,
+        foot_force=np.where(contact[..., None], [0.0, 30.0, 500.0], 0.0),
+        pressure_centre=np.where(contact[..., None], feet, np.nan),
+        foothold=np.where(contact[..., None], np.nan, feet[..., :2] + 0.1),
+        touch_downs=(np.arange(0.5, seconds, 1.0), np.arange(1.0, seconds, 1.0)),
         qpos=np.hstack((position, orientation, joints)),
         hand_target_world=targets,
+        arm_target=np.where(np.isfinite(targets[:, 0, :1]), joints[:, ROBOT.arms] + 0.1, np.nan),
         hand_error=np.linalg.norm(targets - position[:, None], axis=2),
         torque=rng.normal(size=(count, 19)),
         fell=fell,

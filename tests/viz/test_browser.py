@@ -40,6 +40,20 @@ def test_replay_runs_and_shows_a_robot(make_run: Callable, tmp_path: pathlib.Pat
     assert np.mean((pixels[..., 2] - pixels[..., 0] > 40) & (pixels.max(axis=2) > 120)) > 0.003
 
 
+def test_layers_are_shown_and_hidden(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    page, red = tmp_path / "replay.html", {}
+    write_replay(page, [make_run(seconds=2.0)])
+    for hidden in ("", "forces", "hands,steps,balance,phases"):
+        picture = tmp_path / "layers.png"
+        result = _browse(f"--screenshot={picture}", f"{page.as_uri()}?t=1.2&hide={hidden}")
+        assert not re.search(r"Uncaught|Error:", result.stderr)
+        pixels = imageio.imread(picture)[..., :3].astype(int)
+        # Nothing but a force's arrow is red.
+        red[hidden] = np.count_nonzero((pixels[..., 0] > 100) & (pixels[..., 0] > 2 * pixels[..., 1:].max(axis=2)))
+    assert red[""] > 50 and red["hands,steps,balance,phases"] > 50
+    assert red["forces"] < 5
+
+
 def test_report_renders_light_and_dark(make_run: Callable, tmp_path: pathlib.Path) -> None:
     page = tmp_path / "report.html"
     write_report(page, "Report", [make_run()])

@@ -13,6 +13,7 @@ import pytest
 
 from hugwbc.viz.meshcat_scene import Scene
 from hugwbc.viz.server import open_visualizer
+from hugwbc.viz.trace import moment
 
 
 def _listening_addresses(port: int) -> set[str]:
@@ -55,11 +56,10 @@ def test_live_scene_takes_poses(
     scene = Scene(visualizer, ["qp", "learned"])
     run = make_run()
     for view in scene.robots:
-        view.set_pose(run.qpos[-1])
-        view.set_hand_targets(run.hand_target_world[-1])
-        view.set_hand_targets(np.full((2, 3), np.nan))
+        view.show(moment(run, 0))
+        view.show(moment(run, -1))
     scene.look_at(np.array([1.0, 2.0]))
     page = visualizer.static_html()
-    # 20 links and two targets a robot, and the floor.
+    # 20 links and their marks, and the floor.
     assert page.count("handle_command_bytearray") > 2 * 22
     assert capsys.readouterr().out == ""

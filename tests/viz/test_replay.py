@@ -12,6 +12,7 @@ import umsgpack
 from hugwbc import RobotState, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
+from hugwbc.viz.overlays import LAYERS
 from hugwbc.viz.replay import replay_html
 
 
@@ -51,11 +52,42 @@ def test_replay_moves_the_links_as_pinocchio_says(make_run: Callable) -> None:
 
 def test_replay_shows_hand_targets_only_while_there_are_any(make_run: Callable) -> None:
     run = make_run()
-    target = _tracks(replay_html([run]))["meshcat/world/robot_0/target_left"]
+    target = _tracks(replay_html([run]))["meshcat/world/robot_0/hands/target_left"]
     shown = [key["value"] for key in target[".visible"]["keys"]]
     assert shown == [False] * 13 + [True] * 12  # targets from sample 25 on, frame 12.5
     np.testing.assert_allclose(target[".position"]["keys"][20]["value"], run.hand_target_world[40, 0], atol=1e-5)
-    assert "meshcat/world/robot_0/target_left" not in _tracks(replay_html([make_run(hands=False)]))
+    tracks = _tracks(replay_html([make_run(hands=False)]))
+    assert not any("/hands/" in path for path in tracks), "nothing to show"
+
+
+def test_marks_move_show_and_hide_with_the_run(make_run: Callable) -> None:
+    run = make_run(seconds=2.0)
+    tracks = _tracks(replay_html([run], fps=25))
+    arrow = tracks["meshcat/world/robot_0/forces/left"]
+    shown = [key["value"] for key in arrow[".visible"]["keys"]]
+    assert shown == ([False] * 13 + [True] * 12) * 2
+    np.testing.assert_allclose(arrow[".position"]["keys"][20]["value"], run.pressure_centre[40, 0], atol=1e-5)
+    # While it is hidden it waits where it was last.
+    assert arrow[".position"]["keys"][30]["value"] == arrow[".position"]["keys"][24]["value"]
+    # The left foot comes down at 0.5 and 1.5 s, the right one at 1 s: three footprints in this order, which stay.
+    appear = [
+        [key["value"] for key in tracks[f"meshcat/world/robot_0/steps/placed_{i}"][".visible"]["keys"]].index(True)
+        for i in range(3)
+    ]
+    assert appear == [13, 25, 38]
+    assert "meshcat/world/robot_0/steps/placed_3" not in tracks
+
+
+def test_every_track_lasts_as_long_as_the_run(make_run: Callable) -> None:
+    for path, tracks in _tracks(replay_html([make_run(seconds=2.0)], fps=25)).items():
+        for track in tracks.values():
+            assert track["keys"][-1]["time"] == 49, f"{path} would start over before the others"
+
+
+def test_layers_can_be_switched(make_run: Callable) -> None:
+    page = replay_html([make_run()])
+    for layer, name in LAYERS.items():
+        assert f'<input type="checkbox" id="{layer}" checked> {name}' in page
 
 
 def test_replay_keeps_the_robots_in_the_middle(make_run: Callable) -> None:
