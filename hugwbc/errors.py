@@ -48,3 +48,11 @@ class ModelError(HugwbcError):
 
 class ConfigError(HugwbcError):
     """A configuration value outside its valid range."""
+
+
+class ResultFileError(HugwbcError):
+    """A file of evaluation results that is damaged, foreign or of another version, or a folder that cannot hold one."""
+
+
+class WorkerError(HugwbcError):
+    """Worker processes or a cluster that cannot be reached, or that ended in the middle of an evaluation."""

@@ -141,7 +141,7 @@ class ControllerSpec:
         return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
 
     def identity(self) -> dict[str, Any]:
-        """What the controller's behaviour depends on, as JSON: name, package and its version, and digests of its files.
+        """What the controller's behaviour depends on, as JSON: name, package and its version, modules, digests of files.
 
         Equal controllers have equal identities on any machine; no path is in it.
         """
@@ -150,6 +150,7 @@ class ControllerSpec:
         return {
             "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
             "package": f"{package} {importlib.metadata.version(package)}",
+            "modules": [entry.value.partition(":")[0] if entry else "hugwbc.evaluation.controllers"],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self._files()],
         }
 

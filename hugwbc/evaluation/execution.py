@@ -1,0 +1,129 @@
+"""Where the episodes of an evaluation run, and where their results are kept: here, in processes, or on a cluster."""
+
+import concurrent.futures
+import multiprocessing
+import types
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from hugwbc.errors import ConfigError, WorkerError
+from hugwbc.evaluation.store import ResultStore
+
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+
+
+class Execution:
+    """Runs jobs, a function of one argument for each, and hands back what they give as they are done.
+
+    Processes and connections are made with the first jobs and serve all that follow, until `close`, or the end of a
+    `with` block. None of the settings changes a result.
+
+    Attributes:
+        workers: processes; with 1, jobs run in this one.
+        cluster: address of a Dask scheduler that runs the jobs instead; None for none.
+        store: where finished episodes are kept; None keeps them in memory only.
+    """
+
+    def __init__(self, workers: int = 1, *, cluster: str | None = None, store: ResultStore | None = None) -> None:
+        """Set up; nothing is started yet.
+
+        Args:
+            workers: processes.
+            cluster: such as "tcp://127.0.0.1:8786".
+            store: of the results.
+
+        Raises:
+            ConfigError: if there are fewer than one worker.
+        """
+        if workers < 1:
+            raise ConfigError(f"workers is {workers}; give 1 or more")
+        self.workers = workers
+        self.cluster = cluster
+        self.store = store
+        self._client: Any = None
+        self._executor: concurrent.futures.Executor | None = None
+
+    def __repr__(self) -> str:
+        return f"Execution(workers={self.workers}, cluster={self.cluster!r})"
+
+    def __enter__(self) -> "Execution":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: types.TracebackType | None
+    ) -> None:
+        self.close(wait=kind is None)
+
+    def close(self, *, wait: bool = True) -> None:
+        """End processes and connections; without `wait`, jobs that have not begun are dropped."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=wait, cancel_futures=not wait)
+            self._executor = None
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """The function of every job, in the order in which they are done.
+
+        Args:
+            function: with more than one worker or on a cluster it must be picklable, as must jobs and outcomes.
+            jobs: its arguments.
+
+        Raises:
+            WorkerError: if a worker process ends in the middle, or the cluster cannot be used.
+        """
+        if not jobs:
+            return
+        if self.workers == 1 and self.cluster is None:
+            yield from map(function, jobs)
+            return
+        executor = self._started()
+        futures = [executor.submit(function, job) for job in jobs]
+        try:
+            for future in concurrent.futures.as_completed(futures):
+                yield future.result()
+        except concurrent.futures.BrokenExecutor as error:
+            self.close(wait=False)
+            raise WorkerError(
+                "a worker process ended in the middle of an episode: killed, or out of memory. Finished episodes are "
+                "kept where results are stored; run the same again, with fewer workers if memory was short"
+            ) from error
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _started(self) -> concurrent.futures.Executor:
+        if self._executor is None and self.cluster is None:
+            context = multiprocessing.get_context("spawn")
+            self._executor = concurrent.futures.ProcessPoolExecutor(self.workers, mp_context=context)
+        elif self._executor is None:
+            self._client = connect(str(self.cluster))
+            self._executor = self._client.get_executor()
+        assert self._executor is not None
+        return self._executor
+
+
+def connect(address: str) -> Any:  # noqa: ANN401  a class of an optional package
+    """A Dask client of a running scheduler.
+
+    Dask sends functions and arguments as pickles: connect only to a cluster that you trust as you trust yourself.
+
+    Args:
+        address: of the scheduler.
+
+    Raises:
+        WorkerError: if dask.distributed is not installed, or nothing answers at the address.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise WorkerError("a cluster needs dask.distributed; install it with: pip install 'hugwbc[cluster]'") from error
+    try:
+        return Client(address, timeout="10s", set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise WorkerError(
+            f"no Dask scheduler answers at {address} ({error}); start one with `dask scheduler`, and workers with "
+            "`dask worker ADDRESS`, each with this version of hugwbc"
+        ) from error
