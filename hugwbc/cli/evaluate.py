@@ -1,6 +1,7 @@
 """`hugwbc evaluate`: one of the protocols, for any controller, on level or rough ground, arms free or moved."""
 
 import dataclasses
+import functools
 import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,6 +12,8 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
 from hugwbc.gait import Gait
 
 
@@ -55,6 +58,10 @@ class EvaluateOptions:
     """Give the sensors a real robot's noise and latency, and estimate the state from them."""
     workers: int = 1
     """Processes that share the episodes."""
+    results: pathlib.Path | None = DEFAULT_FOLDER
+    """Folder where finished episodes are kept, and read from when they are asked for again; None keeps none."""
+    fresh: bool = False
+    """Run all episodes anew; the files of earlier results are kept under other names."""
     json: pathlib.Path | None = None
     """Write the result to this file; without a path, to standard output."""
 
@@ -69,13 +76,20 @@ class EvaluateOptions:
             motions=None if self.motions is None else str(self.motions),
         )
 
+    @functools.cached_property
+    def execution(self) -> Execution:
+        """Where the episodes run, and where their results are kept."""
+        store = None if self.results is None else ResultStore(self.results, fresh=self.fresh)
+        return Execution(self.workers, store=store)
+
     def given(self, *names: str) -> dict[str, Any]:
         """Options by name, without those that are left to the protocol."""
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def settings(self) -> dict[str, Any]:
         """Settings of any protocol."""
-        return {**self.given("seed", "duration", "settle", "workers"), "conditions": self.conditions()}
+        own = {"conditions": self.conditions(), "execution": self.execution}
+        return {**self.given("seed", "duration", "settle"), **own}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +157,8 @@ def run(words: Sequence[str]) -> int:
             done += 1
             advance(done / config.episodes)
 
-        result = protocol.run(spec.build, config, on_episode)
+        with options.execution:
+            result = protocol.run(spec.build, config, on_episode)
     say(protocol.describe(result), options.json)
     write_json(options.json, dataclasses.asdict(result))
     return 0

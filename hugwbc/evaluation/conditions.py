@@ -4,12 +4,13 @@ import dataclasses
 import functools
 import math
 import pathlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.estimation import StateEstimator
+from hugwbc.evaluation.identity import file_digest
 from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP
 
@@ -65,6 +66,13 @@ class Conditions:
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
+
+    def identity(self) -> dict[str, Any]:
+        """What tells these conditions from others, as JSON: the settings, with the motion files' content."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        if self.motions is not None:
+            fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
+        return fields
 
     def variation(self) -> Variation:
         """How the robot differs from its description.

@@ -6,8 +6,10 @@ import enum
 import functools
 import hashlib
 import importlib.metadata
+import inspect
 import json
 import pathlib
+import typing
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -23,7 +25,7 @@ _LIBRARIES = ("mujoco", "numpy", "pin", "placo", "proxsuite", "torch")
 
 
 def to_json(value: object) -> Any:  # noqa: ANN401  whatever JSON holds
-    """A value as JSON, with the names of dataclasses and enumerations.
+    """A value as JSON, with the names of dataclasses and enumerations, and what `identity()` gives of what has it.
 
     Raises:
         TypeError: if it holds what is neither JSON, nor a dataclass, an enumeration, a path, an array or a function.
@@ -40,6 +42,8 @@ def to_json(value: object) -> Any:  # noqa: ANN401  whatever JSON holds
         return [to_json(item) for item in value]
     if isinstance(value, dict):
         return {str(key): to_json(item) for key, item in value.items()}
+    if callable(getattr(value, "identity", None)) and not isinstance(value, type):
+        return to_json(value.identity())  # type: ignore[attr-defined]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return {"type": type(value).__qualname__, **fields}
@@ -74,11 +78,31 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
     for holder in (factory, getattr(factory, "__self__", None)):
         identity = getattr(holder, "identity", None)
         if callable(identity):
-            return dict(identity())
+            return to_json(identity())
     raise ConfigError(
         f"results of {factory!r} cannot be stored: nothing tells its controllers from others; "
         "give it a method identity() that returns JSON, as ControllerSpec has, or store no results"
     )
+
+
+def judge_module(judge: object) -> str:
+    """The module of a function, of the function in a partial, or of an object's class."""
+    inner = judge.func if isinstance(judge, functools.partial) else judge
+    return inner.__module__ if inspect.isfunction(inner) else type(inner).__module__
+
+
+def row_type(judge: object) -> type[Any]:
+    """The dataclass that a judge is annotated to return.
+
+    Raises:
+        TypeError: if it is not.
+    """
+    inner = judge.func if isinstance(judge, functools.partial) else judge
+    call = inner if inspect.isfunction(inner) else type(inner).__call__
+    result = typing.get_type_hints(call).get("return")
+    if not dataclasses.is_dataclass(result) or not isinstance(result, type):
+        raise TypeError(f"{judge!r} is not annotated to return a dataclass; rows that are stored need one")
+    return result
 
 
 def code_identity(modules: Iterable[str]) -> dict[str, Any]:

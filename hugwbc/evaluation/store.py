@@ -103,7 +103,9 @@ class EpisodeFile:
         except ValueError:
             found = None
         if not isinstance(found, dict) or found.get("format") != FORMAT:
-            raise ResultFileError(f"{self.path} is no file of evaluated episodes, or its first line is damaged; {remedy}")
+            raise ResultFileError(
+                f"{self.path} is no file of evaluated episodes, or its first line is damaged; {remedy}"
+            )
         if found.get("version") != VERSION:
             raise ResultFileError(
                 f"{self.path} has format version {found.get('version')}, this hugwbc reads {VERSION}; {remedy}"

@@ -37,6 +37,12 @@ BAD_INPUT = {
 }  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Results go to a folder below the current one."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.mark.parametrize("case", BAD_INPUT)
 def test_bad_input_says_what_to_do_and_exits_with_2(case, capsys):
     words, message = BAD_INPUT[case]
@@ -111,6 +117,22 @@ def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
     assert result["episodes"] == 3 and result["falls"] == 0 and result["seed"] == 3
     assert result["errors"]["E_h"] > 0.0 and result["errors"]["E_vx_low"] is None
     assert [row["command"] for row in result["rows"]] == ["h", "p", "w"]
+
+
+def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
+    words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--timestep", "0.005"]
+    words += ["--duration", "0.4", "--settle", "0.1", "--results", "kept"]
+    assert main(words) == 0
+    (path,) = (tmp_path / "kept").iterdir()
+    stored, printed = path.read_bytes(), capsys.readouterr().out
+    assert main(words) == 0
+    assert path.read_bytes() == stored and capsys.readouterr().out == printed
+    assert main([*words, "--fresh"]) == 0
+    assert path.read_bytes() == stored and len(list(path.parent.iterdir())) == 2
+    path.write_text("something else\n")
+    assert main(words) == 2
+    assert "is no file of evaluated episodes" in capsys.readouterr().err
+    assert path.read_text() == "something else\n"
 
 
 def test_random_commands_list_where_the_robot_falls(capsys):

@@ -1,27 +1,34 @@
-"""What the protocols share: episodes by plan, run by one process or several."""
+"""What the protocols share: settings, and episodes by plan whose results are stored as they are done."""
 
-import concurrent.futures
 import dataclasses
 import functools
 import math
-import multiprocessing
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic
 
 import numpy as np
 
-from hugwbc.commands import Command
-from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.episode import ControllerFactory, Job, Judge, Row, Run, run_job
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.identity import code_identity, controller_identity, digest, judge_module, row_type, to_json
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.rollout import Trace, rollout
+from hugwbc.evaluation.store import ResultStore, plain
 from hugwbc.gait import Gait
 
-ControllerFactory = Callable[[], Controller]
-Row = TypeVar("Row")
-Judge = Callable[[int, "Run"], Row]  # makes what is kept of an episode from its index and its run
+__all__ = [
+    "ControllerFactory",
+    "EpisodeSettings",
+    "GaitSettings",
+    "Judge",
+    "Row",
+    "Run",
+    "known",
+    "mean",
+    "run_episodes",
+]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,23 +39,21 @@ class EpisodeSettings:
         seed: of the sampled commands, the ground, the sensors' noise and the arms.
         duration: of an episode [s].
         settle: start of an episode that is left out of the errors [s].
-        workers: processes that share the episodes.
         conditions: physics, ground, robot, sensors and arms.
+        execution: in which processes the episodes run, and where results are stored; changes no result.
     """
 
     seed: int = 0
     duration: float = 10.0
     settle: float = metrics.SETTLE_S
-    workers: int = 1
     conditions: Conditions = dataclasses.field(default_factory=Conditions)
+    execution: Execution = dataclasses.field(default_factory=Execution, compare=False)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.settle < self.duration < math.inf:
             raise ConfigError(
                 f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration, finite"
             )
-        if self.workers < 1:
-            raise ConfigError(f"workers is {self.workers}; give 1 or more")
         if self.seed < 0:
             raise ConfigError(f"seed is {self.seed}; give 0 or more")
 
@@ -81,27 +86,6 @@ class GaitSettings(EpisodeSettings):
         return self.gait, self.gait.mirrored() if self.both_legs else self.gait
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Run:
-    """One episode that has been run.
-
-    Attributes:
-        plan: what was to happen.
-        trace: the record.
-        arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
-            external control.
-    """
-
-    plan: EpisodePlan
-    trace: Trace
-    arm_error: float
-
-    @property
-    def command(self) -> Command:
-        """At the start, and without a schedule all the time."""
-        return self.plan.command
-
-
 def run_episodes(
     factory: ControllerFactory,
     plans: Sequence[EpisodePlan],
@@ -118,58 +102,81 @@ def run_episodes(
         settings: of the episodes.
         on_episode: called with every result, in order.
     """
-    rows: list[Row] = []
-    for row in _results(factory, plans, judge, settings):
-        rows.append(row)
-        if on_episode is not None:
-            on_episode(row)
-    return rows
+    cell = None if settings.execution.store is None else _Cell(settings.execution.store, factory, judge, settings)
+    rows: dict[int, Row] = {} if cell is None else cell.stored(plans)
+    reported = 0
+
+    def report() -> None:
+        nonlocal reported
+        while reported in rows:
+            if on_episode is not None:
+                on_episode(rows[reported])
+            reported += 1
+
+    report()
+    missing = [(index, plan) for index, plan in enumerate(plans) if index not in rows]
+    for finished in settings.execution.run(run_job, _jobs(factory, judge, settings, missing)):
+        for index, row in finished:
+            if cell is not None:
+                cell.keep(index, plans[index], row)
+            rows[index] = row
+        report()
+    return [rows[index] for index in range(len(plans))]
 
 
-def _results(
-    factory: ControllerFactory,
-    plans: Sequence[EpisodePlan],
-    judge: Judge[Row],
-    settings: EpisodeSettings,
-) -> Iterator[Row]:
-    if settings.workers == 1:
-        controller = factory()
-        yield from (_run(controller, judge, settings, task) for task in enumerate(plans))
-        return
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(settings.workers, mp_context=context) as pool:
-        yield from pool.map(functools.partial(_run_in_worker, factory, judge, settings), enumerate(plans))
-
-
-_worker_controller = functools.lru_cache(maxsize=1)(lambda factory: factory())
-
-
-def _run_in_worker(
-    factory: ControllerFactory,
-    judge: Judge[Row],
-    settings: EpisodeSettings,
-    task: tuple[int, EpisodePlan],
-) -> Row:
-    return _run(_worker_controller(factory), judge, settings, task)
-
-
-def _run(controller: Controller, judge: Judge[Row], settings: EpisodeSettings, task: tuple[int, EpisodePlan]) -> Row:
-    index, plan = task
-    conditions = plan.conditions or settings.conditions
-    # Of its own for every episode, so that the number of workers does not matter.
-    seed = (settings.seed, index if plan.draw is None else plan.draw)
-    arms = conditions.arms(seed)
-    trace = rollout(
-        controller,
-        plan.source,
-        conditions.simulation(settings.duration, seed),
-        arms,
-        duration=settings.duration,
-        estimator=conditions.estimator(),
-        forces=plan.forces,
+def _jobs(
+    factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
+) -> list[Job[Row]]:
+    make = functools.partial(
+        Job, factory, judge, settings.seed, settings.duration, settings.settle, settings.conditions
     )
-    error = float("nan") if arms is None else arms.error(trace, settings.settle)
-    return judge(index, Run(plan, trace, error))
+    return [make((episode,)) for episode in episodes]
+
+
+class _Cell(Generic[Row]):
+    """The stored episodes of one call of `run_episodes`."""
+
+    def __init__(
+        self, store: ResultStore, factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings
+    ) -> None:
+        controller = controller_identity(factory)
+        module = judge_module(judge)
+        self._row_type = row_type(judge)
+        self._file = store.cell(
+            f"{module.rpartition('.')[2]}-{controller['name']}",
+            {
+                "judge": to_json(judge),
+                "seed": settings.seed,
+                "duration": settings.duration,
+                "settle": settings.settle,
+                "conditions": to_json(settings.conditions),
+                "controller": controller,
+                **code_identity([module, *controller.get("modules", ())]),
+            },
+        )
+
+    def stored(self, plans: Sequence[EpisodePlan]) -> dict[int, Row]:
+        """The rows that are there, by index."""
+        keys = {index: _key(index, plan) for index, plan in enumerate(plans)}
+        return {index: self._restore(self._file[key]) for index, key in keys.items() if key in self._file}
+
+    def keep(self, index: int, plan: EpisodePlan, row: Row) -> None:
+        """Add a row."""
+        self._file.add(_key(index, plan), plain(row))
+
+    def _restore(self, stored: Any) -> Row:  # noqa: ANN401  whatever JSON holds
+        return self._row_type(**{name: _frozen(value) for name, value in stored.items()})
+
+
+def _key(index: int, plan: EpisodePlan) -> str:
+    return digest({"index": index, "plan": plan})
+
+
+def _frozen(value: Any) -> Any:  # noqa: ANN401  whatever JSON holds
+    """JSON with tuples for its lists: rows are frozen, and have none."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def known(value: float) -> float | None:

@@ -8,6 +8,7 @@ from hugwbc import Gait
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.controllers import ControllerSpec, HoldController
+from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.protocols import RandomCommandsConfig, run_random_commands
 from hugwbc.evaluation.protocols.random_commands import RandomEpisode, failing_combinations, sample_episodes
 
@@ -62,7 +63,9 @@ def test_falls_of_a_robot_that_only_holds_its_pose():
         assert row.command["h"] == command.h
         assert row.errors["h"] == pytest.approx(abs(command.h), abs=0.06)  # it stays near h = 0, whatever is commanded
     assert json.loads(json.dumps(dataclasses.asdict(result)))["fall_rate"] == 0.0
-    assert run_random_commands(ControllerSpec("hold").build, dataclasses.replace(config, workers=2)) == result
+    assert (
+        run_random_commands(ControllerSpec("hold").build, dataclasses.replace(config, execution=Execution(2))) == result
+    )
 
 
 def test_bad_settings_are_refused():

@@ -9,6 +9,7 @@ from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec, HoldController
+from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
 from hugwbc.evaluation.protocols.single_command import sample_episodes, sampled_commands
@@ -110,7 +111,7 @@ def test_two_workers_give_the_result_of_one():
     config = SingleCommandConfig(Gait.STANDING, episodes=3, duration=0.2, settle=0.1)
     factory = ControllerSpec("hold").build
     alone = run_single_command(factory, config)
-    assert run_single_command(factory, dataclasses.replace(config, workers=2)) == alone
+    assert run_single_command(factory, dataclasses.replace(config, execution=Execution(2))) == alone
 
 
 @pytest.mark.parametrize(
@@ -119,7 +120,6 @@ def test_two_workers_give_the_result_of_one():
         ({"episodes": 7}, "needs at least 8"),
         ({"duration": 0.5}, "give 0 <= settle < duration"),
         ({"duration": float("nan")}, "give 0 <= settle < duration"),
-        ({"workers": 0}, "give 1 or more"),
         ({"seed": -1}, "give 0 or more"),
     ],
 )
@@ -140,5 +140,5 @@ def test_noisy_episodes_do_not_depend_on_who_runs_them():
         Gait.STANDING, episodes=3, seed=1, duration=0.3, settle=0.1, conditions=Conditions(noise=True)
     )
     alone = run_single_command(Yielding, config)
-    assert run_single_command(Yielding, dataclasses.replace(config, workers=2)).rows == alone.rows
+    assert run_single_command(Yielding, dataclasses.replace(config, execution=Execution(2))).rows == alone.rows
     assert run_single_command(Yielding, dataclasses.replace(config, conditions=Conditions())).rows != alone.rows
