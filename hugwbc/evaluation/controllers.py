@@ -141,7 +141,7 @@ class ControllerSpec:
         return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
 
     def identity(self) -> dict[str, Any]:
-        """What the controller's behaviour depends on, as JSON: name, package and its version, modules, digests of files.
+        """What the controller's behaviour depends on, as JSON: name, package, modules, digests of files.
 
         Equal controllers have equal identities on any machine; no path is in it.
         """

@@ -96,7 +96,9 @@ def test_identity_is_that_of_the_files(tmp_path):
     shutil.copytree(policy_dir() / "h1", tmp_path / "copy")
     copy = ControllerSpec("learned", tmp_path / "copy").identity()
     assert copy == default and len(default["files"]) == 1
-    assert ControllerSpec("qp").identity() == {"name": "qp", "package": default["package"], "files": []}
+    assert ControllerSpec("qp").identity() == {
+        "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": []
+    }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
     network.write_bytes(b"a")
     contract.write_text(CONTRACT)
