@@ -106,6 +106,12 @@ def _bar(label: str) -> Iterator[Callable[[float], None]]:
         yield lambda fraction: bars.update(task, completed=fraction)
 
 
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+
+
 @contextlib.contextmanager
 def _lines(label: str) -> Iterator[Callable[[float], None]]:
     start = last = time.monotonic()
@@ -115,7 +121,8 @@ def _lines(label: str) -> Iterator[Callable[[float], None]]:
         now = time.monotonic()
         if now - last >= _LINE_INTERVAL:
             last = now
-            print(f"{label}: {100.0 * fraction:.0f} %", file=sys.stderr, flush=True)
+            left = f", about {_duration((now - start) * (1.0 - fraction) / fraction)} left" if fraction > 0.0 else ""
+            print(f"{label}: {100.0 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
 
     yield advance
     elapsed = time.monotonic() - start

@@ -47,6 +47,10 @@ class Execution:
     def __repr__(self) -> str:
         return f"Execution(workers={self.workers}, cluster={self.cluster!r})"
 
+    def identity(self) -> dict[str, Any]:
+        """Nothing: results do not depend on it."""
+        return {}
+
     def __enter__(self) -> "Execution":
         return self
 

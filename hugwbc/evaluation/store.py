@@ -130,7 +130,14 @@ class ResultStore:
         """
         self.folder = pathlib.Path(folder)
         self._fresh = fresh
+        self._seen: set[pathlib.Path] = set()
         self._open: dict[pathlib.Path, EpisodeFile] = {}
+
+    def first_use(self, path: pathlib.Path) -> bool:
+        """Whether what is in a file of this folder is to be left out: the first time that a fresh store is asked."""
+        first = self._fresh and path not in self._seen
+        self._seen.add(path)
+        return first
 
     def cell(self, label: str, identity: dict[str, Any]) -> EpisodeFile:
         """The file of a cell; the same object every time.
@@ -144,7 +151,7 @@ class ResultStore:
         """
         path = self.folder / f"{label}-{digest(identity)[:16]}.jsonl"
         if path not in self._open:
-            if self._fresh:
+            if self.first_use(path):
                 set_aside(path)
             self._open[path] = EpisodeFile(path, identity)
         return self._open[path]

@@ -30,13 +30,22 @@ def test_json_to_standard_output_keeps_it_clean(capsys):
     assert json.loads(printed.out) == {"a": 1} and printed.err == "for people\n"
 
 
+@pytest.mark.parametrize(("seconds", "text"), [(12.4, "12 s"), (100.0, "2 min"), (7200.0, "2.0 h")])
+def test_durations_are_rounded_for_people(seconds, text):
+    assert output._duration(seconds) == text
+
+
 def test_progress_prints_plain_lines_when_it_takes_long(monkeypatch, capsys):
     now = iter([0.0, 1.0, 6.0, 7.0, 12.0, 13.0])
     monkeypatch.setattr(output.time, "monotonic", lambda: next(now))
     with output.progress("walk") as advance:
         for fraction in (0.1, 0.4, 0.5, 0.9):
             advance(fraction)
-    assert capsys.readouterr().err.splitlines() == ["walk: 40 %", "walk: 90 %", "walk: done in 13.0 s"]
+    assert capsys.readouterr().err.splitlines() == [
+        "walk: 40 %, about 9 s left",
+        "walk: 90 %, about 1 s left",
+        "walk: done in 13.0 s",
+    ]
 
 
 def test_short_work_shows_no_progress(capsys):

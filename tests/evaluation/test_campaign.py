@@ -1,0 +1,65 @@
+import dataclasses
+import json
+
+import pytest
+
+from hugwbc import Gait
+from hugwbc.errors import ResultFileError
+from hugwbc.evaluation.campaign import Cell, CellResult, run_cells
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities
+from hugwbc.evaluation.store import ResultStore
+
+HOLD = ControllerSpec("hold")
+CONDITIONS = Conditions(timestep=0.005)
+WALK = SmallVelocitiesConfig(Gait.WALKING, episodes=4, duration=0.3, settle=0.2, conditions=CONDITIONS)
+HOP = dataclasses.replace(WALK, gait=Gait.HOPPING_LEFT, duration=0.6)
+
+
+@pytest.fixture
+def cells():
+    """Two cells that count their runs."""
+    runs = []
+
+    def counting(factory, config, on_episode):
+        runs.append(config.gait)
+        return run_small_velocities(factory, config, on_episode)
+
+    counting.__module__ = run_small_velocities.__module__
+    return [Cell("small-velocities", HOLD, config, counting) for config in (WALK, HOP)], runs
+
+
+def test_finished_cells_are_read_and_the_others_run(tmp_path, cells):
+    cells, runs = cells
+    fractions = []
+    alone = run_cells(cells, Execution())
+    first = run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
+    assert run_cells(cells, Execution(store=ResultStore(tmp_path)), fractions.append) == alone
+    assert runs == [Gait.WALKING, Gait.HOPPING_LEFT, Gait.WALKING, Gait.HOPPING_LEFT]
+    # The hops take twice as long; the walk was there.
+    assert fractions == pytest.approx([1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0, 1.0])
+    direct = json.loads(json.dumps(dataclasses.asdict(run_small_velocities(HOLD.build, WALK))))
+    assert first == alone[:1] == [CellResult("small-velocities", "hold", direct)]
+    run_cells(cells, Execution(store=ResultStore(tmp_path, fresh=True)))
+    assert len(runs) == 6 and len(list(tmp_path.rglob("*.old"))) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "cannot read"),
+        ("[]", "is no result of an evaluation"),
+        ('{"format": "hugwbc result", "version": 0}', "has format version 0"),
+        ('{"format": "hugwbc result", "version": 1, "identity": {}}', "another cell than its name says"),
+    ],
+)
+def test_files_in_the_way_are_refused_and_left_as_they_are(tmp_path, cells, text, message):
+    cells, _ = cells
+    run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
+    (path,) = (tmp_path / "cells").iterdir()
+    path.write_text(text)
+    with pytest.raises(ResultFileError, match=message):
+        run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
+    assert path.read_text() == text
