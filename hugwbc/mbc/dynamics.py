@@ -73,23 +73,21 @@ class Dynamics(Kinematics):
 
     def _compute(self) -> None:
         model, data = self.model, self.data
-        pin.crba(model, data, self.q)
-        pin.nonLinearEffects(model, data, self.q, self.v)
-        pin.dccrba(model, data, self.q, self.v)  # with the Jacobians of all joints
+        # In world axes it gives, with the mass matrix, the centroidal momentum matrix.
+        pin.crba(model, data, self.q, pin.Convention.WORLD)
         self.M = data.M.copy()  # since Pinocchio 3, crba fills both triangles
-        self.bias = data.nle + self._damping * self.v
-        self.com = data.com[0].copy()
-        self.com_velocity = data.vcom[0].copy()
         momentum_jacobian = data.Ag.copy()
-        self.com_jacobian = momentum_jacobian[:3] / self.mass
-        drift = data.dAg @ self.v
-        self.com_drift = drift[:3] / self.mass
-        self.momentum = data.hg.angular.copy()
-        self.momentum_jacobian = momentum_jacobian[3:]
-        self.momentum_drift = drift[3:]
-        self.inertia = data.Ig.inertia.copy()
+        self.inertia = data.oYcrb[0].inertia.copy()
+        self.com = data.com[0].copy()
+        self.bias = pin.nonLinearEffects(model, data, self.q, self.v) + self._damping * self.v
         # Last, since the others overwrite the frames' accelerations.
         super()._compute()
+        # At zero generalised acceleration the momentum changes by its drift.
+        drift = pin.computeCentroidalMomentumTimeVariation(model, data).vector.copy()
+        momentum = data.hg.vector.copy()
+        self.com_jacobian, self.momentum_jacobian = momentum_jacobian[:3] / self.mass, momentum_jacobian[3:]
+        self.com_velocity, self.momentum = momentum[:3] / self.mass, momentum[3:]
+        self.com_drift, self.momentum_drift = drift[:3] / self.mass, drift[3:]
 
     def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv).
@@ -123,10 +121,10 @@ class Dynamics(Kinematics):
         if motion is None:
             index = self._index(name)
             world = pin.LOCAL_WORLD_ALIGNED
-            placement = self.data.oMf[index]
+            placement = self.data.oMf[index].homogeneous
             motion = FrameMotion(
-                placement.translation.copy(),
-                placement.rotation.copy(),
+                placement[:3, 3],
+                placement[:3, :3],
                 pin.getFrameJacobian(self.model, self.data, index, world),
                 pin.getFrameVelocity(self.model, self.data, index, world).vector.copy(),
                 pin.getFrameClassicalAcceleration(self.model, self.data, index, world).vector.copy(),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,9 +18,11 @@ CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "to
 _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
-_BOTH = np.array([[1.0], [-1.0]])  # signs of the two directions of a joint
 _INNER_ITERATIONS = 20
-_INFEASIBILITY_TOLERANCE = 1e-9
+_INFEASIBILITY_TOLERANCE = 1e-12
+# Of ProxQP. Its default of 1e-6 is a tenth of the weight on the forces: it holds them at their last values, which costs
+# an iteration in every walking tick and four times the error.
+_PROXIMAL_WEIGHT = 1e-7
 
 
 class QpStatus(enum.Enum):
@@ -69,27 +72,29 @@ class WholeBodyQp:
     def __init__(self, params: ControllerParams, robot: Robot, nv: int, columns: np.ndarray) -> None:
         """Set up for `nv` velocities, of which `columns` are the robot's joints."""
         self._params = params
-        self._robot = robot
         self._nv = nv
-        # A slice where the order allows it: it reads and writes in place, an index array copies.
-        first = int(columns[0])
-        in_order = np.array_equal(columns, np.arange(first, first + columns.size))
-        self._columns = slice(first, first + columns.size) if in_order else columns
-        self._joints = columns - 6
-        self._fastest = params.speed_fraction * robot.velocity_limit
-        self._range = np.stack((robot.upper, -robot.lower)) - params.joint_margin
-        self._torque_limit = params.torque_fraction * robot.torque_limit
-        size, joints = nv + _FORCES, len(robot.joint_names)
+        self._columns = columns
+        # Inside, joints are in the order of the velocities: a slice reads and writes in place, an index array copies.
+        self._joints = slice(_BASE, nv)
+        order = np.argsort(columns)
+        self._torque_limit = params.torque_fraction * robot.torque_limit[order]
+        self._lowest = robot.lower[order] + params.joint_margin
+        self._highest = robot.upper[order] - params.joint_margin
+        self._fastest = params.speed_fraction * robot.velocity_limit[order]
+        size, joints = nv + _FORCES, columns.size
         self._H = np.zeros((size, size))
+        self._diagonal = np.einsum("ii->i", self._H)  # a view
         self._g = np.zeros(size)
-        self._A = np.zeros((_BASE, size))
-        self._C = np.zeros((joints + 4 * len(CONTACT_POINTS), size))
+        # Equation of motion of base and joints, then friction: A and C are its first and its other rows.
+        self._rows = np.zeros((_BASE + joints + 4 * len(CONTACT_POINTS), size))
+        self._motion, self._A, self._C = self._rows[:nv], self._rows[:_BASE], self._rows[_BASE:]
+        self._b = np.zeros(_BASE)
         self._low = np.full(len(self._C), -_INFINITY)
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
-        self._add_friction(joints)
-        self._points = np.zeros((_FORCES, nv))
+        self._add_friction(nv)
+        self._points = np.zeros((len(CONTACT_POINTS), 3, nv))
         self.reset()
 
     def _add_friction(self, first_row: int) -> None:
@@ -98,20 +103,21 @@ class WholeBodyQp:
             column = self._nv + 3 * point
             for k, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
                 row = first_row + 4 * point + k
-                self._C[row, column + axis] = sign
-                self._C[row, column + 2] = -slope
+                self._rows[row, column + axis] = sign
+                self._rows[row, column + 2] = -slope
 
     def reset(self) -> None:
         """Forget the previous solution; the next solve starts cold."""
         self._solver = proxqp.dense.QP(len(self._g), _BASE, len(self._low), True)
-        self._solver.settings.eps_abs = self._params.qp_tolerance
-        self._solver.settings.max_iter = self._params.qp_max_iterations
+        settings = self._solver.settings
+        settings.eps_abs = self._params.qp_tolerance
+        settings.default_rho = _PROXIMAL_WEIGHT
+        settings.max_iter = self._params.qp_max_iterations
         # The default inner bound of 1500 lets an infeasible problem run for seconds.
-        self._solver.settings.max_iter_in = _INNER_ITERATIONS
+        settings.max_iter_in = _INNER_ITERATIONS
         # The default takes feasible problems for infeasible when a contact switch leaves the warm start far away.
-        self._solver.settings.eps_primal_inf = _INFEASIBILITY_TOLERANCE
-        self._solver.settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
-        self._solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        settings.eps_primal_inf = settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
+        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 
     def solve(
@@ -134,86 +140,86 @@ class WholeBodyQp:
         self._fill_contact(contact)
         self._fill_joint_limits(dynamics)
         status = QpStatus.SOLVED
-        iterations = self._run()
-        if not self._ok():
+        solved, x, iterations = self._run()
+        if not solved:
             status = QpStatus.RELAXED
-            self._box_low[self._columns] = -_INFINITY
-            self._box_high[self._columns] = _INFINITY
+            self._box_low[self._joints] = -_INFINITY
+            self._box_high[self._joints] = _INFINITY
             self.reset()
-            iterations += self._run()
-        x = self._solver.results.x
-        acceleration, forces = x[: self._nv].copy(), x[self._nv :].copy()
-        # The joints' rows of the constraints are their torques, less the bias.
-        torque = self._C[: len(self._torque_limit)] @ x + dynamics.bias[self._columns]
-        if not self._ok() or not np.all(np.isfinite(torque)):
+            solved, x, more = self._run()
+            iterations += more
+        # The first rows of the constraints are the joints' torques, less the bias.
+        nv = self._nv
+        torque = (self._motion @ x + dynamics.bias)[self._columns]
+        if not solved or not math.isfinite(torque @ torque):
             self.reset()
             status = QpStatus.FAILED
-        return QpSolution(status, iterations, acceleration, forces.reshape(-1, 3), torque)
+        return QpSolution(status, iterations, x[:nv], x[nv:].reshape(-1, 3), torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
-        jacobian = np.concatenate([t.jacobian for t in terms])
-        weight = np.concatenate([t.weight for t in terms])
-        target = np.concatenate([t.acceleration - t.drift for t in terms])
-        weighted = jacobian * weight[:, None]
-        nv = self._nv
-        self._H[:nv, :nv] = jacobian.T @ weighted
-        self._H.flat[: nv * len(self._g) : len(self._g) + 1] += self._params.acceleration_regularisation
-        self._g[:nv] = -(target @ weighted)
-        params = self._params
+        jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
+        jacobian = np.concatenate(jacobians)
+        target = np.concatenate(accelerations) - np.concatenate(drifts)
+        weighted = jacobian * np.concatenate(weights)[:, None]
+        nv, params = self._nv, self._params
+        np.matmul(jacobian.T, weighted, out=self._H[:nv, :nv])
+        self._diagonal[:nv] += params.acceleration_regularisation
+        np.matmul(-target, weighted, out=self._g[:nv])
         weight = params.force_regularisation if planned is None else params.planned_force_weight
-        np.fill_diagonal(self._H[nv:, nv:], weight)
+        self._diagonal[nv:] = weight
         self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
-        nv, columns = self._nv, self._columns
-        for k, point in enumerate(CONTACT_POINTS):
-            self._points[3 * k : 3 * k + 3] = dynamics.point(point)[1]
-        self._A[:, :nv] = dynamics.M[:_BASE]
-        self._A[:, nv:] = -self._points[:, :_BASE].T
-        joints = len(self._torque_limit)
-        self._C[:joints, :nv] = dynamics.M[columns]
-        self._C[:joints, nv:] = -self._points[:, columns].T
-        self._b = -dynamics.bias[:_BASE]
-        bias = dynamics.bias[columns]
-        self._low[:joints] = -self._torque_limit - bias
-        self._high[:joints] = self._torque_limit - bias
+        nv, joints = self._nv, len(self._torque_limit)
+        for jacobian, name in zip(self._points, CONTACT_POINTS, strict=True):
+            jacobian[:] = dynamics.point(name)[1]
+        self._motion[:, :nv] = dynamics.M
+        np.negative(self._points.reshape(-1, nv).T, out=self._motion[:, nv:])
+        bias = dynamics.bias
+        np.negative(bias[:_BASE], out=self._b)
+        np.subtract(-self._torque_limit, bias[_BASE:], out=self._low[:joints])
+        np.subtract(self._torque_limit, bias[_BASE:], out=self._high[:joints])
 
     def _fill_contact(self, contact: np.ndarray) -> None:
-        bound = np.outer(contact, (_INFINITY, _INFINITY, self._params.max_normal_force)).ravel()
-        self._box_high[self._nv :] = bound
-        self._box_low[self._nv :] = -bound
-        self._box_low[self._nv + 2 :: 3] = 0.0
+        highest = self._params.max_normal_force
+        for point, stands in enumerate(contact.tolist()):
+            column = self._nv + 3 * point
+            self._box_high[column : column + 3] = (_INFINITY, _INFINITY, highest) if stands else 0.0
+            self._box_low[column : column + 2] = -_INFINITY if stands else 0.0
+            self._box_low[column + 2] = 0.0
 
     def _fill_joint_limits(self, dynamics: Dynamics) -> None:
         """Bound each joint's acceleration so that it can still brake before its limit, and keeps its speed limit.
 
         Viability: a speed towards the limit of at most sqrt(2 a d), with d the distance left [rad] and a the assumed
-        braking deceleration; beyond the limit, a slow return.
+        braking deceleration, and of at most d per `joint_horizon`, since close to the limit the square root falls too
+        steeply to be followed in discrete time; beyond the limit, back within that time.
         """
+        horizon, v = self._params.joint_horizon, dynamics.v[self._joints]
+        q = dynamics.q[7:]
+        np.divide(self._towards(self._highest - q) - v, horizon, out=self._box_high[self._joints])
+        np.divide(-self._towards(q - self._lowest) - v, horizon, out=self._box_low[self._joints])
+
+    def _towards(self, left: np.ndarray) -> np.ndarray:
+        """Highest speeds towards limits at a distance [rad/s]."""
         params = self._params
-        # Both directions at once: distance left to the upper and to the lower limit.
-        left = self._range - _BOTH * dynamics.q[7:][self._joints]
-        speed = np.where(left > 0.0, np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0)), 5.0 * left)
-        # Close to the limit the square root falls too steeply to be followed in discrete time.
-        speed = np.minimum(np.minimum(speed, left / params.joint_horizon), self._fastest)
-        upward, downward = (_BOTH * speed - dynamics.v[self._columns]) / params.joint_horizon
-        self._box_high[self._columns], self._box_low[self._columns] = upward, downward
+        braking = np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0))
+        return np.minimum(np.minimum(braking, left / params.joint_horizon), self._fastest)
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:
         """H, g, A, b, C, lower and upper bound of C x, lower and upper bound of x, as last solved."""
         return self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high
 
-    def _run(self) -> int:
-        data = self.problem
+    def _run(self) -> tuple[bool, np.ndarray, int]:
+        """Whether it is solved, the solution and the number of iterations."""
+        solver = self._solver
         if self._started:
-            self._solver.update(*data, False)
+            solver.update(*self.problem, False)
         else:
-            self._solver.init(*data)
+            solver.init(*self.problem)
             self._started = True
-        self._solver.solve()
-        return int(self._solver.results.info.iter)
-
-    def _ok(self) -> bool:
-        results = self._solver.results
-        return results.info.status == proxqp.PROXQP_SOLVED and bool(np.all(np.isfinite(results.x)))
+        solver.solve()
+        results = solver.results
+        x, info = np.array(results.x), results.info
+        return info.status == proxqp.PROXQP_SOLVED and math.isfinite(x @ x), x, int(info.iter)

@@ -41,8 +41,8 @@ class PelvisOrientationTask:
         pelvis = dynamics.frame("pelvis")
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
-        desired = rotations.rotation_zy(self.yaw, self.pitch)
-        error = to_heading @ pelvis.rotation @ pin.log3(pelvis.rotation.T @ desired)
+        # R_h^T R log(R^T R_d) is log((R_h^T R_d) (R_h^T R)^T), and the first factor is the pitch alone.
+        error = pin.log3(rotations.rotation_y(self.pitch) @ (to_heading @ pelvis.rotation).T)
         rate = np.array([0.0, self.pitch_rate, self.yaw_rate])
         acceleration = kp * error + kd * (rate - to_heading @ pelvis.velocity[3:])
         return TaskTerms(

@@ -1,10 +1,10 @@
 """Sagittal motion of the pelvis while walking."""
 
+import math
 from typing import Literal
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.tasks.task import TaskTerms
@@ -39,11 +39,11 @@ class PelvisTravelTask:
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """One row, along the heading."""
         pelvis = dynamics.frame("pelvis")
-        forward = rotations.rotation_z(self.heading)[:, 0]
-        error = self.speed - forward @ pelvis.velocity[:3]
+        forward = np.array([[math.cos(self.heading), math.sin(self.heading)]])
+        error = self.speed - (forward @ pelvis.velocity[:2])[0]
         return TaskTerms(
-            (forward @ pelvis.jacobian[:3])[None],
-            np.array([forward @ pelvis.drift[:3]]),
+            forward @ pelvis.jacobian[:2],
+            forward @ pelvis.drift[:2],
             np.array([self.feedforward + self._damping * error]),
             self._weight,
             np.array([error]),

@@ -36,16 +36,17 @@ class PostureTask:
         self.weight = np.ones(joints.size)
         self.speed = speed
         self._joints = joints
-        self._jacobian: np.ndarray | None = None
+        self._columns: np.ndarray | None = None
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """One row per joint."""
-        columns = dynamics.columns[self._joints]
-        if self._jacobian is None:
-            self._jacobian = np.zeros((columns.size, dynamics.nv))
-            self._jacobian[np.arange(columns.size), columns] = 1.0
-        error = self.target - dynamics.q[columns + 1]
+        if self._columns is None:
+            self._columns = dynamics.columns[self._joints]
+            self._jacobian = np.eye(dynamics.nv)[self._columns]
+            self._drift = np.zeros(self._columns.size)
+        columns = self._columns
+        error = self.target - dynamics.q[1:][columns]
         wanted = self.rate + self.stiffness / self.damping * error
         closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
         acceleration = self.feedforward + self.damping * (closing - dynamics.v[columns])
-        return TaskTerms(self._jacobian, np.zeros(columns.size), acceleration, self.weight, error)
+        return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)

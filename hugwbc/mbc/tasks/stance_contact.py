@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.tasks.task import TaskTerms
+from hugwbc.mbc.tasks.task import TaskTerms, line_contact_rows
 
 
 class StanceContactTask:
@@ -39,17 +39,10 @@ class StanceContactTask:
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
-        to_foot = foot.rotation.T[1:]
-        velocity = np.concatenate((foot.velocity[:3], to_foot @ foot.velocity[3:]))
-        error = -velocity
+        rows = line_contact_rows(foot.rotation)
+        error = -(rows @ foot.velocity)
         error[2] -= self.settle
         acceleration = self._damping * error
         slope = math.asin(min(max(-foot.rotation[2, 0], -1.0), 1.0))
         acceleration[3] -= self._pitch_stiffness * slope
-        return TaskTerms(
-            np.concatenate((foot.jacobian[:3], to_foot @ foot.jacobian[3:])),
-            np.concatenate((foot.drift[:3], to_foot @ foot.drift[3:])),
-            acceleration,
-            self._weight,
-            error,
-        )
+        return TaskTerms(rows @ foot.jacobian, rows @ foot.drift, acceleration, self._weight, error)

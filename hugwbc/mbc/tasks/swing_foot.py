@@ -8,7 +8,7 @@ import pinocchio as pin
 from hugwbc import rotations
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.tasks.task import TaskTerms
+from hugwbc.mbc.tasks.task import TaskTerms, line_contact_rows
 
 
 class SwingFootTask:
@@ -37,24 +37,16 @@ class SwingFootTask:
         self.yaw = 0.0
         self.pitch = 0.0
         self._frame = f"{side}_sole"
-        self._gains = params.swing_gains
-        self._rotation_gains = params.swing_rotation_gains
+        gains, rotation_gains = params.swing_gains, params.swing_rotation_gains
+        self._stiffness, self._damping = np.repeat(np.stack((gains, rotation_gains), axis=1), (3, 2), axis=1)
         self.weight = np.array([*params.swing_weight, *params.swing_rotation_weight])
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
-        to_foot = foot.rotation.T
-        kp, kd = self._gains
-        linear = self.position - foot.position
-        acceleration = self.acceleration + kp * linear + kd * (self.velocity - foot.velocity[:3])
-        kp, kd = self._rotation_gains
-        angular = pin.log3(to_foot @ rotations.rotation_zy(self.yaw, self.pitch))
-        turn = kp * angular - kd * (to_foot @ foot.velocity[3:])
-        return TaskTerms(
-            np.concatenate((foot.jacobian[:3], to_foot[1:] @ foot.jacobian[3:])),
-            np.concatenate((foot.drift[:3], to_foot[1:] @ foot.drift[3:])),
-            np.concatenate((acceleration, turn[1:])),
-            self.weight,
-            np.concatenate((linear, angular[1:])),
-        )
+        rows = line_contact_rows(foot.rotation)
+        turn = pin.log3(foot.rotation.T @ rotations.rotation_zy(self.yaw, self.pitch))
+        error = np.concatenate((self.position - foot.position, turn[1:]))
+        acceleration = self._stiffness * error - self._damping * (rows @ foot.velocity)
+        acceleration[:3] += self.acceleration + self._damping[:3] * self.velocity
+        return TaskTerms(rows @ foot.jacobian, rows @ foot.drift, acceleration, self.weight, error)

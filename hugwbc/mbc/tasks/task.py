@@ -7,6 +7,22 @@ import numpy as np
 from hugwbc.mbc.dynamics import Dynamics
 
 
+_WORLD_ROWS = np.eye(5, 6)
+
+
+def line_contact_rows(rotation: np.ndarray) -> np.ndarray:
+    """What a foot with a line contact, and no ankle roll, is free in: shape (5, 6).
+
+    Times a frame's velocity, x, y and z in the world, then the angular velocity about the foot's own y and z.
+
+    Args:
+        rotation: axes of the foot in the world, shape (3, 3).
+    """
+    rows = _WORLD_ROWS.copy()
+    rows[3:, 3:] = rotation.T[1:]
+    return rows
+
+
 class TaskTerms(NamedTuple):
     """Rows of a least-squares cost: sum of weight * (jacobian dv/dt + drift - acceleration)^2.
 
