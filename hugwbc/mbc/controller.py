@@ -1,13 +1,13 @@
 """The model-based whole-body controller: gait plan, tasks and QP behind the interface of every controller."""
 
-import dataclasses
+import math
 
 import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
+from hugwbc.mbc.diagnostics import Diagnostics, Output
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.latency import Predictor
 from hugwbc.mbc.locomotion import Locomotion
@@ -18,8 +18,7 @@ from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
-_LARGEST_REASONABLE = 1e6  # of any state value: beyond, products overflow
-_STATE_FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
+_LARGEST_SQUARE = 1e12  # of the norm of any state value: beyond, products overflow
 
 
 class WholeBodyController:
@@ -123,9 +122,8 @@ class WholeBodyController:
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
-        solution = self._qp.solve(
-            self.dynamics, terms, self._locomotion.contact_points(self.dynamics), self._locomotion.planned_forces
-        )
+        points = self._locomotion.contact_points(self.dynamics)
+        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
         if solution.status is QpStatus.FAILED:
             return self._fall_back(state, solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED
@@ -205,15 +203,14 @@ class WholeBodyController:
     ) -> None:
         plan = self._locomotion.plan
         solved = solution is not None and solution.status is not QpStatus.FAILED
-        forces = solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3))
         self.diagnostics = Diagnostics(
             output=output,
             status=QpStatus.FAILED if solution is None else solution.status,
             iterations=0 if solution is None else solution.iterations,
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
-            contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
-            task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
+            forces=solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3)),
+            tasks=[(task.name, task.unit, t.error) for task, t in zip(tasks, terms, strict=True)],
             next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
@@ -222,9 +219,9 @@ class WholeBodyController:
 
 
 def _usable(state: RobotState) -> bool:
-    """Whether every number of the state is finite and of a reasonable norm; a NaN compares as false."""
-    for name in _STATE_FIELDS:
-        value = getattr(state, name)
-        if value is not None and not np.vdot(value, value) < _LARGEST_REASONABLE**2:
+    """Whether what the controller reads is finite and of a reasonable norm; a NaN compares as false."""
+    for value in (state.q, state.dq, state.orientation, state.angular_velocity, state.position, state.velocity):
+        if value is not None and not value @ value < _LARGEST_SQUARE:
             return False
-    return True
+    force = state.foot_force
+    return math.isfinite(state.age) and (force is None or np.vdot(force, force) < _LARGEST_SQUARE)

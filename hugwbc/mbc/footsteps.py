@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.state import GRAVITY
@@ -47,11 +46,7 @@ class Pendulum:
         about_x = spin_x + y * vz - z * vy
         about_y = spin_y + z * vx - x * vz
         lead = np.array([about_y, -about_x]) / (dynamics.mass * height * omega)
-        return cls(pivot[:2].copy(), dynamics.com[:2].copy(), omega, dynamics.com[:2] + lead)
-
-    def dcm_after(self, cop: np.ndarray, duration: float) -> np.ndarray:
-        r"""The divergent component after a time with the centre of pressure at a point: p + (xi - p) e^{omega t}."""
-        return cop + (self.dcm - cop) * math.exp(self.omega * duration)
+        return cls(pivot[:2], dynamics.com[:2], omega, dynamics.com[:2] + lead)
 
 
 def nominal_offset(
@@ -71,16 +66,22 @@ def nominal_offset(
         width: distance between the feet's centre lines [m].
         side: the stance foot, 0 left or 1 right.
     """
+    offset = _nominal_offset(complex(*velocity.tolist()), yaw_rate, step_time, omega, width, side)
+    return np.array([offset.real, offset.imag])
+
+
+def _nominal_offset(
+    velocity: complex, yaw_rate: float, step_time: float, omega: float, width: float, side: int
+) -> complex:
+    """`nominal_offset` with vectors in the plane as complex numbers: R(psi) is e^{i psi}."""
     growth = math.exp(omega * step_time)
-    # Vectors in the plane as complex numbers: R(psi) is e^{i psi}.
     turn = cmath.exp(1j * yaw_rate * step_time)
     half_turn = cmath.exp(0.5j * yaw_rate * step_time)
     # In a turn the body leans in by a / omega^2: the feet run on a larger circle than the centre of mass.
     lean = 1.0 + (yaw_rate / omega) ** 2
-    step = half_turn * complex(*velocity) * step_time * lean
-    forward = step / (growth - turn)
-    towards_other = -1.0 if side == 0 else 1.0
-    return np.array([forward.real, forward.imag + towards_other * width / (1.0 + growth)])
+    step = half_turn * velocity * step_time * lean
+    towards_other = -1j if side == 0 else 1j
+    return step / (growth - turn) + towards_other * width / (1.0 + growth)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,24 +126,29 @@ def plan_step(
         step_time: duration of the step [s].
         remaining: until its end [s].
     """
-    from_heading = rotations.rotation_z(heading)[:2, :2]
-    width = max(params.step_width, params.min_foot_distance + abs(velocity[1]) * step_time)
+    # Vectors in the plane as complex numbers, from the pivot.
+    speed, dcm = complex(*velocity.tolist()), complex(*(pendulum.dcm - pendulum.pivot).tolist())
+    forward, landing = cmath.exp(1j * heading), cmath.exp(1j * (heading + yaw_rate * remaining))
+    width = max(params.step_width, params.min_foot_distance + abs(speed.imag) * step_time)
     # Sagittal feedback: where the divergent component should be now, had this step begun on the periodic gait.
-    begun = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, 1 - swing)
-    reference = begun[0] * math.exp(pendulum.omega * (step_time - remaining))
-    deviation = from_heading[:, 0] @ (pendulum.dcm - pendulum.pivot) - reference
+    begun = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, 1 - swing)
+    reference = begun.real * math.exp(pendulum.omega * (step_time - remaining))
+    deviation = (dcm / forward).real - reference
     shift = params.cop_gain * deviation
-    shift = _clip(float(pivot_ahead + shift), -params.cop_reach, params.cop_reach) - pivot_ahead
-    cop = pendulum.pivot + shift * from_heading[:, 0]
+    cop = (_clip(pivot_ahead + shift, -params.cop_reach, params.cop_reach) - pivot_ahead) * forward
 
-    landing = rotations.rotation_z(heading + yaw_rate * remaining)[:2, :2]
-    offset = nominal_offset(velocity, yaw_rate, step_time, pendulum.omega, width, swing)
-    wanted = landing.T @ (pendulum.dcm_after(cop, remaining) - pendulum.pivot) - offset
+    offset = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
+    # The divergent component moves away from the centre of pressure as e^{omega t}.
+    wanted = (cop + (dcm - cop) * math.exp(pendulum.omega * remaining)) / landing - offset
     outward = 1.0 if swing == 0 else -1.0
-    ahead, aside = wanted.tolist()
-    x = _clip(ahead, *params.max_step)
-    y = outward * _clip(outward * aside, params.min_foot_distance, params.max_foot_distance)
-    return StepPlan(pendulum.pivot + landing @ np.array([x, y]), cop, x != ahead or y != aside)
+    x = _clip(wanted.real, *params.max_step)
+    y = outward * _clip(outward * wanted.imag, params.min_foot_distance, params.max_foot_distance)
+    step = landing * complex(x, y)
+    return StepPlan(
+        pendulum.pivot + np.array([step.real, step.imag]),
+        pendulum.pivot + np.array([cop.real, cop.imag]),
+        x != wanted.real or y != wanted.imag,
+    )
 
 
 def _clip(value: float, low: float, high: float) -> float:

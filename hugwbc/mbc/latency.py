@@ -37,6 +37,8 @@ class Predictor:
 
     def predict(self, state: RobotState) -> RobotState:
         """The state `state.age` later; one that is not old comes back as it is."""
+        if state.age <= 0.0:
+            return state
         age = min(state.age, _LONGEST_AGE)
         # Whole periods before the present, and the part of the one in which the reading was taken.
         pieces = min(int(np.ceil(age / self._period - 1e-6)), len(self._accelerations))

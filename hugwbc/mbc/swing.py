@@ -5,6 +5,7 @@ import numpy as np
 from hugwbc.mbc.params import ControllerParams
 
 _SHORTEST = 0.02  # [s], below which a quintic to a moving target would ask for unbounded accelerations
+_REST = np.zeros(3)
 
 
 def quintic_advance(
@@ -80,7 +81,7 @@ class SwingTrajectory:
             height, speed, until = ground + self._params.landing_height, -self._params.landing_speed, remaining
         self.position, self.velocity, self.acceleration = quintic_advance(
             (self.position, self.velocity, self.acceleration),
-            (np.array([*foothold, height]), np.array([0.0, 0.0, speed]), np.zeros(3)),
-            np.maximum([remaining, remaining, until], _SHORTEST),
+            (np.array([*foothold.tolist(), height]), np.array([0.0, 0.0, speed]), _REST),
+            np.array([max(remaining, _SHORTEST)] * 2 + [max(until, _SHORTEST)]),
             dt,
         )

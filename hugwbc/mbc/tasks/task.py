@@ -6,7 +6,6 @@ import numpy as np
 
 from hugwbc.mbc.dynamics import Dynamics
 
-
 _WORLD_ROWS = np.eye(5, 6)
 
 
