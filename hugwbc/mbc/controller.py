@@ -224,4 +224,4 @@ def _usable(state: RobotState) -> bool:
         if value is not None and not value @ value < _LARGEST_SQUARE:
             return False
     force = state.foot_force
-    return math.isfinite(state.age) and (force is None or np.vdot(force, force) < _LARGEST_SQUARE)
+    return math.isfinite(state.age) and (force is None or float(np.vdot(force, force)) < _LARGEST_SQUARE)
