@@ -2,7 +2,15 @@
 
 from hugwbc.cli.output import format_table
 from hugwbc.evaluation.paper import ERROR_UNITS
-from hugwbc.evaluation.protocols import HandsResult, RandomCommandsResult, SingleCommandResult, SmallVelocitiesResult
+from hugwbc.evaluation.protocols import (
+    FootDisplacementResult,
+    HandsResult,
+    InterventionResult,
+    RampResult,
+    RandomCommandsResult,
+    SingleCommandResult,
+    SmallVelocitiesResult,
+)
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 
 LISTED_PAIRS = 10
@@ -66,6 +74,45 @@ def describe_small(result: SmallVelocitiesResult) -> str:
     table = format_table(("0.1 to 0.3 m/s", "executed part"), rows)
     falls = f"falls: {result.falls} of {result.episodes} episodes"
     return "\n".join([table, "", falls, *_failures(sum(row.failures for row in result.rows))])
+
+
+def describe_intervention(result: InterventionResult) -> str:
+    """For each intervention the errors beside the paper's, and the falls."""
+    parts = []
+    for kind, errors in result.errors.items():
+        rows = [_beside(name, error, result.paper[kind].get(name)) for name, error in errors.items()]
+        header = (f"arms: {kind}", result.controller, f"paper ({result.training})", "ratio")
+        parts.append(format_table(header, rows) + f"\n\nfalls: {result.falls[kind]} of {result.episodes} episodes")
+        if result.arm_error[kind] is not None:
+            parts[-1] += f"; arm joints {result.arm_error[kind]:.3f} rad from their targets on average"
+    return "\n\n".join(["\n\n".join(parts), *_failures(sum(row.failures for row in result.rows))])
+
+
+def describe_foot_displacement(result: FootDisplacementResult) -> str:
+    """Length of the feet's paths by intervention and command, beside the paper's, and the falls."""
+    rows = [
+        (*_beside(f"{kind}, {name}", length, result.paper[kind].get(name)), f"{result.creep[kind][name] or 0.0:.4f}")
+        for kind, lengths in result.displacement.items()
+        for name, length in lengths.items()
+    ]
+    header = ("foot displacement [m]", result.controller, f"paper ({result.training})", "ratio", "of it creep")
+    falls = ", ".join(f"{kind} {count} of {result.episodes}" for kind, count in result.falls.items())
+    seconds = result.duration - result.settle
+    lines = [format_table(header, rows), "", f"in {seconds:g} s; falls: {falls} episodes, left out above"]
+    return "\n".join(lines + _failures(sum(row.failures for row in result.rows)))
+
+
+def describe_ramp(result: RampResult) -> str:
+    """Errors during the ramps beside the paper's on the real robot, and the falls."""
+    rows = [_beside(name, error, result.paper.get(name)) for name, error in result.errors.items()]
+    table = format_table((f"{result.gait}, ramp [rad]", result.controller, "paper (real robot)", "ratio"), rows)
+    falls = ", ".join(f"{name} {count} of {result.episodes}" for name, count in result.falls.items())
+    return f"{table}\n\nfalls: {falls} runs"
+
+
+def _beside(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:
+    ratio = value / paper if value is not None and paper else None
+    return name, None if value is None else f"{value:.4f}", None if paper is None else f"{paper:.4f}", ratio
 
 
 def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:

@@ -33,9 +33,13 @@ class EvaluateOptions:
     """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
     at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
     or v_y of 0.1 to 0.3 m/s alone; which part of it is executed. hands: both hands go from one reachable target to the
-    next; how near they come."""
+    next; how near they come. intervention: the arms moved by noise, by motions and not at all, on the same commands.
+    foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum."""
     v_x: float = 0.5
     """Forward velocity in the hands protocol, for gaits that move [m/s]."""
+    training: str = "noise"
+    """Which of the paper's policies stands beside in the protocols of intervention: that trained with noise,
+    motion or none."""
     intervention: str = "none"
     """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
     motions: pathlib.Path | None = None
@@ -107,12 +111,12 @@ class _Protocol:
     describe: Callable[[Any], str]
 
 
-def _one_gait(config: type[Any], *names: str) -> Callable[[EvaluateOptions], Any]:
+def _one_gait(config: type[Any], *names: str, default: Gait = Gait.WALKING) -> Callable[[EvaluateOptions], Any]:
     """Settings of a protocol of one gait, or of hopping on both legs; `names` of options of its own."""
 
     def build(options: EvaluateOptions) -> Any:  # noqa: ANN401  each protocol has its own type
         both_legs = options.gait == "hopping"
-        gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or "walking")
+        gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or default.label)
         return config(gait, both_legs=both_legs, **options.given("episodes", *names), **options.settings())
 
     return build
@@ -136,6 +140,17 @@ _PROTOCOLS = {
     "small-velocities": _Protocol(
         _one_gait(protocols.SmallVelocitiesConfig), protocols.run_small_velocities, descriptions.describe_small
     ),
+    "intervention": _Protocol(
+        _one_gait(protocols.InterventionConfig, "training"),
+        protocols.run_intervention,
+        descriptions.describe_intervention,
+    ),
+    "foot-displacement": _Protocol(
+        _one_gait(protocols.FootDisplacementConfig, "training", default=Gait.STANDING),
+        protocols.run_foot_displacement,
+        descriptions.describe_foot_displacement,
+    ),
+    "ramp": _Protocol(_one_gait(protocols.RampConfig), protocols.run_ramp, descriptions.describe_ramp),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }
 

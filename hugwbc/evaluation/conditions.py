@@ -82,6 +82,14 @@ class Conditions:
         """
         return Variation(self.payload, self.friction, self.gain, self.strength)
 
+    def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":
+        """The same, but for friction, payload and gain, which are drawn from the training's default ranges."""
+        from hugwbc.learned.config import RandomizationConfig
+
+        ranges = RandomizationConfig()
+        friction, payload, gain = (rng.uniform(*r) for r in (ranges.friction, ranges.torso_mass, ranges.gains))
+        return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
+
     def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
         """The robot on the ground of one episode.
 

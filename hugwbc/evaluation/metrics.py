@@ -11,13 +11,14 @@ import itertools
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.evaluation.rollout import Trace
+from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.state import RobotState
 
 SETTLE_S = 1.0  # [s]
+CREEP_SPEED = 0.002  # [m/s] up to which a foot on the ground counts as standing firm
 TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # columns of Trace.measured
 _TRACKED_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
@@ -94,9 +95,28 @@ def foot_travel(trace: Trace, settle: float = SETTLE_S) -> float:
 
     NaN if the robot did not last that long.
     """
+    steps = _sole_steps(trace, settle)
+    return float("nan") if steps is None else float(steps.sum())
+
+
+def foot_creep(trace: Trace, settle: float = SETTLE_S) -> float:
+    """The part of `foot_travel` in which a foot on the ground moved more slowly than `CREEP_SPEED` [m].
+
+    MuJoCo's friction is a viscous one up to its limit: a foot that stands firm creeps under any horizontal load, at
+    about 0.2 mm/s for each newton under an H1. A floor would not let it.
+    """
+    steps = _sole_steps(trace, settle)
+    if steps is None:
+        return float("nan")
+    planted = trace.foot_contact[trace.time >= settle][1:]
+    return float(steps[planted & (steps < CREEP_SPEED * RECORD_PERIOD)].sum())
+
+
+def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
+    """Horizontal distance that each sole moves between two samples after `settle` [m], shape (samples - 1, 2)."""
     kept = trace.qpos[trace.time >= settle]
     if not kept.size:
-        return float("nan")
+        return None
     kinematics = Kinematics()
     paths = np.empty((len(kept), len(SIDES), 2))
     for row, qpos in zip(paths, kept, strict=True):
@@ -105,7 +125,7 @@ def foot_travel(trace: Trace, settle: float = SETTLE_S) -> float:
         )
         kinematics.update(state)
         row[:] = [kinematics.position(f"{side}_sole")[:2] for side in SIDES]
-    return float(np.linalg.norm(np.diff(paths, axis=0), axis=2).sum())
+    return np.linalg.norm(np.diff(paths, axis=0), axis=2)
 
 
 def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:

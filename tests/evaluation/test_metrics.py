@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.evaluation import metrics
 
 
@@ -123,6 +123,20 @@ def test_without_hand_targets_there_are_no_hand_errors(synthetic_trace):
     assert dataclasses.asdict(metrics.hand_errors(synthetic_trace())) == dict.fromkeys(
         ("mean", "p95", "left", "right", "reachable_fraction")
     )
+
+
+def test_creep_is_what_feet_that_stand_firm_travel(synthetic_trace):
+    """1 mm/s on the ground is creep, 3 mm/s is a slip, and in the air there is no creep."""
+    trace = synthetic_trace(Command(gait=Gait.STANDING), foot_contact=np.ones((500, 2), dtype=bool))
+    qpos = np.zeros((500, 26))
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = 0.98, 1.0, load_robot().nominal
+    speed = np.where(trace.time < 6.0, 0.001, 0.003)
+    qpos[1:, 0] = np.cumsum(speed[:-1]) * 0.02
+    trace = dataclasses.replace(trace, qpos=qpos)
+    assert metrics.foot_travel(trace, 2.0) == pytest.approx(2 * (4.0 * 0.001 + 3.98 * 0.003))
+    assert metrics.foot_creep(trace, 2.0) == pytest.approx(2 * 4.0 * 0.001)
+    assert metrics.foot_creep(dataclasses.replace(trace, foot_contact=~trace.foot_contact), 2.0) == 0.0
+    assert math.isnan(metrics.foot_creep(trace, 11.0))
 
 
 def test_percentiles_of_call_times():

@@ -1,6 +1,13 @@
 """The paper's experiments, one file per table or figure, and the accuracy of the hands, for any controller."""
 
+from hugwbc.evaluation.protocols.foot_displacement import (
+    FootDisplacementConfig,
+    FootDisplacementResult,
+    run_foot_displacement,
+)
 from hugwbc.evaluation.protocols.hands import HandsConfig, HandsResult, run_hands
+from hugwbc.evaluation.protocols.intervention import InterventionConfig, InterventionResult, run_intervention
+from hugwbc.evaluation.protocols.ramp import RampConfig, RampResult, run_ramp
 from hugwbc.evaluation.protocols.random_commands import (
     RandomCommandsConfig,
     RandomCommandsResult,
@@ -14,15 +21,24 @@ from hugwbc.evaluation.protocols.small_velocities import (
 )
 
 __all__ = [
+    "FootDisplacementConfig",
+    "FootDisplacementResult",
     "HandsConfig",
     "HandsResult",
+    "InterventionConfig",
+    "InterventionResult",
+    "RampConfig",
+    "RampResult",
     "RandomCommandsConfig",
     "RandomCommandsResult",
     "SingleCommandConfig",
     "SingleCommandResult",
     "SmallVelocitiesConfig",
     "SmallVelocitiesResult",
+    "run_foot_displacement",
     "run_hands",
+    "run_intervention",
+    "run_ramp",
     "run_random_commands",
     "run_single_command",
     "run_small_velocities",

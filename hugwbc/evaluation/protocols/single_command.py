@@ -56,6 +56,7 @@ class Episode:
         survived_s: [s].
         arm_error: mean distance of the arm joints to their external targets [rad].
         foot_travel: length of both feet's paths after the settling time, standing only [m].
+        foot_creep: the part of it that is MuJoCo's creep of feet that stand firm [m].
         held_foot_contact: part of the time in which the held leg touched the ground, hopping only.
         failures: exceptions of the controller that the safety filter caught.
     """
@@ -69,6 +70,7 @@ class Episode:
     survived_s: float
     arm_error: float | None
     foot_travel: float | None
+    foot_creep: float | None
     held_foot_contact: float | None
     failures: int
 
@@ -119,11 +121,16 @@ def sampled_commands(gait: Gait) -> tuple[str, ...]:
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
 
 
-def sample_episodes(config: SingleCommandConfig) -> list[tuple[str, Command]]:
-    """Name of the sampled command, and the whole command, of every episode, stratified over the finishing ranges."""
+def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, Command]]:
+    """Name of the sampled command, and the whole command, of every episode, stratified over the finishing ranges.
+
+    Args:
+        config: whose gait and seed count.
+        episodes: in all, split evenly over the commands of the gait.
+    """
     rng = np.random.default_rng(config.seed)
     names = sampled_commands(config.gait)
-    share, rest = divmod(config.episodes, len(names))
+    share, rest = divmod(episodes, len(names))
     samples: list[tuple[str, Command]] = []
     for position, name in enumerate(names):
         count = share + (position < rest)
@@ -146,7 +153,7 @@ def run_single_command(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    plans = [EpisodePlan(command, label=name) for name, command in sample_episodes(config)]
+    plans = [EpisodePlan(command, label=name) for name, command in stratified_samples(config, config.episodes)]
     rows = run_episodes(factory, plans, SingleCommandJudge(config.settle), config, on_episode)
     slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
     falls_slow = sum(row.fell for row in slow)
@@ -183,22 +190,28 @@ class SingleCommandJudge:
 
     def __call__(self, index: int, run: Run) -> Episode:
         """The row of one episode."""
-        name, command, trace = run.plan.label, run.command, run.trace
-        value = float(command.array()[COMMAND_NAMES.index(name)])
-        standing = command.gait is Gait.STANDING
-        return Episode(
-            gait=command.gait.label,
-            command=name,
-            value=value,
-            error_name=error_name(name, value),
-            error=known(episode_error(trace, name, self.settle)),
-            fell=trace.fell,
-            survived_s=trace.survived_s,
-            arm_error=known(run.arm_error),
-            foot_travel=known(metrics.foot_travel(trace, self.settle)) if standing else None,
-            held_foot_contact=known(metrics.held_foot_contact(trace, self.settle)),
-            failures=trace.safety.failures,
-        )
+        return judged(run, run.plan.label, self.settle)
+
+
+def judged(run: Run, name: str, settle: float) -> Episode:
+    """The row of an episode in which the command `name` was sampled, without its first `settle` seconds."""
+    command, trace = run.command, run.trace
+    value = float(command.array()[COMMAND_NAMES.index(name)])
+    standing = command.gait is Gait.STANDING
+    return Episode(
+        gait=command.gait.label,
+        command=name,
+        value=value,
+        error_name=error_name(name, value),
+        error=known(episode_error(trace, name, settle)),
+        fell=trace.fell,
+        survived_s=trace.survived_s,
+        arm_error=known(run.arm_error),
+        foot_travel=known(metrics.foot_travel(trace, settle)) if standing else None,
+        foot_creep=known(metrics.foot_creep(trace, settle)) if standing else None,
+        held_foot_contact=known(metrics.held_foot_contact(trace, settle)),
+        failures=trace.safety.failures,
+    )
 
 
 def episode_error(trace: Trace, command: str, settle: float) -> float:

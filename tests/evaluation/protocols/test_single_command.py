@@ -12,7 +12,7 @@ from hugwbc.evaluation.controllers import ControllerSpec, HoldController
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
-from hugwbc.evaluation.protocols.single_command import sample_episodes, sampled_commands
+from hugwbc.evaluation.protocols.single_command import sampled_commands, stratified_samples
 
 WALKING_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 
@@ -25,8 +25,8 @@ def test_the_commands_that_each_gait_samples_are_the_papers():
 
 def test_samples_cover_each_range_evenly_and_follow_the_seed():
     config = SingleCommandConfig(Gait.WALKING, episodes=35, seed=3)
-    samples = sample_episodes(config)
-    assert samples == sample_episodes(config) != sample_episodes(dataclasses.replace(config, seed=4))
+    samples = stratified_samples(config, 35)
+    assert samples == stratified_samples(config, 35) != stratified_samples(dataclasses.replace(config, seed=4), 35)
     counts = {name: sum(n == name for n, _ in samples) for name in WALKING_NAMES}
     assert counts == {"v_x": 5, "v_y": 5, "omega": 5, "f": 4, "l": 4, "h": 4, "p": 4, "w": 4}
     for name in WALKING_NAMES:
@@ -38,7 +38,7 @@ def test_samples_cover_each_range_evenly_and_follow_the_seed():
 
 def test_hopping_on_both_legs_alternates_over_each_range():
     config = SingleCommandConfig(Gait.HOPPING_LEFT, both_legs=True, episodes=16, seed=3)
-    samples = sample_episodes(config)
+    samples = stratified_samples(config, 16)
     values = [(name, getattr(command, name), command.gait) for name, command in samples]
     left = [(name, value) for name, value, gait in values if gait is Gait.HOPPING_LEFT]
     right = [(name, value) for name, value, gait in values if gait is Gait.HOPPING_RIGHT]

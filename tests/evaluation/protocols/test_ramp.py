@@ -1,0 +1,63 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.controllers import HoldController
+from hugwbc.evaluation.metrics import TRACKED
+from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.protocols import RampConfig, run_ramp
+from hugwbc.evaluation.protocols.episodes import Run
+from hugwbc.evaluation.protocols.ramp import RampJudge, ramp_schedule
+
+CONFIG = RampConfig(Gait.WALKING, duration=14.0, settle=4.0)
+
+
+def test_the_ramp_goes_from_minimum_to_maximum():
+    waist = ramp_schedule(CONFIG, "w")
+    wanted = {0.5: 0.0, 2.0: -0.5, 3.5: -1.0, 4.0: -1.0, 9.0: 0.0, 14.0: 1.0}
+    for t, w in wanted.items():
+        assert waist.command_at(t) == Command(gait=Gait.WALKING, w=pytest.approx(w)), t
+    assert ramp_schedule(CONFIG, "p").command_at(9.0).p == pytest.approx(0.2)
+
+
+def test_a_prescribed_lag_is_the_error(synthetic_trace):
+    """A robot that is 0.3 s late is 0.06 rad off on a ramp of 2 rad in 10 s."""
+    schedule, lag = ramp_schedule(CONFIG, "w"), 0.3
+    time = np.arange(0.0, 14.0, 0.02)
+    command = np.array([schedule.command_at(t).array() for t in time])
+    measured = np.zeros((time.size, 6))
+    measured[:, TRACKED.index("w")] = [schedule.command_at(t - lag).w for t in time]
+    trace = synthetic_trace(Command(gait=Gait.WALKING), duration=14.0)
+    trace = dataclasses.replace(trace, command=command, measured=measured)
+    plan = EpisodePlan(schedule, conditions=CONFIG.conditions, label="w")
+    row = RampJudge(4.0)(0, Run(plan, trace, np.nan))
+    # On the plateau before, the lag does not show for its first 0.3 s: half of it counts there.
+    assert row.error == pytest.approx(0.2 * lag * (1.0 - 0.15 / 10.0), abs=1e-3)
+    assert next(iter(row.curve)) == "-1.000" and list(row.curve)[-1] == "1.000" and len(row.curve) == 21
+    assert row.curve["0.000"] == pytest.approx(-0.06)
+    fallen = dataclasses.replace(
+        trace, fell=True, survived_s=9.0, **{n: getattr(trace, n)[:450] for n in ("time", "command", "measured")}
+    )
+    assert list(RampJudge(4.0)(0, Run(plan, fallen, np.nan)).curve)[-1] == "-0.100"
+
+
+def test_every_run_has_another_robot_and_both_commands_the_same_ones():
+    result = run_ramp(HoldController, RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0))
+    robots = [(row.payload, row.friction, row.gain) for row in result.rows]
+    assert robots[:2] == robots[2:] and robots[0] != robots[1]
+    assert all(-2.0 <= payload <= 4.0 and 0.4 <= friction <= 1.5 for payload, friction, _ in robots if friction)
+    assert result.paper == {"E_p": 0.0712, "E_w": 0.0718}
+    assert [row.command for row in result.rows] == ["p", "p", "w", "w"]
+
+
+def test_bad_settings_are_refused():
+    for changes, message in (
+        ({"gait": Gait.HOPPING_LEFT}, "hopping does not command p and w"),
+        ({"settle": 2.0}, "give 3.0 s or more"),
+        ({"episodes": 0}, "give 1 or more"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            RampConfig(**{"gait": Gait.WALKING, **changes})
