@@ -89,6 +89,11 @@ class Dynamics(Kinematics):
         self.com_velocity, self.momentum = momentum[:3] / self.mass, momentum[3:]
         self.com_drift, self.momentum_drift = drift[:3] / self.mass, drift[3:]
 
+    def load(self, foot: int) -> float | None:
+        """Measured normal force on the left (0) or right (1) foot [N]; None without foot sensors."""
+        forces = None if self._state is None else self._state.foot_force
+        return None if forces is None else float(forces[foot, 2])
+
     def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv).
 

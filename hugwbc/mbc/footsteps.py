@@ -30,8 +30,12 @@ class Pendulum:
     dcm: np.ndarray
 
     @classmethod
-    def about(cls, pivot: np.ndarray, dynamics: Dynamics) -> "Pendulum":
+    def about(cls, pivot: np.ndarray, dynamics: Dynamics, gradient: np.ndarray | None = None) -> "Pendulum":
         r"""The pendulum about a point on the ground, world [m], shape (3,).
+
+        On a slope, with dz/dx and dz/dy of shape (2,), the centre of mass moves in a plane parallel to the ground, and
+        its height above the ground below it takes the place of that above the pivot: then the horizontal motion is
+        that of level ground (Kajita et al., the 3D linear inverted pendulum mode, IROS 2001).
 
         Its velocity is the one that carries the measured angular momentum about the pivot (Gong and Grizzle 2020),
         :math:`L = k + (c - p) \times m \dot c`, :math:`\dot c_{eff} = (L_y, -L_x) / (m (c_z - p_z))`, which leg swing
@@ -39,7 +43,8 @@ class Pendulum:
         :math:`\xi = c + \dot c_{eff} / \omega`.
         """
         x, y, z = (dynamics.com - pivot).tolist()
-        height = max(z, _LOWEST)
+        above = z if gradient is None else z - gradient[0] * x - gradient[1] * y
+        height = max(above, _LOWEST)
         omega = math.sqrt(GRAVITY / height)
         vx, vy, vz = (dynamics.mass * dynamics.com_velocity).tolist()
         spin_x, spin_y, _ = dynamics.momentum.tolist()

@@ -17,6 +17,7 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
+_LONGEST_WAIT = 0.4  # of the time of a step, for a foot that does not find the ground
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 
@@ -54,6 +55,7 @@ class GaitPlan:
         self.elapsed = 0.0
         self._gather = 0.0
         self._last = False
+        self._overdue = 0.0
 
     @property
     def step_time(self) -> float:
@@ -63,9 +65,16 @@ class GaitPlan:
     @property
     def remaining(self) -> float:
         """Time to the end of the step, of the stance or of the flight [s]; zero when standing or shifting."""
+        if self._overdue > 0.0:
+            return 0.0
         if self.mode in (Mode.WALKING, Mode.LEAPING):
             return self._gather + (0.5 - self.phase % 0.5) / self.frequency
         return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
+
+    @property
+    def overdue(self) -> float:
+        """Time for which the clock has waited for the swing foot of a walk to land [s]."""
+        return self._overdue
 
     @property
     def stance(self) -> int | None:
@@ -85,7 +94,15 @@ class GaitPlan:
         return (0, 1) if self.mode is Mode.LANDING else ()
 
     def advance(
-        self, gait: Gait, frequency: float, dt: float, *, may_start: bool, may_stop: bool, first_swing: int = 0
+        self,
+        gait: Gait,
+        frequency: float,
+        dt: float,
+        *,
+        may_start: bool,
+        may_stop: bool,
+        first_swing: int = 0,
+        landed: bool = True,
     ) -> bool:
         """Move on by one tick.
 
@@ -96,6 +113,8 @@ class GaitPlan:
             may_start: whether the weight is where the first step needs it.
             may_stop: whether the robot can stand where the current step ends.
             first_swing: the foot that a walk starts with, 0 left or 1 right.
+            landed: whether the swing foot of a walk has found the ground. Until it has, the feet keep their roles, for
+                a while; the clock runs on, so that the next step is shorter.
 
         Returns:
             Whether a foot lifts off now.
@@ -120,8 +139,12 @@ class GaitPlan:
             return False
         half = self.phase >= 0.5
         self.phase = float(advance_phase(self.phase, frequency, dt))
-        if (self.phase >= 0.5) is half:
+        if (self.phase >= 0.5) is half and self._overdue == 0.0:
             return False
+        if self.mode is Mode.WALKING and not landed and self._overdue < _LONGEST_WAIT * self.step_time:
+            self._overdue += dt
+            return False
+        self._overdue = 0.0
         self.elapsed = 0.0
         return self._end_of_step(gait, may_stop=may_stop)
 
@@ -160,6 +183,7 @@ class GaitPlan:
         self.phase = phase
         self._gather = 0.0
         self._last = False
+        self._overdue = 0.0
         self._set_swing()
 
     def _set_swing(self) -> None:

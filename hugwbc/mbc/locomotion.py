@@ -10,6 +10,7 @@ from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.ground import Ground
 from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS
@@ -44,6 +45,7 @@ class Locomotion:
 
     Attributes:
         plan: the gait clock.
+        ground: as the feet have found it.
         contact: whether the left and the right foot stand, shape (2,), bool.
         foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
         footholds: the same of both feet, shape (2, 2); NaN for one that stands.
@@ -62,6 +64,7 @@ class Locomotion:
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
         self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
         self.free_leg = tuple(self._make_free_leg(side) for side in SIDES)
+        self.ground = Ground()
         self._trajectory = SwingTrajectory(params)
         self._trim = VelocityTrim(params)
         self._leap = Leap(params)
@@ -96,6 +99,8 @@ class Locomotion:
         self.footholds = np.full((2, 2), np.nan)
         self.clipped = 0
         self._landed = False
+        self._noted = False
+        self.ground.reset()
         self._shifted = False
         self._catching = 0.0
         self._catching_swing = 0
@@ -122,6 +127,11 @@ class Locomotion:
         self.footholds[:] = np.nan
         self._catching = max(self._catching - dt, 0.0)
         catching = self._catching > 0.0
+        # A leap's feet are judged by their place: they land at once, or not at all.
+        walks = self.contact & (not self.plan.legs)
+        self.ground.update(dynamics, walks, self._yaw, dt)
+        if self.plan.mode is Mode.WALKING:
+            self._watch_landing(dynamics)
         lift_off = self.plan.advance(
             Gait.WALKING if catching else command.gait,
             command.f,
@@ -129,6 +139,7 @@ class Locomotion:
             may_start=self._shifted or catching,
             first_swing=self._catching_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
+            landed=self._landed,
         )
         # The leg of a hop leans inwards by 0.2 rad, and the foot with it.
         dynamics.edge = float(dynamics.robot.sole_y[1]) if len(self.plan.legs) == 1 else 0.0
@@ -145,6 +156,7 @@ class Locomotion:
             self._stand(dynamics, command)
         for foot in np.flatnonzero(self.contact):
             self.stance[foot].settle = self._settle_speed(dynamics, foot)
+            self.stance[foot].slope = float(self.ground.slopes[foot])
 
     @property
     def planned_forces(self) -> np.ndarray | None:
@@ -159,12 +171,12 @@ class Locomotion:
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:
         """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
 
-        The lowest end of a standing foot always, the other end once it is about as low: a foot that lands on its toe
-        first must not count on its heel.
+        The lowest end of a standing foot always, the other end once it is about as low or the sole rests: a foot that
+        lands on its toe first must not count on its heel.
         """
         heights = np.array([dynamics.point(point)[0][2] for point in CONTACT_POINTS]).reshape(2, 2)
         level = heights < heights.min(axis=1, keepdims=True) + _LEVEL_TOLERANCE
-        return (level & self.contact[:, None]).ravel()
+        return ((level | self.ground.resting[:, None]) & self.contact[:, None]).ravel()
 
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
@@ -172,6 +184,9 @@ class Locomotion:
         ground = soles[list(standing)].mean() if self.plan.stance is None else soles[self.plan.stance]
         if self.plan.airborne:
             ground = self._ground
+        elif self.plan.stance is not None:
+            sole, pelvis = dynamics.frame(f"{SIDES[self.plan.stance]}_sole"), dynamics.frame("pelvis")
+            ground += self.ground.rise(sole.position, pelvis.position)
         self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
         yaw = self._measured_yaw(dynamics)
         moving = self.plan.mode in (Mode.WALKING, Mode.LEAPING)
@@ -184,6 +199,8 @@ class Locomotion:
         self._yaw = yaw + lead
         self.height.target = self._ground + dynamics.robot.nominal_height + command.h
         self.height.rate = command.h_rate
+        if self.plan.mode is Mode.WALKING:
+            self.height.rate += float(self.ground.gradient @ rotations.rotation_z(self._yaw)[:2, :2] @ command.velocity)
         self.orientation.yaw = self.com.heading = self._yaw
         self.orientation.yaw_rate = command.omega if moving else 0.0
         self.orientation.weight = self._orientation_weights[
@@ -254,9 +271,9 @@ class Locomotion:
                            command.velocity, dt)  # fmt: skip
         if lift_off:
             self._trajectory.start(sole.position)
-            self._landed = False
+            self._landed = self._noted = False
             self._trim.end_step()
-        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics)
+        pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics, self.ground.gradient)
         step = plan_step(
             self._params,
             pendulum,
@@ -274,10 +291,20 @@ class Locomotion:
         self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
         self.footholds[swing] = self.foothold
         elapsed = plan.step_time - plan.remaining
-        ground = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
-        self._trajectory.advance(self.foothold, command.l, ground, elapsed, plan.remaining, dt)
-        if elapsed > self._params.early_contact_phase * plan.step_time:
-            self._landed |= self._lowest(dynamics, swing) - ground < self._params.early_contact_height
+        if not self._noted and 2.0 * elapsed > plan.step_time:
+            self.ground.note(dynamics, stance)
+            self._noted = True
+        standing = dynamics.frame(f"{SIDES[stance]}_sole").position
+        self._trajectory.advance(
+            self.foothold,
+            command.l,
+            float(standing[2]),
+            elapsed,
+            plan.remaining,
+            dt,
+            landing=float(standing[2]) + self.ground.rise(standing, self.foothold),
+            overdue=plan.overdue,
+        )
         self.contact[stance], self.contact[swing] = True, self._landed
 
         task = self.swing[swing]
@@ -285,10 +312,22 @@ class Locomotion:
         task.acceleration = self._trajectory.acceleration
         task.weight = self._swing_weights["ground"]
         task.yaw = landing_yaw
-        task.pitch = self._toe_down(dynamics, swing)
+        task.pitch = self._toe_down(dynamics, swing, self.ground.slope_along(landing_yaw))
         forward = rotations.rotation_z(self._yaw)[:2, 0]
         self.travel.heading, self.travel.speed = self._yaw, float(command.velocity[0])
         self.travel.feedforward = float(pendulum.omega**2 * (forward @ (pendulum.com - step.cop)))
+
+    def _watch_landing(self, dynamics: Dynamics) -> None:
+        """Notice that the swing foot of a walk has found the ground: by its load, or else by its height."""
+        swing, stance = self.plan.swing, self.plan.stance
+        assert swing is not None and stance is not None
+        if self.plan.step_time - self.plan.remaining <= self._params.early_contact_phase * self.plan.step_time:
+            return
+        touched = self.ground.touched(dynamics, swing)
+        if touched is None:
+            standing = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
+            touched = self._lowest(dynamics, swing) - standing < self._params.early_contact_height
+        self._landed |= touched
 
     def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
         plan, leap = self.plan, self._leap
@@ -348,6 +387,9 @@ class Locomotion:
         return point
 
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
+        touched = None if self.plan.legs else self.ground.touched(dynamics, foot)
+        if touched is not None:
+            return 0.0 if touched else _SETTLE_SPEED
         height = self._lowest(dynamics, foot) - self._ground
         return 0.0 if height < _SETTLE_HEIGHT else min(_SETTLE_GAIN * height, _SETTLE_SPEED)
 
@@ -355,11 +397,12 @@ class Locomotion:
     def _lowest(dynamics: Dynamics, foot: int) -> float:
         return min(float(dynamics.point(f"{SIDES[foot]}_{end}")[0][2]) for end in ("heel", "toe"))
 
-    def _toe_down(self, dynamics: Dynamics, foot: int) -> float:
-        """Pitch of the swing foot's sole [rad]."""
+    def _toe_down(self, dynamics: Dynamics, foot: int, slope: float = 0.0) -> float:
+        """Pitch of the swing foot's sole over ground of a slope along it [rad]."""
         shank = dynamics.frame(f"{SIDES[foot]}_knee_link")
         sideways = rotations.rotation_z(self._yaw)[:, 1]
-        return toe_down(math.asin(min(max(-shank.rotation[2, 0], -1.0), 1.0)), float(sideways @ shank.velocity[3:]))
+        lean = math.asin(min(max(-shank.rotation[2, 0], -1.0), 1.0))
+        return toe_down(lean, float(sideways @ shank.velocity[3:]), slope)
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:

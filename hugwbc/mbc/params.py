@@ -86,6 +86,8 @@ class ControllerParams:
     """Height below the ground at which a swing ends, so that it ends on it [m]."""
     landing_speed: float = 0.05
     """Downward speed at which a swing ends [m/s]."""
+    search_speed: float = 0.4
+    """Downward speed of a foot that has not found the ground where it should be [m/s]."""
     early_contact_phase: float = 0.6
     """Share of the swing after which touching the ground counts as landing."""
     early_contact_height: float = 0.0005

@@ -84,11 +84,12 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> floa
     return max(params.min_clearance, min(params.clearance_at_nominal + h + rise, rise + params.leap_tuck / f**2))
 
 
-def toe_down(shank_pitch: float, shank_rate: float) -> float:
-    """Pitch of a lifted sole [rad]: level, until the ankle's range forces the toe down.
+def toe_down(shank_pitch: float, shank_rate: float, slope: float = 0.0) -> float:
+    """Pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 
     Args:
         shank_pitch: lean of the shank, forward positive [rad].
         shank_rate: its rate [rad/s].
+        slope: of the ground, toe down positive [rad].
     """
-    return max(shank_pitch + _LEAD * shank_rate - _LEVEL_SHANK, 0.0)
+    return max(shank_pitch + _LEAD * shank_rate - _LEVEL_SHANK, slope)

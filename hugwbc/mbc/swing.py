@@ -62,7 +62,16 @@ class SwingTrajectory:
         self.acceleration = np.zeros(3)
 
     def advance(
-        self, foothold: np.ndarray, apex: float, ground: float, elapsed: float, remaining: float, dt: float
+        self,
+        foothold: np.ndarray,
+        apex: float,
+        ground: float,
+        elapsed: float,
+        remaining: float,
+        dt: float,
+        *,
+        landing: float | None = None,
+        overdue: float = 0.0,
     ) -> None:
         """Move the plan on by `dt`.
 
@@ -70,6 +79,8 @@ class SwingTrajectory:
             foothold: where the sole's centre is to land, world x and y [m], shape (2,).
             apex: sole height above the ground half way [m].
             ground: height of the ground [m].
+            landing: height of the ground at the foothold, if it is another [m].
+            overdue: time for which the foot should already have touched the ground [s].
             elapsed: since lift-off [s].
             remaining: until touch-down [s].
             dt: [s].
@@ -78,7 +89,9 @@ class SwingTrajectory:
         if to_apex > 0.0:
             height, speed, until = ground + apex, 0.0, to_apex
         else:
-            height, speed, until = ground + self._params.landing_height, -self._params.landing_speed, remaining
+            searching = self._params.search_speed if overdue > 0.0 else self._params.landing_speed
+            height = (ground if landing is None else landing) + self._params.landing_height
+            height, speed, until = height - self._params.search_speed * overdue, -searching, remaining
         self.position, self.velocity, self.acceleration = quintic_advance(
             (self.position, self.velocity, self.acceleration),
             (np.array([*foothold.tolist(), height]), np.array([0.0, 0.0, speed]), _REST),

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -93,3 +95,13 @@ def test_pendulum_velocity_of_pure_translation_is_the_velocity(standing_state):
     pendulum = Pendulum.about(np.zeros(3), dynamics)
     assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.3, -0.2], abs=1e-9)
     assert pendulum.omega == pytest.approx(np.sqrt(9.81 / dynamics.com[2]))
+
+
+def test_on_a_slope_the_pendulum_moves_as_on_level_ground(standing_state):
+    """Climbing at the slope's rate with no angular momentum, the effective velocity is that of the centre of mass."""
+    dynamics, gradient = Dynamics(), np.array([0.1, 0.0])
+    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.5, 0.0, 0.05])))
+    pivot = np.array([dynamics.com[0] - 0.2, dynamics.com[1], 0.0])
+    pendulum = Pendulum.about(pivot, dynamics, gradient)
+    assert pendulum.omega == pytest.approx(np.sqrt(9.81 / (dynamics.com[2] - 0.02)))
+    assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.5, 0.0], abs=1e-9)

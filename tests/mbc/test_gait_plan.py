@@ -115,3 +115,26 @@ def test_a_hop_waits_for_the_weight_and_ends_on_both_feet():
     while plan.airborne:
         plan.advance(Gait.STANDING, 2.0, DT, may_start=False, may_stop=True)
     assert plan.mode is Mode.LANDING and plan.legs == (0, 1)
+
+
+def test_a_foot_that_has_not_landed_is_waited_for_and_the_clock_runs_on():
+    plan = GaitPlan()
+    _run(plan, Gait.WALKING, 0.5)
+    swing = plan.swing
+    while plan.remaining > DT:
+        plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True, landed=False)
+    for tick in range(1, 20):
+        assert not plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True, landed=False)
+        assert plan.swing == swing and plan.remaining == 0.0 and plan.overdue == pytest.approx(tick * DT)
+    assert plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True, landed=True)
+    assert plan.swing == 1 - swing and plan.overdue == 0.0
+    assert plan.remaining == pytest.approx(plan.step_time - 20 * DT, abs=2 * DT)
+
+
+def test_it_does_not_wait_for_ever():
+    plan = GaitPlan()
+    _run(plan, Gait.WALKING, 0.5)
+    lift_offs = sum(
+        plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=True, landed=False) for _ in range(500)
+    )
+    assert lift_offs == 4  # a second of 2 Hz, every step 0.1 s late

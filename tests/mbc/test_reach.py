@@ -89,3 +89,8 @@ def test_feet_rise_with_the_body_and_are_drawn_in_less_the_faster_the_leap():
     assert highest_leap_clearance(PARAMS, 0.0, 2.0) == pytest.approx(PARAMS.clearance_at_nominal + leap_rise(2.0))
     assert highest_leap_clearance(PARAMS, -0.1, 2.0) < highest_leap_clearance(PARAMS, 0.0, 2.0)
     assert highest_leap_clearance(PARAMS, 0.0, 3.5) == pytest.approx(leap_rise(3.5) + PARAMS.leap_tuck / 3.5**2)
+
+
+def test_a_sloping_sole_turns_with_the_ground_as_far_as_the_ankle_allows():
+    assert toe_down(0.5, 0.0, slope=-0.1) == -0.1
+    assert toe_down(0.75, 0.0, slope=-0.1) == pytest.approx(-0.05)

@@ -47,3 +47,20 @@ def test_a_swing_rises_to_the_apex_and_ends_on_the_foothold(step_time, apex):
     # Smooth but for the change of target: acceleration does not jump where the swing turns from rise to fall.
     jumps = np.abs(np.diff(np.array(accelerations)[:, 2]))
     assert jumps.max() < 0.15 * np.abs(np.array(accelerations)[:, 2]).max()
+
+
+def test_it_lands_where_the_ground_is_at_the_foothold():
+    params, swing, dt = ControllerParams(), SwingTrajectory(ControllerParams()), 0.001
+    swing.start(np.zeros(3))
+    for tick in range(250):
+        swing.advance(np.zeros(2), 0.15, 0.0, tick * dt, 0.25 - tick * dt, dt, landing=-0.03)
+    assert swing.position[2] == pytest.approx(-0.03 + params.landing_height, abs=1e-3)
+
+
+def test_a_foot_that_finds_no_ground_goes_on_down():
+    params, swing, dt = ControllerParams(), SwingTrajectory(ControllerParams()), 0.001
+    swing.start(np.zeros(3))
+    for tick in range(100):
+        swing.advance(np.zeros(2), 0.15, 0.0, 0.25, 0.0, dt, overdue=(tick + 1) * dt)
+    assert swing.velocity[2] == pytest.approx(-params.search_speed, rel=0.1)
+    assert swing.position[2] == pytest.approx(-params.search_speed * 0.1, abs=0.01)

@@ -162,3 +162,12 @@ def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(standing
     assert task.evaluate(dynamics).acceleration == pytest.approx(-5.0 * dynamics.inertia[:, 1])
     task.planned = np.array([1.0, 2.0, 3.0])
     assert task.evaluate(dynamics).acceleration == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_a_standing_sole_is_turned_to_the_slope_of_the_ground(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(standing_state)
+    task = StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left")
+    level = task.evaluate(dynamics).acceleration[3]
+    task.slope = 0.05
+    assert task.evaluate(dynamics).acceleration[3] - level == pytest.approx(100.0 * 0.05)

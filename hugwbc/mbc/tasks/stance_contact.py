@@ -14,14 +14,15 @@ class StanceContactTask:
     r"""Line contact: the sole's centre line, heel to toe, does not move; the foot may roll about it.
 
     .. math::
-        \dot V^* = k_d (V_d - V) + (0, 0, 0, -k_p \theta, 0), \qquad V = (\dot p, \omega_y, \omega_z)
+        \dot V^* = k_d (V_d - V) + (0, 0, 0, k_p (\theta_d - \theta), 0), \qquad V = (\dot p, \omega_y, \omega_z)
 
     with the velocity of the sole's centre in world axes [m/s] and the angular velocity about the foot's own y and z
-    axes [rad/s]; theta is the sole's slope along its length [rad]. The roll row is left out: the sole is 3 cm wide
-    and the leg has no ankle roll, so that two full contacts would be redundant (rank 11 of 12) and one would lock the
-    base's sway to its roll.
+    axes [rad/s]; theta is the sole's slope along its length, theta_d the ground's, toe down positive [rad]. The roll
+    row is left out: the sole is 3 cm wide and the leg has no ankle roll, so that two full contacts would be redundant
+    (rank 11 of 12) and one would lock the base's sway to its roll.
 
     Attributes:
+        slope: theta_d [rad].
         settle: downward speed [m/s] of a foot that should stand but is still above the ground.
     """
 
@@ -30,6 +31,7 @@ class StanceContactTask:
 
     def __init__(self, params: ControllerParams, side: str) -> None:
         self.name = f"{side} stance contact"
+        self.slope = 0.0
         self.settle = 0.0
         self._frame = f"{side}_sole"
         self._damping = params.contact_damping
@@ -44,5 +46,5 @@ class StanceContactTask:
         error[2] -= self.settle
         acceleration = self._damping * error
         slope = math.asin(min(max(-foot.rotation[2, 0], -1.0), 1.0))
-        acceleration[3] -= self._pitch_stiffness * slope
+        acceleration[3] += self._pitch_stiffness * (self.slope - slope)
         return TaskTerms(rows @ foot.jacobian, rows @ foot.drift, acceleration, self._weight, error)
