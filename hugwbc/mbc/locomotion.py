@@ -98,7 +98,7 @@ class Locomotion:
         self.foothold: np.ndarray | None = None
         self.footholds = np.full((2, 2), np.nan)
         self.clipped = 0
-        self._landed = False
+        self._landed = self._loaded = False
         self._noted = False
         self.ground.reset()
         self._shifted = False
@@ -139,7 +139,7 @@ class Locomotion:
             may_start=self._shifted or catching,
             first_swing=self._catching_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
-            landed=self._landed,
+            landed=self._loaded,
         )
         # The leg of a hop leans inwards by 0.2 rad, and the foot with it.
         dynamics.edge = float(dynamics.robot.sole_y[1]) if len(self.plan.legs) == 1 else 0.0
@@ -172,11 +172,14 @@ class Locomotion:
         """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
 
         The lowest end of a standing foot always, the other end once it is about as low or the sole rests: a foot that
-        lands on its toe first must not count on its heel.
+        lands on its toe first must not count on its heel. A foot that has just come down, not before it carries.
         """
         heights = np.array([dynamics.point(point)[0][2] for point in CONTACT_POINTS]).reshape(2, 2)
         level = heights < heights.min(axis=1, keepdims=True) + _LEVEL_TOLERANCE
-        return ((level | self.ground.resting[:, None]) & self.contact[:, None]).ravel()
+        carrying = self.contact.copy()
+        if self.plan.swing is not None:
+            carrying[self.plan.swing] &= self._loaded
+        return ((level | self.ground.resting[:, None]) & carrying[:, None]).ravel()
 
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
@@ -271,7 +274,7 @@ class Locomotion:
                            command.velocity, dt)  # fmt: skip
         if lift_off:
             self._trajectory.start(sole.position)
-            self._landed = self._noted = False
+            self._landed = self._loaded = self._noted = False
             self._trim.end_step()
         pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics, self.ground.gradient)
         step = plan_step(
@@ -318,16 +321,25 @@ class Locomotion:
         self.travel.feedforward = float(pendulum.omega**2 * (forward @ (pendulum.com - step.cop)))
 
     def _watch_landing(self, dynamics: Dynamics) -> None:
-        """Notice that the swing foot of a walk has found the ground: by its load, or else by its height."""
-        swing, stance = self.plan.swing, self.plan.stance
+        """Notice that the swing foot of a walk stands, and that it carries.
+
+        At its expected height it stands, until the step is over: if it does not carry then, the ground is lower.
+        """
+        plan, params = self.plan, self._params
+        swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        if self.plan.step_time - self.plan.remaining <= self._params.early_contact_phase * self.plan.step_time:
+        if plan.step_time - plan.remaining <= params.early_contact_phase * plan.step_time:
             return
+        standing, sole = (dynamics.frame(f"{SIDES[foot]}_sole").position for foot in (stance, swing))
+        expected = standing[2] + self.ground.rise(standing, sole)
+        near = self._lowest(dynamics, swing) - expected < params.early_contact_height
         touched = self.ground.touched(dynamics, swing)
-        if touched is None:
-            standing = dynamics.frame(f"{SIDES[stance]}_sole").position[2]
-            touched = self._lowest(dynamics, swing) - standing < self._params.early_contact_height
-        self._landed |= touched
+        if touched is None:  # only its height tells, and the clock
+            self._loaded = True
+            self._landed |= near
+        else:
+            self._loaded |= touched
+            self._landed = self._loaded or (plan.remaining > 0.0 and (self._landed or near))
 
     def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
         plan, leap = self.plan, self._leap

@@ -82,8 +82,8 @@ class ControllerParams:
     """Largest distance of the centre of pressure from the ankle, along the foot [m]: what the ankle torque holds."""
     cop_gain: float = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 it converges."""
-    landing_height: float = -0.002
-    """Height below the ground at which a swing ends, so that its load is felt in time [m]."""
+    landing_height: float = -0.001
+    """Height below the ground at which a swing ends, so that it ends on it [m]."""
     landing_speed: float = 0.05
     """Downward speed at which a swing ends [m/s]."""
     search_speed: float = 0.4

@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.mbc import Output, QpStatus, WholeBodyController
-from hugwbc.sim import Simulation
+from hugwbc.sim import HeightField, Simulation, rough_terrain
 
 ROBOT = load_robot()
 WALK = Command(v_x=0.6, gait=Gait.WALKING)
@@ -73,6 +73,41 @@ def test_it_walks_with_a_delay_that_it_does_not_know():
 def test_it_walks_at_lower_rates(period):
     speed, up = _walk(period=period)
     assert up and speed == pytest.approx(0.6, abs=0.15)
+
+
+def _stays_up(terrain, command, seconds):
+    simulation, controller = Simulation(terrain=terrain), WholeBodyController()
+    controller.reset(simulation.sense())
+    for _ in range(round(seconds / controller.period)):
+        simulation.step(controller.act(simulation.sense(), command, UpperBody.none()), controller.period)
+        if simulation.fallen:
+            return False
+    return controller.diagnostics.fallbacks == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slope", [-0.087, 0.087])
+@pytest.mark.parametrize("v_x", [None, -0.4, 0.6])
+def test_it_stands_and_walks_on_slopes_of_five_degrees(slope, v_x):
+    terrain = rough_terrain(0.0, np.random.default_rng(0), size=32.0, slope=slope)
+    command = Command() if v_x is None else Command(v_x=v_x, gait=Gait.WALKING)
+    assert _stays_up(terrain, command, 6.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("slope", [0.0, 0.087])
+def test_it_walks_over_uneven_ground(seed, slope):
+    terrain = rough_terrain(0.02, np.random.default_rng(seed), size=32.0, slope=slope)
+    command = Command(v_x=0.5, v_y=0.2 * (seed - 1.5), omega=0.2 * (seed % 2), gait=Gait.WALKING)
+    assert _stays_up(terrain, command, 6.0)
+
+
+def test_it_steps_down_to_ground_lower_than_it_knew():
+    """A step of 2 cm down, which only the load on the foot can tell."""
+    heights = np.zeros((3, 81))
+    heights[:, 42:] = -0.02  # from x = 0.2 m on, over 0.2 m
+    assert _stays_up(HeightField(heights, (16.0, 16.0)), Command(v_x=0.6, gait=Gait.WALKING), 2.2)
 
 
 def _random_state(rng, absurd):
