@@ -175,7 +175,10 @@ class Locomotion:
         lands on its toe first must not count on its heel. A foot that has just come down, not before it carries.
         """
         heights = np.array([dynamics.point(point)[0][2] for point in CONTACT_POINTS]).reshape(2, 2)
-        level = heights < heights.min(axis=1, keepdims=True) + _LEVEL_TOLERANCE
+        lowest = heights.min(axis=1, keepdims=True)
+        if self.plan.legs:  # a landing presses one end into the ground: the other end is not in the air for that
+            lowest = np.maximum(lowest, self._ground)
+        level = heights < lowest + _LEVEL_TOLERANCE
         carrying = self.contact.copy()
         if self.plan.swing is not None:
             carrying[self.plan.swing] &= self._loaded
