@@ -14,6 +14,8 @@ CONTACT_FORCE_SIGMA = 50.0  # [N^2]
 CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
 LIMIT_FRACTION = 0.95
 PRECISION = 0.25  # [m/s] and [rad/s]
+POSTURE_PRECISION = 0.1  # [m] and [rad]
+SWING_PRECISION = 0.05  # [m]
 LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
 CONTACT_THRESHOLD = 5.0  # [N]
 
@@ -230,6 +232,25 @@ def yaw_rate_error(t: Transition, body: Body) -> torch.Tensor:
     return (t.command[:, 2] - t.yaw_rate).square().clamp(max=LARGEST_YAW_RATE_ERROR)
 
 
+def posture_precision(t: Transition, body: Body) -> torch.Tensor:
+    """Mean of exp(-|e| / 0.1) over body height, body pitch and waist yaw (not in the paper)."""
+    errors = torch.stack(
+        (t.command[:, 5] - t.height, t.command[:, 6] - t.pitch, t.command[:, 7] - t.q[:, body.waist]), dim=1
+    )
+    return torch.exp(-errors.abs() / POSTURE_PRECISION).mean(1)
+
+
+def swing_precision(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i (1 - C_i) exp(-|l_target_i - l_i| / 0.05) (not in the paper)."""
+    return ((1.0 - t.contact) * torch.exp(-(t.target_clearance - t.clearance).abs() / SWING_PRECISION)).sum(1)
+
+
+def unequal_support(t: Transition, body: Body) -> torch.Tensor:
+    """1[bar phi_1 = bar phi_2] while one foot is on the ground and the other is not (not in the paper)."""
+    on_ground = t.foot_force.square().sum(2) > CONTACT_THRESHOLD**2
+    return (t.in_phase & (on_ground[:, 0] != on_ground[:, 1])).to(t.command.dtype)
+
+
 PAPER_TERMS: dict[str, Term] = {
     term.__name__: term
     for term in (
@@ -262,6 +283,9 @@ EXTRA_TERMS: dict[str, Term] = {
         linear_velocity_precision,
         yaw_rate_precision,
         yaw_rate_error,
+        posture_precision,
+        swing_precision,
+        unequal_support,
     )
 }
 # The paper's regularisation group: grows with the penalty curriculum. Termination does not.

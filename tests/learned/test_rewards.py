@@ -123,6 +123,15 @@ CASES = {
     "linear_velocity_precision": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-2.0)),
     "yaw_rate_precision": ({"yaw_rate": torch.tensor([-0.25])}, math.exp(-1.0)),
     "yaw_rate_error": ({"yaw_rate": torch.tensor([-0.5])}, 0.25),
+    "posture_precision": (
+        {"height": torch.tensor([0.1]), "pitch": torch.tensor([-0.2])},
+        (math.exp(-1.0) + math.exp(-2.0) + 1.0) / 3.0,
+    ),
+    "swing_precision": (
+        {"contact": torch.tensor([[1.0, 0.25]]), "clearance": torch.tensor([[0.3, 0.1]])},
+        0.75 * math.exp(-2.0),
+    ),
+    "unequal_support": ({"foot_force": torch.tensor([[[0.0, 0.0, 3.0], [0.0, 4.0, 4.0]]])}, 1.0),
 }
 
 
@@ -164,6 +173,15 @@ def test_intervention_masks_the_arms_only(name: str) -> None:
 def test_feet_symmetry_only_in_phase() -> None:
     changes = {"foot_offset": torch.tensor([[0.3, 0.4, 0.1]]), "in_phase": torch.tensor([False])}
     assert rewards.feet_symmetry(make_transition(**changes), make_body()).item() == 0.0
+
+
+def test_unequal_support_only_in_phase_and_of_one_foot() -> None:
+    one_foot = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])
+    in_turn = make_transition(foot_force=one_foot, in_phase=torch.tensor([False]))
+    assert rewards.unequal_support(in_turn, make_body()).item() == 0.0
+    for both in (0.0, 400.0):
+        transition = make_transition(foot_force=torch.full((1, 2, 3), both))
+        assert rewards.unequal_support(transition, make_body()).item() == 0.0
 
 
 def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
