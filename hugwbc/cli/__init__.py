@@ -13,6 +13,7 @@ VERBS = {
     "evaluate": "run one of the paper's protocols and print the errors beside the paper's",
     "play": "watch a controller live in the browser",
     "imitate": "give a training its start: a policy that imitates the QP",
+    "distil": "fit one policy to several, each the teacher of a gait",
     "train": "train a policy, or continue a training",
     "export": "write a policy as an ONNX file",
     "motions": "write a library of arm motions, made by the hand IK",

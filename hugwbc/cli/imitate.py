@@ -17,19 +17,20 @@ def run(words: Sequence[str]) -> int:
 
     with progress(f"imitation {config.out}") as advance:
         imitator = Imitator(config, lambda period: WholeBodyController(period=period))
-        imitator.run(_reporter(config.samples, advance))
+        imitator.run(reporter(config.samples, _LINE_SAMPLES, advance))
     say(f"{imitator.samples} labels; saved in {config.out}")
     return 0
 
 
-def _reporter(total: float, advance: Callable[[float], None]) -> Callable[[dict[str, float]], None]:
+def reporter(total: float, interval: float, advance: Callable[[float], None]) -> Callable[[dict[str, float]], None]:
+    """What shows the progress of collecting labels: a line of figures after every `interval` of `total` labels."""
     falls, steps, last = 0.0, 0.0, 0.0
 
     def report(figures: dict[str, float]) -> None:
         nonlocal falls, steps, last
         advance(min(1.0, figures["samples"] / total))
         falls, steps = falls + figures["falls"], steps + figures["steps"]
-        if figures["samples"] - last >= _LINE_SAMPLES:
+        if figures["samples"] - last >= interval:
             say(
                 f"labels {figures['samples']:.0f}  loss {figures['imitation_loss']:.3f}  "
                 f"estimation {figures['estimation_loss']:.3f}  falls in 1000 steps {1000.0 * falls / steps:.2f}"

@@ -95,6 +95,12 @@ class CommandConfig:
         _require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
         _require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
 
+    def fractions(self) -> dict[str, float]:
+        """Part of the commands of each gait; jumping is what the others leave."""
+        given = {"standing": self.standing_fraction, "walking": self.walking_fraction, "hopping": self.hopping_fraction}
+        rest = 1.0 - sum(given.values())
+        return given | {"jumping": rest if rest > 1e-9 else 0.0}
+
 
 @dataclasses.dataclass(frozen=True)
 class RandomizationConfig:
@@ -398,3 +404,71 @@ class ImitationConfig:
             _require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "0 to 1")
         for name in ("exploration", "upper_weight", "estimation_weight"):
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
+
+
+def _distillation_env() -> EnvConfig:
+    """Mixed often; falls have to be seen, so starts and pushes stay as in training."""
+    command = CommandConfig(standing_fraction=0.4, walking_fraction=0.4, resample_steps=250)
+    return EnvConfig(count=512, episode_steps=800, command=command)
+
+
+@dataclasses.dataclass(frozen=True)
+class DistillationConfig:
+    """One network from several, each of which is the teacher of a gait. Paths are of snapshots or checkpoints."""
+
+    out: pathlib.Path = pathlib.Path("runs/distilled")
+    """Folder of the policy and of the snapshot from which `hugwbc train --start-from` goes on."""
+    start_from: pathlib.Path | None = None
+    """What the student starts as; its critic, its exploration std and its record are kept."""
+    standing: pathlib.Path | None = None
+    """Teacher of standing."""
+    catching: pathlib.Path | None = None
+    """Teacher of standing while the robot moves much; without one, that of standing."""
+    walking: pathlib.Path | None = None
+    """Teacher of walking."""
+    jumping: pathlib.Path | None = None
+    """Teacher of jumping."""
+    hopping: pathlib.Path | None = None
+    """Teacher of hopping on either leg."""
+    samples: float = 2e6
+    """Labels to collect."""
+    memory: int = 400_000
+    """How many of the newest labels are kept."""
+    seed: int = 1
+    threads: int = 1
+    exploration: float = 0.1
+    """Std of the noise on all actions, so that states beside the path are labelled too."""
+    noise_level: float = 0.5
+    """The intervention's alpha."""
+    max_speed: float = 1.4
+    """Largest v_x of the agile group [m/s]."""
+    learning_rate: float = 5e-4
+    """At the start; falls to a twentieth."""
+    batch: int = 2048
+    updates: int = 6
+    """Gradient steps after every 10 control steps."""
+    estimation_weight: float = 0.2
+    env: EnvConfig = dataclasses.field(default_factory=_distillation_env)
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and that every gait that is drawn has a teacher."""
+        for name in ("samples", "learning_rate"):
+            value = getattr(self, name)
+            _require(0.0 < value < math.inf, name, value, "a positive number")
+        for name in ("threads", "batch", "updates", "memory"):
+            _require(getattr(self, name) > 0, name, getattr(self, name), "a positive integer")
+        _require(0.0 <= self.noise_level <= 1.0, "noise_level", self.noise_level, "0 to 1")
+        for name in ("exploration", "estimation_weight"):
+            _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
+        fractions = self.env.command.fractions()
+        for gait, fraction in fractions.items():
+            if fraction > 0.0 and getattr(self, gait) is None:
+                raise ConfigError(
+                    f"{gait} makes {fraction:.2f} of the commands and has no teacher; give --{gait} SNAPSHOT, or draw "
+                    f"none of it (--env.command.*-fraction)"
+                )
+
+    def teachers(self) -> dict[str, pathlib.Path]:
+        """Paths by gait, and "catching" after standing."""
+        names = ("standing", "catching", "walking", "jumping", "hopping")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}

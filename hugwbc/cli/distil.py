@@ -1,0 +1,22 @@
+"""`hugwbc distil`: one policy from several, each the teacher of a gait."""
+
+from collections.abc import Sequence
+
+from hugwbc.cli.imitate import reporter
+from hugwbc.cli.output import parse, progress, say
+from hugwbc.learned.config import DistillationConfig
+
+_LINE_SAMPLES = 100_000
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, distil, report."""
+    description = "Fit one network to several, each the teacher of a gait, on the student's own states."
+    config = parse(DistillationConfig, words, "distil", description)
+    from hugwbc.learned.distillation import Distiller
+
+    with progress(f"distillation {config.out}") as advance:
+        distiller = Distiller(config)
+        distiller.run(reporter(config.samples, _LINE_SAMPLES, advance))
+    say(f"{distiller.samples} labels; saved in {config.out}")
+    return 0

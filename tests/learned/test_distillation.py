@@ -1,0 +1,109 @@
+import dataclasses
+import pathlib
+from typing import Any
+
+import pytest
+import torch
+
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.learned import checkpoint
+from hugwbc.learned.config import CommandConfig, DistillationConfig, EnvConfig
+from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Distiller, disturbance
+from hugwbc.learned.networks import ActorCritic
+from hugwbc.learned.train import SNAPSHOT_NAME
+from hugwbc.robot import load_robot
+
+ROBOT = load_robot()
+# Equal on both sides, so that the mirrored half of a batch asks for the same.
+KNEES = ROBOT.indices(["left_knee_joint", "right_knee_joint"])
+COMMANDS = CommandConfig(standing_fraction=0.5, walking_fraction=0.3, hopping_fraction=0.2)
+
+
+def write_teacher(path: pathlib.Path, action: float) -> pathlib.Path:
+    """A snapshot of a network that always does the same with the knees."""
+    network = ActorCritic()
+    with torch.no_grad():
+        for parameter in network.actor.parameters():
+            parameter.zero_()
+        last = [module for module in network.actor.modules() if isinstance(module, torch.nn.Linear)]
+        (head,) = [layer for layer in last if layer.out_features == 19]
+        head.bias[KNEES] = action
+    tensors = {f"network.{name}": value for name, value in network.state_dict().items()}
+    checkpoint.save_file(path, tensors, "checkpoint", {"steps": 7})
+    return path
+
+
+def make_config(folder: pathlib.Path, **changes: Any) -> DistillationConfig:
+    names = ("standing", "catching", "walking", "hopping")
+    teachers: Any = {name: write_teacher(folder / name, 0.1 * (i + 1)) for i, name in enumerate(names)}
+    config = DistillationConfig(
+        out=folder / "out",
+        start_from=write_teacher(folder / "student", 0.0),
+        env=EnvConfig(count=8, command=COMMANDS),
+        memory=1000,
+        batch=64,
+        **teachers,
+    )
+    return dataclasses.replace(config, **changes)
+
+
+def test_each_gait_is_labelled_by_its_teacher_and_a_moving_stand_by_the_catcher(tmp_path: pathlib.Path) -> None:
+    distiller = Distiller(make_config(tmp_path))
+    env = distiller.env
+    gaits = (Gait.STANDING, Gait.STANDING, Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
+    env.gait[:6] = torch.tensor([int(gait) for gait in gaits])
+    env.readings.velocity[:] = 0.0
+    env.readings.angular_velocity[:] = 0.0
+    env.readings.roll[:] = 0.0
+    env.readings.velocity[1, 1] = CATCH_SPEED
+    env.readings.velocity[2, 0] = 4.0 * CATCH_SPEED
+    with torch.no_grad():
+        label = distiller.label(env.observe())
+    torch.testing.assert_close(
+        label[:6, KNEES[0]], torch.tensor([0.1007, 0.15, 0.2, 0.3, 0.4, 0.4]), atol=1e-4, rtol=0.0
+    )
+
+
+def test_the_catcher_s_share_adds_the_disturbances_up(tmp_path: pathlib.Path) -> None:
+    readings = Distiller(make_config(tmp_path)).env.readings
+    readings.velocity[:] = 0.0
+    readings.angular_velocity[:] = 0.0
+    readings.roll[:] = -0.5 * CATCH_ROLL
+    readings.velocity[:, 2] = 0.5 * CATCH_SPEED
+    torch.testing.assert_close(disturbance(readings), torch.full((8,), 0.5))
+
+
+def test_a_student_becomes_its_teacher(tmp_path: pathlib.Path) -> None:
+    standing = EnvConfig(count=8, command=CommandConfig(standing_fraction=1.0, walking_fraction=0.0))
+    config = make_config(tmp_path, env=standing, catching=None, samples=2400.0, updates=30, learning_rate=3e-3)
+    distiller = Distiller(config)
+    rows: list[dict[str, float]] = []
+    distiller.run(rows.append)
+    assert rows[-1]["imitation_loss"] < 0.1 * rows[0]["imitation_loss"] and rows[-1]["samples"] == 2400
+    tensors, metadata = checkpoint.load_file(tmp_path / "out" / SNAPSHOT_NAME, "checkpoint")
+    student = ActorCritic()
+    student.load_state_dict({name.removeprefix("network."): value for name, value in tensors.items()})
+    observation = distiller.env.observe()
+    with torch.no_grad():
+        action, _ = student.actor(observation.history, observation.command)
+    torch.testing.assert_close(action[:, KNEES], torch.full((8, 2), 0.1), atol=0.03, rtol=0.0)
+    assert float(action[:, ROBOT.arms].abs().max()) < 0.03
+    assert metadata["steps"] == 7 and metadata["distillation"]["labels"] == 2400
+
+
+def test_arms_under_takeover_do_not_count(tmp_path: pathlib.Path) -> None:
+    distiller = Distiller(make_config(tmp_path))
+    distiller.env.intervention.active[:] = False
+    distiller.env.intervention.active[0] = True
+    distiller.collect()
+    weights = distiller.memory.sample(400)["weight"]
+    masked = weights.min(1).values == 0.0
+    assert 20 < int(masked.sum()) < 90  # an eighth of 400
+    assert torch.all(weights[masked][:, ROBOT.arms] == 0.0) and torch.all(weights[masked][:, ROBOT.legs] == 1.0)
+
+
+@pytest.mark.parametrize("change", [{"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}])
+def test_settings_are_checked(tmp_path: pathlib.Path, change: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        make_config(tmp_path, **change)
