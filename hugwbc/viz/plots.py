@@ -28,17 +28,17 @@ TITLES = {
 _SIZE = (6.0, 2.6)  # [in]
 SMALLEST_SPAN = 0.2  # of the vertical axis, in the quantity's unit
 # Stands for the page's text colour until the picture is written.
-_INK = "#010203"
+INK = "#010203"
 _STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 10,
-    "text.color": _INK,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "grid.color": _INK,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": INK,
     "grid.alpha": 0.15,
     "axes.grid": True,
     "axes.axisbelow": True,
@@ -76,7 +76,7 @@ def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
                 axes.plot(trace.time, _measured(trace, name), color=colour)
             longest = max(traces, key=lambda trace: trace.time[-1])
             commanded = _commanded(longest, name)
-            axes.plot(longest.time, commanded, color=_INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
+            axes.plot(longest.time, commanded, color=INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
             axes.set_ylabel(COMMAND_UNITS[name])
             _widen(axes)
 
@@ -145,7 +145,7 @@ def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
 
     return [
         _time_panel("Torque of the joint nearest to its limit", draw_peak, traces),
-        Panel("RMS torque of each joint", _svg("rms", draw_rms, height=3.4)),
+        Panel("RMS torque of each joint", picture("rms", draw_rms, height=3.4)),
     ]
 
 
@@ -156,19 +156,26 @@ def _time_panel(title: str, draw: Callable[[Axes], None], traces: Sequence[Trace
         start, end = (f(trace.time[i] for trace in traces) for f, i in ((min, 0), (max, -1)))
         axes.set_xlim(start, max(end, start + 0.1))
 
-    return Panel(title, _svg(title, with_time))
+    return Panel(title, picture(title, with_time))
 
 
-def _svg(salt: str, draw: Callable[[Axes], Any], height: float = _SIZE[1]) -> str:
-    """Draw into fresh axes; the salt keeps the ids of several pictures on one page apart and the output repeatable."""
+def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **axes: Any) -> str:  # noqa: ANN401
+    """An `<svg>` element that scales with its container and takes the page's text colour.
+
+    Args:
+        salt: keeps the ids of several pictures on one page apart and the output repeatable.
+        draw: what is called with fresh axes.
+        height: [in], at a width of 6 in.
+        axes: as `Figure.add_subplot` takes them.
+    """
     style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
     with matplotlib.rc_context(style):
         figure = Figure(figsize=(_SIZE[0], height), layout="constrained")
-        draw(figure.add_subplot())
+        draw(figure.add_subplot(**axes))
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = file.getvalue()
-    text = text[text.index("<svg") :].replace(_INK, "currentColor")
+    text = text[text.index("<svg") :].replace(INK, "currentColor")
     # Without its own size the picture scales with its container by its viewBox.
     opening, rest = text.split(">", 1)
     kept = [part for part in opening.split(" ") if not part.startswith(("width=", "height="))]

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
+from hugwbc.tables import Table
 from hugwbc.viz.plots import hand_panels, torque_panels, tracking_panels
 from hugwbc.viz.replay import replay_html, write_replay
-from hugwbc.viz.report import Table, report_html, summary_table, write_report
+from hugwbc.viz.report import report_html, summary_table, write_report
 from hugwbc.viz.trace import LABEL_COLOURS
 
 NASTY = 'a<b>&"$x_1'

@@ -1,0 +1,128 @@
+"""One measured or published number of a report, and how it compares with the paper's and with another controller's."""
+
+import dataclasses
+import enum
+from collections.abc import Sequence
+
+from hugwbc.evaluation.report.statistics import Estimate
+from hugwbc.tables import Cell, Marked, Table
+
+
+class Verdict(enum.Enum):
+    """How a figure compares with another one."""
+
+    BETTER = "better"
+    UNCLEAR_BETTER = "better, within the interval"
+    UNCLEAR_WORSE = "worse, within the interval"
+    WORSE = "worse"
+    NONE = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """A number of a table.
+
+    Attributes:
+        table: title of its table.
+        quantity: its row.
+        unit: of value and paper.
+        controller: its column.
+        estimate: the number and its interval; None where it is published and not measured.
+        paper: what the paper prints for HugWBC; None where it prints nothing.
+        published: what somebody prints for this controller, which was not run here.
+        higher_is_better: otherwise lower is.
+    """
+
+    table: str
+    quantity: str
+    unit: str
+    controller: str
+    estimate: Estimate | None
+    paper: float | None = None
+    published: float | None = None
+    higher_is_better: bool = False
+
+    @property
+    def value(self) -> float | None:
+        """The number, measured or published."""
+        return self.published if self.estimate is None else self.estimate.value
+
+    @property
+    def ratio(self) -> tuple[float, float | None, float | None] | None:
+        """To the paper's figure, with the bounds of its interval; None where one of the two is missing."""
+        if self.estimate is None or self.estimate.value is None or not self.paper:
+            return None
+        low, high = self.estimate.low, self.estimate.high
+        bounds = (None, None) if low is None or high is None else (low / self.paper, high / self.paper)
+        return (self.estimate.value / self.paper, *bounds)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Against the paper; its own uncertainty is not known."""
+        if self.ratio is None:
+            return Verdict.NONE
+        value, low, high = self.ratio
+        return _verdict(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
+
+
+def against(figure: Figure, other: Figure) -> Verdict:
+    """How a measured figure compares with another controller's: told apart where their intervals do not overlap."""
+    mine, theirs = figure.estimate, other.estimate
+    if mine is None or theirs is None or mine.value is None or theirs.value is None:
+        return Verdict.NONE
+    low = None if mine.low is None or theirs.high is None else mine.low - theirs.high
+    high = None if mine.high is None or theirs.low is None else mine.high - theirs.low
+    return _verdict(mine.value - theirs.value, low, high, figure)
+
+
+def _verdict(excess: float, low: float | None, high: float | None, figure: Figure) -> Verdict:
+    """From by how much a figure is above another one, and the bounds of that."""
+    if figure.higher_is_better:
+        excess, low, high = -excess, None if high is None else -high, None if low is None else -low
+    if excess <= 0.0:
+        return Verdict.BETTER if high is not None and high <= 0.0 else Verdict.UNCLEAR_BETTER
+    return Verdict.WORSE if low is not None and low > 0.0 else Verdict.UNCLEAR_WORSE
+
+
+def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
+    """The figures of one table: quantities in rows, controllers in columns, the paper's figure before them.
+
+    A measured cell has the value, its interval, and the ratio to the paper's; one that is worse than the paper's is
+    marked so, and one that is worse by less than its uncertainty as that.
+    """
+    quantities = list(dict.fromkeys(figure.quantity for figure in figures))
+    controllers = list(dict.fromkeys(figure.controller for figure in figures))
+    by_place = {(figure.quantity, figure.controller): figure for figure in figures}
+    has_paper = any(figure.paper is not None for figure in figures)
+    rows: list[list[Cell]] = []
+    for quantity in quantities:
+        some = next(figure for figure in figures if figure.quantity == quantity)
+        row: list[Cell] = [f"{quantity} [{some.unit}]" if some.unit else quantity]
+        if has_paper:
+            papers = [f.paper for f in figures if f.quantity == quantity and f.paper is not None]
+            row.append(papers[0] if papers else None)
+        row += [_cell(by_place.get((quantity, controller))) for controller in controllers]
+        rows.append(row)
+    published = {figure.controller for figure in figures if figure.estimate is None}
+    names = [f"{name} (published)" if name in published else name for name in controllers]
+    return Table(figures[0].table, ["", *(["HugWBC, paper"] if has_paper else []), *names], rows, note)
+
+
+def _cell(figure: Figure | None) -> Cell:
+    if figure is None or figure.value is None:
+        return None
+    if figure.estimate is None:
+        return Marked(_number(figure.value), "published")
+    parts = [_number(figure.value)]
+    if figure.estimate.low is not None and figure.estimate.high is not None:
+        parts.append(f"[{_number(figure.estimate.low)}, {_number(figure.estimate.high)}]")
+    if figure.ratio is not None:
+        parts.append(f"× {figure.ratio[0]:.2g}")
+    marks = {Verdict.WORSE: ("worse", "worse"), Verdict.UNCLEAR_WORSE: ("unclear", "worse?")}
+    mark, word = marks.get(figure.verdict, ("", ""))
+    return Marked(" ".join([*parts, word]).strip(), mark)
+
+
+def _number(value: float) -> str:
+    """Three significant digits, without an exponent where that is readable."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"

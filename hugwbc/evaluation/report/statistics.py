@@ -1,0 +1,42 @@
+"""How sure a mean over episodes is."""
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+_SEED = 0  # of the resampling, so that the same results give the same page
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A mean with its interval.
+
+    Attributes:
+        value: the mean; None if there was no sample.
+        low, high: bounds of its interval of confidence `CONFIDENCE`; None for fewer than two samples.
+        samples: how many it is the mean of.
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    samples: int
+
+
+def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
+    """Mean and percentile bootstrap interval (Efron & Tibshirani 1993, chapter 13); samples that are None are left out.
+
+    Of few samples it is too narrow, as all intervals that assume nothing about the distribution.
+    """
+    known = np.array([sample for sample in samples if sample is not None], dtype=float)
+    if known.size == 0:
+        return Estimate(None, None, None, 0)
+    if known.size == 1:
+        return Estimate(float(known[0]), None, None, 1)
+    rng = np.random.default_rng(_SEED)
+    means = known[rng.integers(known.size, size=(RESAMPLES, known.size))].mean(axis=1)
+    low, high = np.quantile(means, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+    return Estimate(float(known.mean()), low, high, int(known.size))

@@ -1,0 +1,166 @@
+"""Pictures of evaluations: heat maps, polar plots, gait diagrams, clouds of hand positions, curves."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.projections.polar import PolarAxes
+
+from hugwbc.viz.plots import INK, Panel, picture
+from hugwbc.viz.trace import LABEL_COLOURS
+
+_MAP_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 4.2, 5.0, 5.0  # [in]
+_FEW_CELLS = 100  # in a heat map up to this size the numbers are written into the cells
+FEET = ("left", "right")
+
+
+def heat_map(
+    title: str, x: Sequence[float], y: Sequence[float], values: np.ndarray, labels: tuple[str, str, str], top: float
+) -> Panel:
+    """Values over a grid, dark where they are small; cells without a value are crossed out.
+
+    Args:
+        title: what it shows.
+        x: centres of the columns.
+        y: centres of the rows.
+        values: shape (len(y), len(x)); NaN where there is none.
+        labels: of x, y and the values.
+        top: value of the brightest colour, so that several maps can share it.
+    """
+
+    def draw(axes: Axes) -> None:
+        image = axes.pcolormesh(_edges(x), _edges(y), values, cmap="viridis", vmin=0.0, vmax=top)
+        for row, column in np.argwhere(~np.isfinite(values)):
+            axes.plot(x[column], y[row], marker="x", color=INK, markersize=7)
+        if values.size <= _FEW_CELLS:
+            for row, column in np.argwhere(np.isfinite(values)):
+                # Written in the colour that stands out from the cell, whatever the page's.
+                colour = "#000000" if values[row, column] > 0.6 * top else "#ffffff"
+                text = f"{values[row, column]:.2g}"
+                axes.text(x[column], y[row], text, color=colour, ha="center", va="center", fontsize=8)
+        axes.grid(visible=False)
+        axes.set_xticks(x, [f"{value:.2g}" for value in x])
+        axes.set_yticks(y, [f"{value:.2g}" for value in y])
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(labels[1])
+        assert axes.figure is not None
+        axes.figure.colorbar(image, ax=axes, label=labels[2])
+
+    return Panel(title, picture(title, draw, height=_MAP_HEIGHT))
+
+
+def _edges(centres: Sequence[float]) -> np.ndarray:
+    values = np.asarray(centres, dtype=float)
+    if values.size == 1:
+        return values[0] + np.array([-0.5, 0.5])
+    middles = (values[1:] + values[:-1]) / 2
+    return np.concatenate(([2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]))
+
+
+def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
+    """One closed curve a name over the directions, 0 pointing up (ahead) and growing to the left.
+
+    Args:
+        title: what it shows.
+        angles: [rad].
+        series: values of each name, None where there is none.
+        unit: of the values.
+    """
+
+    def draw(axes: PolarAxes) -> None:
+        axes.set_theta_zero_location("N")
+        round_trip = [*angles, angles[0]]
+        for (name, values), colour in zip(series.items(), LABEL_COLOURS, strict=False):
+            numbers = [math.nan if value is None else value for value in values]
+            axes.plot(round_trip, [*numbers, numbers[0]], color=colour, marker="o", markersize=4, label=name)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xticks(list(angles), [f"{math.degrees(angle):.0f}°" for angle in angles])
+        axes.set_title(unit, fontsize=10)
+
+    return Panel(title, picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
+
+
+def gait_diagram(title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, colour: str) -> Panel:
+    """When each foot is on the ground (bars), and the clock signals (curves), left foot above the right one.
+
+    Args:
+        title: what it shows.
+        time: [s], shape (T,).
+        contact: of the left and right foot, shape (T, 2), bool.
+        clock: of the left and right foot, in [-1, 1], shape (T, 2).
+        colour: of the bars.
+    """
+
+    def draw(axes: Axes) -> None:
+        for foot, lane in enumerate((1.0, 0.0)):
+            axes.fill_between(
+                time,
+                lane - 0.36,
+                lane + 0.36,
+                where=contact[:, foot],
+                color=colour,
+                alpha=0.35,
+                step="post",
+                linewidth=0,
+            )
+            axes.plot(time, lane + 0.36 * clock[:, foot], color=INK, linewidth=1.1)
+        axes.set_yticks([1.0, 0.0], FEET)
+        axes.set_ylim(-0.6, 1.6)
+        axes.set_xlim(time[0], time[-1])
+        axes.set_xlabel("s")
+        axes.grid(visible=False, axis="y")
+
+    return Panel(title, picture(title, draw))
+
+
+def hand_cloud(title: str, left: np.ndarray, right: np.ndarray) -> Panel:
+    """Hand positions seen from behind, y to the left and z up [m].
+
+    Args:
+        title: what it shows.
+        left: positions of the left hand in the pelvis frame [m], shape (n, 3).
+        right: of the right hand.
+    """
+
+    def draw(axes: Axes) -> None:
+        for points, colour, name in ((left, LABEL_COLOURS[0], FEET[0]), (right, LABEL_COLOURS[1], FEET[1])):
+            axes.plot(points[:, 1], points[:, 2], ".", color=colour, markersize=2.5, alpha=0.6, label=name)
+        axes.set_aspect("equal")
+        axes.set_xlim(1.1, -1.1)
+        axes.set_ylim(-0.5, 1.2)
+        axes.set_xlabel("y [m]")
+        axes.set_ylabel("z [m]")
+
+    return Panel(title, picture(title, draw, height=_CLOUD_HEIGHT))
+
+
+def curves(
+    title: str,
+    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    labels: tuple[str, str],
+    *,
+    dashed: float | None = None,
+    bottom: float | None = None,
+) -> Panel:
+    """One curve a name, in the colours of `LABEL_COLOURS`.
+
+    Args:
+        title: what it shows.
+        series: x and y of each name.
+        labels: of x and y.
+        dashed: a level to compare with.
+        bottom: of the vertical axis; None for what fits.
+    """
+
+    def draw(axes: Axes) -> None:
+        for (x, y), colour in zip(series.values(), LABEL_COLOURS, strict=False):
+            axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4)
+        if dashed is not None:
+            axes.axhline(dashed, color=INK, linestyle="--", linewidth=1.0)
+        if bottom is not None:
+            axes.set_ylim(bottom=bottom)
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(labels[1])
+
+    return Panel(title, picture(title, draw))
