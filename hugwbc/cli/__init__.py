@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from hugwbc.errors import HugwbcError, UnknownNameError
 
 VERBS = {
+    "report": "run all protocols with each controller and write every table and figure",
     "compare": "play one script with each controller and report how they did",
     "evaluate": "run one of the paper's protocols and print the errors beside the paper's",
     "play": "watch a controller live in the browser",

@@ -18,7 +18,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.evaluation.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
 from hugwbc.evaluation.foreign.network import SUFFIXES
 from hugwbc.robot import load_robot
@@ -144,17 +144,23 @@ class ControllerSpec:
         """What the controller's behaviour depends on, as JSON: name, package, modules, digests of files.
 
         Equal controllers have equal identities on any machine; no path is in it.
+
+        Raises:
+            PolicyFileError: if one of the files is missing.
         """
+        missing = [path for path in self.files() if not path.is_file()]
+        if missing:
+            raise PolicyFileError(f"there is no policy file {missing[0]}; give the path of one")
         entry = plugins().get(self.name)
         package = "hugwbc" if entry is None or entry.dist is None else entry.dist.name
         return {
             "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
             "package": f"{package} {importlib.metadata.version(package)}",
             "modules": [entry.value.partition(":")[0] if entry else "hugwbc.evaluation.controllers"],
-            "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self._files()],
+            "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
         }
 
-    def _files(self) -> list[pathlib.Path]:
+    def files(self) -> list[pathlib.Path]:
         """The files that it is made of: contract and network, or policy."""
         given = None if self.policy is None else pathlib.Path(self.policy)
         if self._is_foreign:

@@ -58,12 +58,9 @@ def _duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
         return []
     wins = [figure.quantity for figure, verdict in pairs if verdict is Verdict.BETTER]
     losses = [figure.quantity for figure, verdict in pairs if verdict is Verdict.WORSE]
-    parts = [
-        f"{first} is better in {_listed(wins)}" if wins else "",
-        f"{second} in {_listed(losses)}" if losses else "",
-    ]
-    if not wins and losses:
-        parts = [f"{second} is better in {_listed(losses)}"]
+    won = f"{first} is better in {_listed(wins)}" if wins else ""
+    lost = f"{second} {'' if wins else 'is better '}in {_listed(losses)}" if losses else ""
+    parts = [won, lost]
     rest = len(pairs) - len(wins) - len(losses)
     if rest:
         parts.append(f"{rest} of {len(pairs)} figures are not told apart")

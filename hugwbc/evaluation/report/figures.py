@@ -52,9 +52,8 @@ class Figure:
         """To the paper's figure, with the bounds of its interval; None where one of the two is missing."""
         if self.estimate is None or self.estimate.value is None or not self.paper:
             return None
-        low, high = self.estimate.low, self.estimate.high
-        bounds = (None, None) if low is None or high is None else (low / self.paper, high / self.paper)
-        return (self.estimate.value / self.paper, *bounds)
+        paper, low, high = self.paper, self.estimate.low, self.estimate.high
+        return self.estimate.value / paper, None if low is None else low / paper, None if high is None else high / paper
 
     @property
     def verdict(self) -> Verdict:

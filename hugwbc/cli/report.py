@@ -1,0 +1,115 @@
+"""`hugwbc report`: every table and figure of the paper, for any controllers, as a page, Markdown and CSV."""
+
+import dataclasses
+import pathlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from hugwbc.cli.output import check_writable, parse, progress, say
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
+
+if TYPE_CHECKING:
+    from hugwbc.evaluation.campaign import Cell
+    from hugwbc.evaluation.controllers import ControllerSpec
+
+
+@dataclasses.dataclass(frozen=True)
+class ReportOptions:
+    """Run all protocols with each controller and write what came of it beside the paper's figures."""
+
+    profile: str = "quick"
+    """quick: few episodes, about 15 minutes on two cores. full: the paper's sizes; hours."""
+    controllers: tuple[str, ...] = ("learned", "qp")
+    """Which controllers: as --controller of `hugwbc evaluate`; the first two are held against each other."""
+    policy: str | None = None
+    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
+    protocols: tuple[str, ...] = ()
+    """Only these protocols; by default all of the profile."""
+    seed: int = 0
+    """Of all protocols."""
+    workers: int = 2
+    """Processes that share the episodes."""
+    cluster: str | None = None
+    """Address of a Dask scheduler that runs the episodes instead. Needs the extra [cluster]."""
+    results: pathlib.Path = DEFAULT_FOLDER
+    """Folder where finished episodes are kept, and read from when they are asked for again."""
+    fresh: bool = False
+    """Run all episodes anew; the files of earlier results are kept under other names."""
+    out: pathlib.Path = pathlib.Path("out/report")
+    """Folder for report.html, report.md and figures.csv."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, run what is not stored yet, write."""
+    options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
+    check_writable(options.out / "report.html")
+    from hugwbc.cli.report_page import Report, report_markdown, report_page
+    from hugwbc.evaluation.campaign import run_cells
+    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.evaluation.execution import Execution
+    from hugwbc.evaluation.report.export import figures_csv
+    from hugwbc.evaluation.report.profiles import profile_cells
+    from hugwbc.evaluation.report.sections import all_figures
+
+    specs = [ControllerSpec(name, options.policy if name == "learned" else None) for name in options.controllers]
+    labels = [spec.label for spec in specs]
+    if not specs or len(set(labels)) < len(labels):
+        raise ConfigError(f"controllers are {labels}; give at least one, each once")
+    cells = _wanted(profile_cells(options.profile, specs, seed=options.seed), options.protocols)
+    store = ResultStore(options.results, fresh=options.fresh)
+    with (
+        progress(f"report, {options.profile}") as advance,
+        Execution(options.workers, cluster=options.cluster, store=store) as execution,
+    ):
+        results = run_cells(cells, execution, advance)
+    total = sum(cell.config.episodes for cell in cells)
+    figures = all_figures(results)
+    report = Report(figures, results, labels, _notes(options, total), _training_file(specs))
+    (options.out / "report.html").write_text(report_page(report), encoding="utf-8")
+    (options.out / "report.md").write_text(report_markdown(report), encoding="utf-8")
+    (options.out / "figures.csv").write_text(figures_csv(figures), encoding="utf-8")
+    say("\n".join(report.conclusions()))
+    say(f"\nwrote {', '.join(str(options.out / name) for name in ('report.html', 'report.md', 'figures.csv'))}")
+    return 0
+
+
+def _wanted(cells: Sequence["Cell"], protocols: Sequence[str]) -> list["Cell"]:
+    """The cells of some protocols, all without names.
+
+    Raises:
+        UnknownNameError: if there is none of a protocol.
+    """
+    known = tuple(dict.fromkeys(cell.protocol for cell in cells))
+    for name in protocols:
+        if name not in known:
+            raise UnknownNameError("protocol of the report", name, known)
+    return [cell for cell in cells if not protocols or cell.protocol in protocols]
+
+
+def _notes(options: ReportOptions, episodes: int) -> list[str]:
+    """How the report was made."""
+    from hugwbc.learned.contract import versions
+
+    words = [f"--profile {options.profile}", f"--controllers {' '.join(options.controllers)}", f"--seed {options.seed}"]
+    words += [f"--policy {options.policy}"] if options.policy else []
+    words += [f"--protocols {' '.join(options.protocols)}"] if options.protocols else []
+    made = ", ".join(f"{name} {version}" for name, version in versions().items())
+    notes = [f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, with {made}."]
+    if options.profile == "quick":
+        notes.append(
+            "The quick profile has few and short episodes: its intervals are wide, and of very few episodes too "
+            "narrow. `--profile full` has the paper's sizes."
+        )
+    return notes
+
+
+def _training_file(specs: Sequence["ControllerSpec"]) -> pathlib.Path | None:
+    """The training record beside the first learned policy that has one."""
+    from hugwbc.evaluation.report.training import TRAINING_FILE
+
+    for spec in specs:
+        for file in spec.files():
+            if (file.parent / TRAINING_FILE).is_file():
+                return file.parent / TRAINING_FILE
+    return None

@@ -1,0 +1,157 @@
+"""The report's page: figures, conclusions and pictures of results, put together."""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hugwbc import gait as gaits
+from hugwbc.evaluation.campaign import CellResult
+from hugwbc.evaluation.protocols.contacts import clock_phases
+from hugwbc.evaluation.report.clouds import LEVELS, hand_clouds
+from hugwbc.evaluation.report.conclusions import conclusions
+from hugwbc.evaluation.report.figures import Figure, comparison_table
+from hugwbc.evaluation.report.sections import FIGURES, SECTIONS, Section
+from hugwbc.evaluation.report.training import read_training, smoothed
+from hugwbc.evaluation.rollout import RECORD_PERIOD
+from hugwbc.gait import Gait
+from hugwbc.tables import Table, markdown_table
+from hugwbc.viz import figures as pictures
+from hugwbc.viz import page
+from hugwbc.viz.plots import Panel
+from hugwbc.viz.trace import LABEL_COLOURS
+
+TITLE = "Whole-body control of the Unitree H1: learned and model-based controllers"
+LEGEND = (
+    "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
+    "marks what is worse than the paper's figure by more than that interval, 'worse?' by less."
+)
+_SHOWN_S = 2.0  # [s] of a gait diagram
+_TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "Reward": (("reward",), "a step"),
+    "Episode length": (("episode_length",), "steps"),
+    "Tracking error while walking": (tuple(f"walking_error/{n}" for n in ("v_x", "v_y", "omega")), "m/s, rad/s"),
+    "Curricula": (("alpha", "penalty_scale", "max_speed"), ""),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What the page is made of.
+
+    Attributes:
+        figures: of all tables.
+        results: the protocols' results.
+        controllers: labels, at least one; conclusions compare the first two.
+        notes: how it was made, and what to be careful about.
+        training: record of the learned policy's training; None without one.
+    """
+
+    figures: Sequence[Figure]
+    results: Sequence[CellResult]
+    controllers: Sequence[str]
+    notes: Sequence[str]
+    training: pathlib.Path | None = None
+
+    def conclusions(self) -> list[str]:
+        """Sentences computed from the figures."""
+        first, second = (*self.controllers, *self.controllers)[:2]
+        return conclusions(self.figures, first, second)
+
+    def tables(self, section: Section) -> list[Table]:
+        """The tables of a section."""
+        mine = [m for m in self.results if m.protocol in section.protocols]
+        titles = dict.fromkeys(figure.table for result in mine for figure in FIGURES[result.protocol](result))
+        return [comparison_table([f for f in self.figures if f.table == title]) for title in titles]
+
+
+def report_markdown(report: Report) -> str:
+    """The report without its pictures."""
+    lines = [f"# {TITLE}", "", *(f"- {note}" for note in report.notes), "", "## Conclusions", ""]
+    lines += [f"- {line}" for line in report.conclusions()]
+    for section in SECTIONS:
+        tables = report.tables(section)
+        if tables:
+            lines += ["", f"## {section.title}", "", section.text]
+            lines += [f"\n{markdown_table(table)}" for table in tables]
+    return "\n".join([*lines, "", LEGEND, ""])
+
+
+def report_page(report: Report) -> str:
+    """The page, with everything that it needs in it."""
+    parts = [(section.title, _section(report, section)) for section in SECTIONS]
+    parts += [("Noise of the intervention", _clouds()), ("Training", _training(report.training))]
+    parts = [(title, html) for title, html in parts if html]
+    titles = ["Conclusions", *(title for title, _ in parts)]
+    body = [
+        page.heading(TITLE, 1),
+        page.bullets(report.notes),
+        f"<p>{page.links({title: '#' + page.anchor(title) for title in titles})}</p>",
+        page.heading("Conclusions"),
+        page.bullets(report.conclusions()),
+        page.paragraph(LEGEND),
+        *(f"{page.heading(title)}\n{html}" for title, html in parts),
+    ]
+    return page.page_html(TITLE, body)
+
+
+def _section(report: Report, section: Section) -> str:
+    tables = report.tables(section)
+    if not tables:
+        return ""
+    drawn = [panel for name in section.protocols if name in _PICTURES for panel in _PICTURES[name](report)]
+    key = page.legend(report.controllers, LABEL_COLOURS) if drawn else ""
+    html = [page.paragraph(section.text), *(page.table_html(table, 3) for table in tables), key]
+    return "\n".join([*html, page.pictures(drawn) if drawn else ""])
+
+
+def _colour(report: Report, controller: str) -> str:
+    return LABEL_COLOURS[list(report.controllers).index(controller) % len(LABEL_COLOURS)]
+
+
+def _gait_diagrams(report: Report) -> list[Panel]:
+    """Contacts and clock of the first episode of each gait and controller."""
+    panels = []
+    for measured in report.results:
+        if measured.protocol != "contacts":
+            continue
+        row: Mapping[str, Any] = measured.result["rows"][0]
+        contact = np.array([row["left"], row["right"]], dtype=bool).T[: round(_SHOWN_S / RECORD_PERIOD)]
+        title = f"{row['gait']}, {measured.controller}".replace("_", " ")
+        if not len(contact):
+            continue
+        clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
+        time = RECORD_PERIOD * np.arange(len(contact))
+        colour = _colour(report, measured.controller)
+        panels.append(pictures.gait_diagram(title, time, contact, clock, colour))
+    return panels
+
+
+_PICTURES = {"contacts": _gait_diagrams}
+
+
+def _clouds() -> str:
+    text = page.paragraph(
+        "Positions of the hands under the noise of the training's intervention, seen from behind, by the level of its "
+        "curriculum: the arms follow level × noise + (1 - level) × policy; the nominal posture stands for the policy."
+    )
+    drawn = [pictures.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
+    return f"{text}\n{page.legend(pictures.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
+
+
+def _training(path: pathlib.Path | None) -> str:
+    if path is None:
+        return ""
+    record = read_training(path)
+    steps, parts = record["steps"] / 1e6, []
+    for title, (names, unit) in _TRAINING_PANELS.items():
+        series = {name.split("/")[-1]: (steps, smoothed(record[name])) for name in names if name in record}
+        if series:
+            panel = pictures.curves(title, series, ("million steps of the environment", unit))
+            shown = ", ".join(series) if len(series) > 1 else title.lower()
+            parts.append((panel, shown))
+    captioned = [dataclasses.replace(panel, title=f"{panel.title}: {shown}") for panel, shown in parts]
+    text = page.paragraph("Running means over nine records of the policy's training, as it wrote them.")
+    return f"{text}\n{page.pictures(captioned)}"

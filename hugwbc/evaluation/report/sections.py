@@ -1,0 +1,167 @@
+"""The figures of every protocol's result, and what each table of the report is about."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from hugwbc.commands import COMMAND_UNITS
+from hugwbc.evaluation.campaign import CellResult
+from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, other_controllers
+from hugwbc.evaluation.report.figures import Figure
+from hugwbc.evaluation.report.statistics import bootstrap_mean
+
+FALLS = "episodes with a fall"
+ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A part of the report.
+
+    Attributes:
+        title: heading.
+        protocols: whose tables belong here.
+        text: how its figures are measured.
+    """
+
+    title: str
+    protocols: tuple[str, ...]
+    text: str
+
+
+def _falls(table: str, controller: str, rows: Iterable[Mapping[str, Any]]) -> Figure:
+    estimate = bootstrap_mean([100.0 * row["fell"] for row in rows])
+    return Figure(table, FALLS, "%", controller, estimate)
+
+
+def single_command_figures(measured: CellResult) -> list[Figure]:
+    """Tracking errors of single commands; walking with the figures that the paper prints for other controllers."""
+    result, name = measured.result, measured.controller
+    table = f"Single command, {result['gait']}"
+    figures = []
+    for error in ERROR_NAMES:
+        errors = [row["error"] for row in result["rows"] if row["error_name"] == error]
+        paper = result["paper"].get(error)
+        if errors or paper is not None:
+            figures.append(Figure(table, error, ERROR_UNITS[error], name, bootstrap_mean(errors), paper))
+    return [*figures, _falls(table, name, result["rows"])]
+
+
+def published_figures() -> list[Figure]:
+    """What the paper prints for other controllers: published, not measured here."""
+    table = "Single command, walking"
+    return [
+        Figure(table, error, ERROR_UNITS[error], name, None, published=value)
+        for name, errors in other_controllers().items()
+        for error, value in errors.items()
+    ]
+
+
+def intervention_figures(measured: CellResult) -> list[Figure]:
+    """Tracking errors by what moves the arms, one table each."""
+    result, name, figures = measured.result, measured.controller, []
+    for arms, errors in result["errors"].items():
+        table = f"Intervention, {result['gait']}, {ARMS[arms]}"
+        rows = [row for row in result["rows"] if row["intervention"] == arms]
+        for error in errors:
+            command = next(c for c in COMMAND_UNITS if f"E_{c.replace('_', '')}" == error)
+            estimate = bootstrap_mean([row["error"] for row in rows if row["command"] == command])
+            paper = result["paper"][arms].get(error)
+            figures.append(Figure(table, error, COMMAND_UNITS[command], name, estimate, paper))
+        figures.append(_falls(table, name, rows))
+    return figures
+
+
+def foot_displacement_figures(measured: CellResult) -> list[Figure]:
+    """Length of both feet's paths of a standing robot by what moves the arms, in the episodes without a fall."""
+    result, name, figures = measured.result, measured.controller, []
+    for arms, travel in result["displacement"].items():
+        table = f"Foot displacement, {ARMS[arms]}"
+        rows = [row for row in result["rows"] if row["intervention"] == arms]
+        for command in travel:
+            kept = [row["foot_travel"] for row in rows if row["command"] == command and not row["fell"]]
+            paper = result["paper"][arms].get(command)
+            figures.append(Figure(table, f"{command} commanded", "m", name, bootstrap_mean(kept), paper))
+        figures.append(_falls(table, name, rows))
+    return figures
+
+
+def ramp_figures(measured: CellResult) -> list[Figure]:
+    """Errors of p and w on the ramp."""
+    result, name = measured.result, measured.controller
+    table = f"Ramp, {result['gait']}"
+    figures = [
+        Figure(
+            table,
+            f"E_{command}",
+            "rad",
+            name,
+            bootstrap_mean([row["error"] for row in result["rows"] if row["command"] == command]),
+            result["paper"].get(f"E_{command}"),
+        )
+        for command in ("p", "w")
+    ]
+    return [*figures, _falls(table, name, result["rows"])]
+
+
+def contacts_figures(measured: CellResult) -> list[Figure]:
+    """In what part of the time each foot does what the clock says."""
+    result, name = measured.result, measured.controller
+    parts = [None if row["agreement"] is None else 100.0 * row["agreement"] for row in result["rows"]]
+    table, quantity = "Contacts that agree with the clock", str(result["gait"])
+    return [Figure(table, quantity, "%", name, bootstrap_mean(parts), higher_is_better=True)]
+
+
+FIGURES: Mapping[str, Callable[[CellResult], list[Figure]]] = {
+    "single-command": single_command_figures,
+    "intervention": intervention_figures,
+    "foot-displacement": foot_displacement_figures,
+    "ramp": ramp_figures,
+    "contacts": contacts_figures,
+}
+
+SECTIONS: Sequence[Section] = (
+    Section(
+        "Single commands",
+        ("single-command",),
+        "One command is sampled over its range, the others are at their defaults. Foot commands (f, l) are judged "
+        "over complete gait cycles, the others over control steps. HOVER and ExBody are as the paper prints them, not "
+        "run here.",
+    ),
+    Section(
+        "Intervention",
+        ("intervention",),
+        "The same while the arms are moved from outside. The paper's figures are those of its policy trained with the "
+        "noise curriculum; its motions are recorded from people, ours are generated or given.",
+    ),
+    Section(
+        "Foot displacement",
+        ("foot-displacement",),
+        "Length of both feet's paths of a robot that is to stand for 20 s; episodes with a fall are left out of the "
+        "length and counted.",
+    ),
+    Section(
+        "Ramp",
+        ("ramp",),
+        "p and w go from minimum to maximum, every run on a robot with other friction, payload and gains. The paper's "
+        "figures are of its real robot, ours of simulation.",
+    ),
+    Section(
+        "Contacts",
+        ("contacts",),
+        "When each foot is on the ground (bars) and the clock of the commanded gait (curves: high in stance). The "
+        "clock is shifted in time to where it agrees best: a controller starts it when it is ready.",
+    ),
+)
+
+
+def all_figures(results: Sequence[CellResult]) -> list[Figure]:
+    """The figures of all results, ordered as the sections are."""
+    figures = []
+    for section in SECTIONS:
+        for measured in results:
+            if measured.protocol in section.protocols:
+                figures += FIGURES[measured.protocol](measured)
+        if section.protocols == ("single-command",) and figures:
+            figures += published_figures()
+    return figures

@@ -1,0 +1,38 @@
+"""The record of a policy's training, as a run leaves it beside the policy."""
+
+import csv
+import pathlib
+
+import numpy as np
+
+from hugwbc.errors import ConfigError
+
+TRAINING_FILE = "training.csv"
+
+
+def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
+    """Columns of a training record by name, NaN where a cell is empty.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        ConfigError: if it holds what is no number, or lacks the column of steps.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    if not rows or "steps" not in rows[0]:
+        raise ConfigError(f"{path} has no column 'steps'; give a training record as `hugwbc train` writes it")
+    try:
+        return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    except ValueError as error:
+        raise ConfigError(f"{path} is no training record: {error}") from error
+
+
+def smoothed(values: np.ndarray, window: int = 9) -> np.ndarray:
+    """Running mean over `window` values, fewer at the ends; what is not known is left out."""
+    known = np.isfinite(values)
+    kernel = np.ones(min(window, len(values)))
+    total = np.convolve(np.where(known, values, 0.0), kernel, mode="same")
+    count = np.convolve(known.astype(float), kernel, mode="same")
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
