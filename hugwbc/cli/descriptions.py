@@ -3,6 +3,7 @@
 from hugwbc.cli.output import format_table
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
+    ContactsResult,
     FootDisplacementResult,
     HandsResult,
     InterventionResult,
@@ -14,6 +15,17 @@ from hugwbc.evaluation.protocols import (
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 
 LISTED_PAIRS = 10
+
+
+def describe_contacts(result: ContactsResult) -> str:
+    """In what part of the time contacts and clock agree, and how long each foot is on the ground."""
+    rows: list[tuple[object, ...]] = []
+    for index, row in enumerate(result.rows):
+        stance = [sum(foot) / len(foot) if foot else None for foot in (row.left, row.right)]
+        rows.append((f"episode {index + 1}", row.agreement, *stance))
+    header = (f"{result.gait}, part of the time", "contacts as the clock", "left on the ground", "right on the ground")
+    falls = f"falls: {result.falls} of {result.episodes} episodes"
+    return "\n".join([format_table(header, rows), "", falls, *_failures(sum(row.failures for row in result.rows))])
 
 
 def describe_hands(result: HandsResult) -> str:

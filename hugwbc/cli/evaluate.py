@@ -34,9 +34,10 @@ class EvaluateOptions:
     at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
     or v_y of 0.1 to 0.3 m/s alone; which part of it is executed. hands: both hands go from one reachable target to the
     next; how near they come. intervention: the arms moved by noise, by motions and not at all, on the same commands.
-    foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum."""
+    foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum. contacts:
+    when each foot is on the ground, against the gait's clock."""
     v_x: float = 0.5
-    """Forward velocity in the hands protocol, for gaits that move [m/s]."""
+    """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
     """Which of the paper's policies stands beside in the protocols of intervention: that trained with noise,
     motion or none."""
@@ -149,6 +150,9 @@ _PROTOCOLS = {
         _one_gait(protocols.FootDisplacementConfig, "training", default=Gait.STANDING),
         protocols.run_foot_displacement,
         descriptions.describe_foot_displacement,
+    ),
+    "contacts": _Protocol(
+        _one_gait(protocols.ContactsConfig, "v_x"), protocols.run_contacts, descriptions.describe_contacts
     ),
     "ramp": _Protocol(_one_gait(protocols.RampConfig), protocols.run_ramp, descriptions.describe_ramp),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),

@@ -21,9 +21,8 @@ class ReportOptions:
     profile: str = "quick"
     """quick: few episodes, about 15 minutes on two cores. full: the paper's sizes; hours."""
     controllers: tuple[str, ...] = ("learned", "qp")
-    """Which controllers: as --controller of `hugwbc evaluate`; the first two are held against each other."""
-    policy: str | None = None
-    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
+    """Which controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine and
+    unitree-h1=motion.pt; the first two are held against each other."""
     protocols: tuple[str, ...] = ()
     """Only these protocols; by default all of the profile."""
     seed: int = 0
@@ -52,7 +51,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.evaluation.report.profiles import profile_cells
     from hugwbc.evaluation.report.sections import all_figures
 
-    specs = [ControllerSpec(name, options.policy if name == "learned" else None) for name in options.controllers]
+    specs = [ControllerSpec.parse(words) for words in options.controllers]
     labels = [spec.label for spec in specs]
     if not specs or len(set(labels)) < len(labels):
         raise ConfigError(f"controllers are {labels}; give at least one, each once")
@@ -92,7 +91,6 @@ def _notes(options: ReportOptions, episodes: int) -> list[str]:
     from hugwbc.learned.contract import versions
 
     words = [f"--profile {options.profile}", f"--controllers {' '.join(options.controllers)}", f"--seed {options.seed}"]
-    words += [f"--policy {options.policy}"] if options.policy else []
     words += [f"--protocols {' '.join(options.protocols)}"] if options.protocols else []
     made = ", ".join(f"{name} {version}" for name, version in versions().items())
     notes = [f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, with {made}."]

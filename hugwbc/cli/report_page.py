@@ -119,13 +119,13 @@ def _gait_diagrams(report: Report) -> list[Panel]:
             continue
         row: Mapping[str, Any] = measured.result["rows"][0]
         contact = np.array([row["left"], row["right"]], dtype=bool).T[: round(_SHOWN_S / RECORD_PERIOD)]
-        title = f"{row['gait']}, {measured.controller}".replace("_", " ")
+        title = f"{row['gait']}, {measured.controller}{' (fell)' if row['fell'] else ''}".replace("_", " ")
         if not len(contact):
             continue
         clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
         time = RECORD_PERIOD * np.arange(len(contact))
         colour = _colour(report, measured.controller)
-        panels.append(pictures.gait_diagram(title, time, contact, clock, colour))
+        panels.append(pictures.gait_diagram(title, time, contact, clock, colour, _SHOWN_S))
     return panels
 
 

@@ -112,6 +112,12 @@ class ControllerSpec:
         if not path.exists():
             raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
 
+    @classmethod
+    def parse(cls, words: str) -> "ControllerSpec":
+        """From `NAME`, or `NAME=POLICY`, as lists of controllers on the command line have it."""
+        name, equals, policy = words.partition("=")
+        return cls(name, policy) if equals and name in controller_names() else cls(words)
+
     @property
     def label(self) -> str:
         """Short name for tables: tells apart what differs in policy alone."""

@@ -81,7 +81,21 @@ def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[flo
     return Panel(title, picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
-def gait_diagram(title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, colour: str) -> Panel:
+def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
+    """Start and length of every stretch of samples in which something is on.
+
+    Args:
+        time: of the samples, evenly spaced, shape (T,).
+        on: shape (T,), bool.
+    """
+    changes = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+    step = time[1] - time[0] if len(time) > 1 else 1.0
+    return [(float(time[a]), float((b - a) * step)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
+
+
+def gait_diagram(
+    title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, colour: str, length: float
+) -> Panel:
     """When each foot is on the ground (bars), and the clock signals (curves), left foot above the right one.
 
     Args:
@@ -90,24 +104,16 @@ def gait_diagram(title: str, time: np.ndarray, contact: np.ndarray, clock: np.nd
         contact: of the left and right foot, shape (T, 2), bool.
         clock: of the left and right foot, in [-1, 1], shape (T, 2).
         colour: of the bars.
+        length: of the time axis [s].
     """
 
     def draw(axes: Axes) -> None:
         for foot, lane in enumerate((1.0, 0.0)):
-            axes.fill_between(
-                time,
-                lane - 0.36,
-                lane + 0.36,
-                where=contact[:, foot],
-                color=colour,
-                alpha=0.35,
-                step="post",
-                linewidth=0,
-            )
+            axes.broken_barh(spans(time, contact[:, foot]), (lane - 0.36, 0.72), facecolors=colour, alpha=0.35)
             axes.plot(time, lane + 0.36 * clock[:, foot], color=INK, linewidth=1.1)
         axes.set_yticks([1.0, 0.0], FEET)
         axes.set_ylim(-0.6, 1.6)
-        axes.set_xlim(time[0], time[-1])
+        axes.set_xlim(time[0], time[0] + length)
         axes.set_xlabel("s")
         axes.grid(visible=False, axis="y")
 

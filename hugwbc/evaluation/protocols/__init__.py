@@ -1,5 +1,6 @@
 """The paper's experiments, one file per table or figure, and the accuracy of the hands, for any controller."""
 
+from hugwbc.evaluation.protocols.contacts import ContactsConfig, ContactsResult, run_contacts
 from hugwbc.evaluation.protocols.foot_displacement import (
     FootDisplacementConfig,
     FootDisplacementResult,
@@ -21,6 +22,8 @@ from hugwbc.evaluation.protocols.small_velocities import (
 )
 
 __all__ = [
+    "ContactsConfig",
+    "ContactsResult",
     "FootDisplacementConfig",
     "FootDisplacementResult",
     "HandsConfig",
@@ -35,6 +38,7 @@ __all__ = [
     "SingleCommandResult",
     "SmallVelocitiesConfig",
     "SmallVelocitiesResult",
+    "run_contacts",
     "run_foot_displacement",
     "run_hands",
     "run_intervention",

@@ -28,7 +28,7 @@ class ContactsConfig(GaitSettings):
 
     episodes: int = 1
     _: dataclasses.KW_ONLY
-    v_x: float = 0.3
+    v_x: float = 0.5
     duration: float = 6.0
     settle: float = 3.0
 

@@ -1,20 +1,26 @@
-"""What a report runs: protocols, gaits and numbers of episodes, quick or of the paper's size."""
+"""What a report runs: protocols, gaits and numbers of episodes, quick or of the paper's size.
 
-from collections.abc import Callable, Iterator, Sequence
+The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), and
+not how many episodes stand behind its tables; `full` takes 256 a gait.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hugwbc.errors import UnknownNameError
+from hugwbc.evaluation import protocols
 from hugwbc.evaluation.campaign import Cell
 from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
-from hugwbc.evaluation.protocols.contacts import ContactsConfig, run_contacts
 from hugwbc.gait import Gait
 
-PROFILES = ("quick", "full")
+Part = tuple[str, Any, Callable[..., Any]]
+_HOPPING = Gait.HOPPING_LEFT  # stands for both legs
+_GAITS = (Gait.STANDING, Gait.WALKING, Gait.JUMPING, _HOPPING)
+_QUICK_EPISODES = {Gait.STANDING: 6, Gait.WALKING: 16, Gait.JUMPING: 16, _HOPPING: 8}
 
 
 def profile_cells(profile: str, specs: Sequence[ControllerSpec], **settings: Any) -> list[Cell]:  # noqa: ANN401
-    """The cells of a profile, the quick ones of both controllers side by side.
+    """The cells of a profile; those of all controllers side by side, so that an early stop leaves pairs.
 
     Args:
         profile: one of `PROFILES`.
@@ -26,28 +32,44 @@ def profile_cells(profile: str, specs: Sequence[ControllerSpec], **settings: Any
     """
     if profile not in PROFILES:
         raise UnknownNameError("profile", profile, PROFILES)
-    parts = _quick(settings) if profile == "quick" else _full(settings)
-    return [Cell(name, spec, config, run) for name, config, run in parts for spec in specs]
+    return [Cell(name, spec, config, run) for name, config, run in PROFILES[profile](settings) for spec in specs]
 
 
-Part = tuple[str, Any, Callable[..., Any]]
-_GAITS = (Gait.STANDING, Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT)
-
-
-def _quick(settings: dict[str, Any]) -> Iterator[Part]:
-    episodes = {Gait.STANDING: 6, Gait.WALKING: 16, Gait.JUMPING: 16, Gait.HOPPING_LEFT: 8}
+def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:
     for gait in _GAITS:
-        config = SingleCommandConfig(gait, gait.hops, episodes=episodes[gait], duration=6.0, **settings)
-        yield "single-command", config, run_single_command
+        config = protocols.SingleCommandConfig(
+            gait, gait.hops, episodes=_QUICK_EPISODES[gait], duration=6.0, **settings
+        )
+        yield "single-command", config, protocols.run_single_command
+    for gait, episodes in ((Gait.STANDING, 9), (Gait.WALKING, 24), (Gait.JUMPING, 24)):
+        config = protocols.InterventionConfig(gait, episodes=episodes, duration=6.0, **settings)
+        yield "intervention", config, protocols.run_intervention
+    yield "foot-displacement", protocols.FootDisplacementConfig(episodes=9, **settings), protocols.run_foot_displacement
+    yield from _ramps(2, settings)
     yield from _contacts(settings)
 
 
-def _full(settings: dict[str, Any]) -> Iterator[Part]:
+def _full(settings: Mapping[str, Any]) -> Iterator[Part]:
     for gait in _GAITS:
-        yield "single-command", SingleCommandConfig(gait, gait.hops, episodes=1024, **settings), run_single_command
+        config = protocols.SingleCommandConfig(gait, gait.hops, episodes=256, duration=21.0, **settings)
+        yield "single-command", config, protocols.run_single_command
+    for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
+        config = protocols.InterventionConfig(gait, episodes=3 * 256, duration=21.0, **settings)
+        yield "intervention", config, protocols.run_intervention
+    config = protocols.FootDisplacementConfig(episodes=3 * 96, **settings)
+    yield "foot-displacement", config, protocols.run_foot_displacement
+    yield from _ramps(5, settings)
     yield from _contacts(settings)
 
 
-def _contacts(settings: dict[str, Any]) -> Iterator[Part]:
+def _ramps(episodes: int, settings: Mapping[str, Any]) -> Iterator[Part]:
+    for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
+        yield "ramp", protocols.RampConfig(gait, episodes=episodes, **settings), protocols.run_ramp
+
+
+def _contacts(settings: Mapping[str, Any]) -> Iterator[Part]:
     for gait in Gait:
-        yield "contacts", ContactsConfig(gait, **settings), run_contacts
+        yield "contacts", protocols.ContactsConfig(gait, **settings), protocols.run_contacts
+
+
+PROFILES: Mapping[str, Callable[[Mapping[str, Any]], Iterator[Part]]] = {"quick": _quick, "full": _full}

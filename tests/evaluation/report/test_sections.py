@@ -1,0 +1,65 @@
+import pytest
+
+from hugwbc.evaluation.campaign import CellResult
+from hugwbc.evaluation.report.sections import FALLS, FIGURES, SECTIONS, all_figures
+
+
+def row(**fields):
+    return {"fell": False, **fields}
+
+
+SINGLE = {
+    "gait": "walking",
+    "paper": {"E_h": 0.064, "E_w": 0.075},
+    "rows": [row(error_name="E_h", error=0.1), row(error_name="E_h", error=0.3), row(error_name="E_vy", error=None)],
+}
+
+
+def _by_quantity(figures, controller):
+    return {f.quantity: f for f in figures if f.controller == controller}
+
+
+def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
+    figures = all_figures([CellResult("single-command", "qp", SINGLE)])
+    mine = _by_quantity(figures, "qp")
+    assert mine["E_h"].value == pytest.approx(0.2) and mine["E_h"].paper == 0.064 and mine["E_h"].unit == "m"
+    assert mine["E_w"].value is None and mine["E_vy"].value is None
+    assert mine[FALLS].value == 0.0
+    hover = _by_quantity(figures, "HOVER")
+    assert hover["E_h"].published == 0.27 and hover["E_h"].estimate is None and hover["E_h"].table == mine["E_h"].table
+    assert "E_f" not in hover
+
+
+def test_intervention_and_displacement_are_a_table_for_each_kind_of_arms():
+    rows = [
+        row(intervention=arms, command="v_x", error=error, foot_travel=error, fell=fell)
+        for arms, error, fell in (("noise", 0.4, False), ("noise", 9.0, True), ("none", 0.1, False))
+    ]
+    tables = {arms: {"E_vx": 0.0} for arms in ("noise", "none")}
+    paper = {"noise": {"E_vx": 0.2, "v_x": 0.5}, "none": {}}
+    result = {"gait": "walking", "errors": tables, "paper": paper, "rows": rows}
+    noise, falls, free, _ = FIGURES["intervention"](CellResult("intervention", "qp", result))
+    assert noise.table == "Intervention, walking, arms moved by noise" and noise.unit == "m/s"
+    assert noise.value == pytest.approx(4.7) and noise.paper == 0.2 and falls.value == 50.0
+    assert free.value == 0.1 and free.paper is None
+    travel = {"displacement": {arms: {"v_x": 0.0} for arms in ("noise", "none")}, "paper": paper, "rows": rows}
+    noise, falls, *_ = FIGURES["foot-displacement"](CellResult("foot-displacement", "qp", travel))
+    assert noise.value == 0.4 and noise.paper == 0.5, "the path of a robot that fell says nothing"
+    assert falls.value == 50.0
+
+
+def test_ramp_and_contacts():
+    rows = [row(command="p", error=0.1), row(command="w", error=0.3)]
+    ramp = FIGURES["ramp"](CellResult("ramp", "qp", {"gait": "standing", "paper": {"E_p": 0.07}, "rows": rows}))
+    assert [(f.quantity, f.value, f.paper) for f in ramp] == [
+        ("E_p", 0.1, 0.07),
+        ("E_w", 0.3, None),
+        (FALLS, 0.0, None),
+    ]
+    contacts = {"gait": "jumping", "rows": [row(agreement=0.25), row(agreement=None)]}
+    (figure,) = FIGURES["contacts"](CellResult("contacts", "qp", contacts))
+    assert (figure.quantity, figure.value, figure.higher_is_better) == ("jumping", 25.0, True)
+
+
+def test_every_section_has_figures():
+    assert {name for section in SECTIONS for name in section.protocols} == set(FIGURES)

@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from hugwbc.evaluation.report.statistics import bootstrap_mean
+
+
+def test_the_interval_is_that_of_the_normal_distribution_for_many_samples():
+    samples = np.random.default_rng(1).normal(2.0, 0.5, 400)
+    estimate = bootstrap_mean(samples.tolist())
+    error = samples.std() / np.sqrt(samples.size)
+    assert estimate.value == pytest.approx(samples.mean()) and estimate.samples == 400
+    assert estimate.low == pytest.approx(samples.mean() - 1.96 * error, abs=0.15 * error)
+    assert estimate.high == pytest.approx(samples.mean() + 1.96 * error, abs=0.15 * error)
+
+
+def test_it_covers_the_truth_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    estimates = [bootstrap_mean(rng.exponential(1.0, 40).tolist()) for _ in range(200)]
+    covered = np.mean([e.low <= 1.0 <= e.high for e in estimates if e.low is not None and e.high is not None])
+    assert 0.88 <= covered <= 0.98
+
+
+def test_few_and_missing_samples():
+    assert bootstrap_mean([]).value is None
+    one = bootstrap_mean([None, 3.0])
+    assert (one.value, one.low, one.high, one.samples) == (3.0, None, None, 1)
+    same = bootstrap_mean([2.0, 2.0, None])
+    assert (same.value, same.low, same.high, same.samples) == (2.0, 2.0, 2.0, 2)
+    assert bootstrap_mean([1.0, 2.0, 3.0]) == bootstrap_mean([1.0, 2.0, 3.0])

@@ -1,0 +1,67 @@
+"""Pictures of evaluations: where the marks are, and that they take the page's colours."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from hugwbc.viz.figures import curves, gait_diagram, hand_cloud, heat_map, polar, spans
+from hugwbc.viz.trace import LABEL_COLOURS
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def _texts(svg: str) -> list[str]:
+    return ["".join(node.itertext()).strip() for node in ET.fromstring(svg).iter(f"{SVG}text")]
+
+
+def _is_picture(svg: str) -> None:
+    root = ET.fromstring(svg)
+    assert root.get("viewBox") and root.get("width") is None
+    assert "currentColor" in svg and "#010203" not in svg
+
+
+def test_heat_map_writes_what_is_known() -> None:
+    values = np.array([[0.1, 0.2, np.nan], [0.4, 0.5, 0.6]])
+    panel = heat_map("Errors", [0.0, 1.0, 2.0], [0.0, 1.0], values, ("v_x", "h", "m"), top=0.6)
+    _is_picture(panel.svg)
+    texts = _texts(panel.svg)
+    assert {"0.1", "0.2", "0.4", "0.5", "0.6", "v_x", "h"} <= set(texts) and "nan" not in texts
+    assert heat_map("One", [0.0], [0.0], np.array([[1.0]]), ("a", "b", "c"), top=1.0).title == "One"
+
+
+def test_polar_has_a_closed_curve_a_name_and_gaps() -> None:
+    angles = np.arange(4) * np.pi / 2
+    panel = polar("Forces", angles.tolist(), {"learned": [1.0, 2.0, 1.0, 2.0], "qp": [1.0, None, 1.0, 1.0]}, "N")
+    _is_picture(panel.svg)
+    assert {"0°", "90°", "180°", "270°"} <= set(_texts(panel.svg))
+    assert all(colour in panel.svg for colour in LABEL_COLOURS[:2])
+
+
+def test_gait_diagram_has_a_bar_for_every_stance_and_the_left_foot_above() -> None:
+    time = np.arange(100) * 0.02
+    contact = np.zeros((100, 2), dtype=bool)
+    contact[25:75, 0] = contact[90:, 0] = True
+    assert spans(time, contact[:, 1]) == []
+    np.testing.assert_allclose(spans(time, contact[:, 0]), [(0.5, 1.0), (1.8, 0.2)])
+    panel = gait_diagram("walking", time, contact, np.zeros((100, 2)), LABEL_COLOURS[0], 2.0)
+    _is_picture(panel.svg)
+    root = ET.fromstring(panel.svg)
+    bars = [g for g in root.iter(f"{SVG}g") if "Collection" in (g.get("id") or "")]
+    assert [len(list(bar.iter(f"{SVG}path"))) for bar in bars] == [2, 0]
+    labels = {"".join(n.itertext()).strip(): n for n in root.iter(f"{SVG}text")}
+
+    def height(name: str) -> float:
+        place = re.search(r"translate\([-\d.]+ ([-\d.]+)\)", labels[name].get("transform") or "")
+        return float(place.group(1)) if place else float(labels[name].get("y") or "nan")
+
+    assert height("left") < height("right")
+
+
+def test_clouds_and_curves() -> None:
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    _is_picture(hand_cloud("level 1", points, -points).svg)
+    series = {"a": (np.arange(3.0), np.arange(3.0)), "b": (np.arange(30.0), np.full(30, np.nan))}
+    panel = curves("Reward", series, ("steps", "reward"), dashed=1.0, bottom=0.0)
+    _is_picture(panel.svg)
+    assert {"steps", "reward"} <= set(_texts(panel.svg))
