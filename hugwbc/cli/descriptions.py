@@ -4,6 +4,7 @@ from hugwbc.cli.output import format_table
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
     ContactsResult,
+    DisturbanceResult,
     FootDisplacementResult,
     HandsResult,
     InterventionResult,
@@ -120,6 +121,18 @@ def describe_ramp(result: RampResult) -> str:
     table = format_table((f"{result.gait}, ramp [rad]", result.controller, "paper (real robot)", "ratio"), rows)
     falls = ", ".join(f"{name} {count} of {result.episodes}" for name, count in result.falls.items())
     return f"{table}\n\nfalls: {falls} runs"
+
+
+def describe_disturbance(result: DisturbanceResult) -> str:
+    """The tolerated force by direction and kind."""
+    names = {"0": "0 deg, forward", "90": "90 deg, left", "180": "180 deg, backward", "270": "270 deg, right"}
+    constant, second = result.tolerated["constant"], result.tolerated["second"]
+    rows = [(names.get(d, f"{d} deg"), f"{force:.0f}", f"{second[d]:.0f}") for d, force in constant.items()]
+    table = format_table((f"{result.gait}, {result.controller}", "constant [N]", "one second [N]"), rows)
+    end = f"largest forces with at least 98 % survival of {result.rollouts} rollouts; {result.episodes} rollouts in all"
+    limit = " (the limit of the search was survived somewhere)"
+    unbounded = any(force is None for forces in result.refused.values() for force in forces.values())
+    return f"{table}\n\n{end}{limit if unbounded else ''}"
 
 
 def _beside(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:

@@ -35,7 +35,8 @@ class EvaluateOptions:
     or v_y of 0.1 to 0.3 m/s alone; which part of it is executed. hands: both hands go from one reachable target to the
     next; how near they come. intervention: the arms moved by noise, by motions and not at all, on the same commands.
     foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum. contacts:
-    when each foot is on the ground, against the gait's clock."""
+    when each foot is on the ground, against the gait's clock.
+    disturbance: the largest force from eight directions, constant and for a second, that a stand survives."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
@@ -51,6 +52,8 @@ class EvaluateOptions:
     """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
     episodes: int | None = None
     """Episodes in all; the single-command protocol splits them evenly over the commands. By default the protocol's."""
+    rollouts: int | None = None
+    """Of each force in the disturbance protocol; the paper's figure has 4096."""
     seed: int = 0
     """Of the sampled commands, the ground and the arms."""
     duration: float | None = None
@@ -123,6 +126,11 @@ def _one_gait(config: type[Any], *names: str, default: Gait = Gait.WALKING) -> C
     return build
 
 
+def _disturbance(options: EvaluateOptions) -> protocols.DisturbanceConfig:
+    gait = Gait.parse(options.gait or "standing")
+    return protocols.DisturbanceConfig(gait, **options.given("rollouts"), **options.settings())
+
+
 def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
     return protocols.HandsConfig(
         gait=Gait.parse(options.gait or "walking"),
@@ -155,6 +163,7 @@ _PROTOCOLS = {
         _one_gait(protocols.ContactsConfig, "v_x"), protocols.run_contacts, descriptions.describe_contacts
     ),
     "ramp": _Protocol(_one_gait(protocols.RampConfig), protocols.run_ramp, descriptions.describe_ramp),
+    "disturbance": _Protocol(_disturbance, protocols.run_disturbance, descriptions.describe_disturbance),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }
 

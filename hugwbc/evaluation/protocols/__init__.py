@@ -1,6 +1,7 @@
 """The paper's experiments, one file per table or figure, and the accuracy of the hands, for any controller."""
 
 from hugwbc.evaluation.protocols.contacts import ContactsConfig, ContactsResult, run_contacts
+from hugwbc.evaluation.protocols.disturbance import DisturbanceConfig, DisturbanceResult, run_disturbance
 from hugwbc.evaluation.protocols.foot_displacement import (
     FootDisplacementConfig,
     FootDisplacementResult,
@@ -24,6 +25,8 @@ from hugwbc.evaluation.protocols.small_velocities import (
 __all__ = [
     "ContactsConfig",
     "ContactsResult",
+    "DisturbanceConfig",
+    "DisturbanceResult",
     "FootDisplacementConfig",
     "FootDisplacementResult",
     "HandsConfig",
@@ -39,6 +42,7 @@ __all__ = [
     "SmallVelocitiesConfig",
     "SmallVelocitiesResult",
     "run_contacts",
+    "run_disturbance",
     "run_foot_displacement",
     "run_hands",
     "run_intervention",

@@ -35,7 +35,7 @@ def test_falls_are_left_out_and_counted():
 def test_a_qp_that_stands_still_does_not_move_its_feet():
     plan = EpisodePlan(default_command(Gait.STANDING), conditions=Conditions(), label="h")
     (row,) = run_episodes(WholeBodyController, [plan], InterventionJudge(1.0), EpisodeSettings(duration=2.0))
-    assert not row.fell
+    assert not row.fell and row.foot_travel is not None and row.foot_creep is not None
     assert row.foot_travel - row.foot_creep == 0.0
     assert row.foot_travel < 0.002
 

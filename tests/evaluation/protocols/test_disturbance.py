@@ -1,0 +1,66 @@
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.controllers import HoldController
+from hugwbc.evaluation.protocols import DisturbanceConfig, run_disturbance
+from hugwbc.evaluation.protocols import disturbance as module
+from hugwbc.evaluation.protocols.disturbance import DIRECTIONS, DisturbanceEpisode, disturbance_plan
+
+CONFIG = DisturbanceConfig(rollouts=4)
+
+
+def test_a_rollout_has_the_same_robot_at_every_force():
+    weak, strong = (disturbance_plan(CONFIG, "second", 90, force, 2) for force in (50.0, 300.0))
+    assert weak.conditions == strong.conditions and weak.draw == 2
+    (force,) = strong.forces
+    np.testing.assert_allclose(force.vector, [0.0, 300.0, 0.0], atol=1e-9)
+    assert (force.duration, force.frame, force.link) == (1.0, "heading", "torso_link")
+    assert 1.0 <= force.start <= 1.5 and force.start == weak.forces[0].start
+    other = disturbance_plan(CONFIG, "constant", 225, 50.0, 3)
+    assert other.conditions != weak.conditions and other.forces[0].start != force.start
+    assert other.forces[0].duration is None
+    np.testing.assert_allclose(other.forces[0].vector, [-50.0 / math.sqrt(2.0)] * 2 + [0.0])
+
+
+def test_the_tables_have_the_threshold_of_each_direction(monkeypatch):
+    """A robot that survives 100 N from the front, 10 N more for each degree's cosine, and twice that for a second."""
+
+    def threshold(row: DisturbanceEpisode) -> float:
+        return (200.0 + 100.0 * math.cos(math.radians(row.direction))) * (2.0 if row.kind == "second" else 1.0)
+
+    def run_episodes(factory, plans, judge, settings, on_episode):
+        rows = [
+            DisturbanceEpisode(kind, int(direction), float(force), 1.0, False, 10.0)
+            for kind, direction, force in (plan.label.split() for plan in plans)
+        ]
+        return [dataclasses.replace(row, fell=row.force > threshold(row)) for row in rows]
+
+    monkeypatch.setattr(module, "run_episodes", run_episodes)
+    result = run_disturbance(HoldController, CONFIG)
+    for kind, factor in (("constant", 1.0), ("second", 2.0)):
+        for direction in DIRECTIONS:
+            wanted = factor * (200.0 + 100.0 * math.cos(math.radians(direction)))
+            tolerated, refused = result.tolerated[kind][str(direction)], result.refused[kind][str(direction)]
+            assert refused is not None and tolerated <= wanted < refused <= tolerated * 1.06
+    assert result.episodes == len(result.rows) <= CONFIG.episodes
+    assert json.loads(json.dumps(dataclasses.asdict(result)))["tolerated"].keys() == {"constant", "second"}
+
+
+def test_the_baseline_falls_over_and_tolerates_nothing():
+    config = DisturbanceConfig(Gait.STANDING, rollouts=1, limit=50.0, resolution=0.9, duration=2.6, settle=0.1)
+    seen = []
+    result = run_disturbance(HoldController, config, seen.append)
+    assert result.tolerated["constant"] == dict.fromkeys(map(str, DIRECTIONS), 0.0)
+    assert [(row.kind, row.direction) for row in seen[:2]] == [("constant", 0), ("constant", 45)]
+
+
+def test_bad_settings_are_refused():
+    for changes, message in (({"rollouts": 0}, "0 trials"), ({"duration": 2.0}, "leave 1.5 s for the force")):
+        with pytest.raises(ConfigError, match=message):
+            DisturbanceConfig(**changes)
