@@ -51,7 +51,7 @@ def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
     return np.array([model.joints[model.getJointId(name)].idx_v for name in robot.joint_names])
 
 
-def _in_place(indices: np.ndarray) -> slice | np.ndarray:
+def in_place(indices: np.ndarray) -> slice | np.ndarray:
     """The same indices as a slice where they are consecutive: it reads and writes in place, an index array copies."""
     first = int(indices[0])
     consecutive = np.array_equal(indices, np.arange(first, first + indices.size))
@@ -78,7 +78,7 @@ class Kinematics:
         self.model = pinocchio_model()
         self.data = self.model.createData()
         self.columns = joint_columns(self.model, self.robot)
-        self._q_joints, self._v_joints = _in_place(self.columns + 1), _in_place(self.columns)
+        self._q_joints, self._v_joints = in_place(self.columns + 1), in_place(self.columns)
         self.q = pin.neutral(self.model)
         self.v = np.zeros(self.model.nv)
         self._zero = np.zeros(self.model.nv)

@@ -1,7 +1,7 @@
 """Commands as the plan follows them: within their ranges, and without jumps."""
 
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
 
 
-@dataclasses.dataclass(frozen=True)
-class SmoothCommand:
+class SmoothCommand(NamedTuple):
     """A command that never jumps, with the rates of its body posture.
 
     Attributes:

@@ -6,6 +6,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.diagnostics import Diagnostics, Output
 from hugwbc.mbc.dynamics import Dynamics
@@ -59,8 +60,11 @@ class WholeBodyController:
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
         self._odometry = LegOdometry()
+        self._columns = in_place(self.dynamics.columns)
         self._predictor = Predictor(self.dynamics, period)
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
+        self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
+        self._waist.weight[:] = self.params.waist_weight
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
         self._clear()
@@ -71,6 +75,7 @@ class WholeBodyController:
         self._held = 0
         self._last: JointCommand | None = None
         self._started = False
+        self._free_arms()
 
     @property
     def phase(self) -> float:
@@ -137,11 +142,11 @@ class WholeBodyController:
         """Targets of waist and arms; arms under external control are prescribed motion."""
         params, robot = self.params, self._robot
         self._waist.target[:], self._waist.rate[:] = command.w, command.w_rate
-        self._waist.stiffness[:], self._waist.damping[:] = params.waist_gains
-        self._waist.weight[:] = params.waist_weight
         if not upper_body.indicator:
-            self._free_arms()
+            if not self._arms_free:
+                self._free_arms()
             return ()
+        self._arms_free = False
         mask = upper_body.mask & np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
         report = () if np.array_equal(mask, upper_body.mask) else ("arm targets that are not finite are ignored",)
         low, high = robot.lower[robot.arms], robot.upper[robot.arms]
@@ -162,6 +167,7 @@ class WholeBodyController:
         arms.rate[:] = 0.0
         arms.weight[:] = params.arm_weight
         arms.stiffness[:], arms.damping[:] = params.arm_gains
+        self._arms_free = True
 
     def _joint_command(self, state: RobotState, solution: QpSolution) -> JointCommand:
         """Feed-forward torque, and a weak PD about the motion that it should cause.
@@ -170,7 +176,7 @@ class WholeBodyController:
         to zero, while it damps what departs from it between two ticks.
         """
         half = 0.5 * self.period
-        acceleration = solution.acceleration[self.dynamics.columns]
+        acceleration = solution.acceleration[self._columns]
         limit = self._torque_limit
         return JointCommand(
             q=state.q + half * state.dq,

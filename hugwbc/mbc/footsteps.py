@@ -1,8 +1,8 @@
 """Where to step: placement by the divergent component of motion, with the velocity of the angular-momentum pendulum."""
 
 import cmath
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from hugwbc.state import GRAVITY
 _LOWEST = 0.4  # [m], of the centre of mass above the foot, so that a fall does not divide by zero
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Pendulum:
+class Pendulum(NamedTuple):
     """The robot as a linear inverted pendulum about the stance foot.
 
     Attributes:
@@ -89,8 +88,7 @@ def _nominal_offset(
     return step / (growth - turn) + towards_other * width / (1.0 + growth)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class StepPlan:
+class StepPlan(NamedTuple):
     """What the planner decides at one tick.
 
     Attributes:

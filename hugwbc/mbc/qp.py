@@ -1,13 +1,14 @@
 """The whole-body QP: inverse dynamics under contact, friction, torque and joint limits."""
 
-import dataclasses
 import enum
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from proxsuite import proxqp
 
+from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.tasks.task import TaskTerms
@@ -33,8 +34,7 @@ class QpStatus(enum.Enum):
     FAILED = "failed"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class QpSolution:
+class QpSolution(NamedTuple):
     """Accelerations, forces and torques of one solve.
 
     Attributes:
@@ -73,11 +73,12 @@ class WholeBodyQp:
         """Set up for `nv` velocities, of which `columns` are the robot's joints."""
         self._params = params
         self._nv = nv
-        self._columns = columns
-        # Inside, joints are in the order of the velocities: a slice reads and writes in place, an index array copies.
+        self._columns = in_place(columns)
+        # Inside, joints are in the order of the velocities.
         self._joints = slice(_BASE, nv)
         order = np.argsort(columns)
-        self._torque_limit = params.torque_fraction * robot.torque_limit[order]
+        self._highest_torque = params.torque_fraction * robot.torque_limit[order]
+        self._lowest_torque = -self._highest_torque
         self._lowest = robot.lower[order] + params.joint_margin
         self._highest = robot.upper[order] - params.joint_margin
         self._fastest = params.speed_fraction * robot.velocity_limit[order]
@@ -94,7 +95,9 @@ class WholeBodyQp:
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
         self._add_friction(nv)
-        self._points = np.zeros((len(CONTACT_POINTS), 3, nv))
+        self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
+        self._contact = b""
+        self._left, self._speed = np.zeros((2, joints)), np.zeros((2, joints))
         self.reset()
 
     def _add_friction(self, first_row: int) -> None:
@@ -159,29 +162,29 @@ class WholeBodyQp:
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
         jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
         jacobian = np.concatenate(jacobians)
-        target = np.concatenate(accelerations) - np.concatenate(drifts)
+        lacking = np.concatenate(drifts) - np.concatenate(accelerations)
         weighted = jacobian * np.concatenate(weights)[:, None]
         nv, params = self._nv, self._params
         np.matmul(jacobian.T, weighted, out=self._H[:nv, :nv])
         self._diagonal[:nv] += params.acceleration_regularisation
-        np.matmul(-target, weighted, out=self._g[:nv])
+        np.matmul(lacking, weighted, out=self._g[:nv])
         weight = params.force_regularisation if planned is None else params.planned_force_weight
         self._diagonal[nv:] = weight
         self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
-        nv, joints = self._nv, len(self._torque_limit)
-        for jacobian, name in zip(self._points, CONTACT_POINTS, strict=True):
-            jacobian[:] = dynamics.point(name)[1]
-        self._motion[:, :nv] = dynamics.M
-        np.negative(self._points.reshape(-1, nv).T, out=self._motion[:, nv:])
-        bias = dynamics.bias
+        for columns, name in zip(self._forces, CONTACT_POINTS, strict=True):
+            np.negative(dynamics.point(name)[1].T, out=columns)
+        self._motion[:, : self._nv] = dynamics.M
+        bias, joints = dynamics.bias, len(self._highest_torque)
         np.negative(bias[:_BASE], out=self._b)
-        np.subtract(-self._torque_limit, bias[_BASE:], out=self._low[:joints])
-        np.subtract(self._torque_limit, bias[_BASE:], out=self._high[:joints])
+        np.subtract(self._lowest_torque, bias[_BASE:], out=self._low[:joints])
+        np.subtract(self._highest_torque, bias[_BASE:], out=self._high[:joints])
 
     def _fill_contact(self, contact: np.ndarray) -> None:
-        highest = self._params.max_normal_force
+        if contact.tobytes() == self._contact:
+            return
+        self._contact, highest = contact.tobytes(), self._params.max_normal_force
         for point, stands in enumerate(contact.tolist()):
             column = self._nv + 3 * point
             self._box_high[column : column + 3] = (_INFINITY, _INFINITY, highest) if stands else 0.0
@@ -195,16 +198,16 @@ class WholeBodyQp:
         braking deceleration, and of at most d per `joint_horizon`, since close to the limit the square root falls too
         steeply to be followed in discrete time; beyond the limit, back within that time.
         """
-        horizon, v = self._params.joint_horizon, dynamics.v[self._joints]
-        q = dynamics.q[7:]
-        np.divide(self._towards(self._highest - q) - v, horizon, out=self._box_high[self._joints])
-        np.divide(-self._towards(q - self._lowest) - v, horizon, out=self._box_low[self._joints])
-
-    def _towards(self, left: np.ndarray) -> np.ndarray:
-        """Highest speeds towards limits at a distance [rad/s]."""
-        params = self._params
-        braking = np.sqrt(2.0 * params.joint_brake * np.maximum(left, 0.0))
-        return np.minimum(np.minimum(braking, left / params.joint_horizon), self._fastest)
+        brake, horizon = self._params.joint_brake, self._params.joint_horizon
+        q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
+        # Distances to both limits, then the highest speeds towards them.
+        np.subtract(self._highest, q, out=left[0])
+        np.subtract(q, self._lowest, out=left[1])
+        np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
+        np.minimum(speed, np.divide(left, horizon, out=left), out=speed)
+        np.minimum(speed, self._fastest, out=speed)
+        np.divide(speed[0] - v, horizon, out=self._box_high[self._joints])
+        np.divide(speed[1] + v, -horizon, out=self._box_low[self._joints])
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:

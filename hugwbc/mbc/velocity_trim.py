@@ -27,20 +27,22 @@ class VelocityTrim:
         """No correction."""
         self.value = np.zeros(2)
         self._previous: np.ndarray | None = None
-        self._wanted: np.ndarray | None = None
+        self._wanted: list[float] | None = None
         self._settling = 0
         self._clear()
 
     def _clear(self) -> None:
-        self._sum = np.zeros(2)
+        self._sum = [0.0, 0.0]
         self._time = 0.0
         self._changed = False
 
     def measure(self, velocity: np.ndarray, wanted: np.ndarray, dt: float) -> None:
         """Record one tick: measured and commanded velocity, heading frame [m/s], shape (2,)."""
-        self._changed |= self._wanted is not None and not np.array_equal(wanted, self._wanted)
-        self._wanted = wanted.copy()
-        self._sum += (wanted - velocity) * dt
+        asked = wanted.tolist()
+        self._changed |= self._wanted is not None and asked != self._wanted
+        self._wanted = asked
+        for axis, actual in enumerate(velocity.tolist()):
+            self._sum[axis] += (asked[axis] - actual) * dt
         self._time += dt
 
     def end_step(self) -> None:
@@ -49,7 +51,7 @@ class VelocityTrim:
             return
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
         self._settling = _SETTLING_STEPS if self._changed else max(self._settling - 1, 0)
-        error = np.clip(self._sum / self._time, -self._bound, self._bound)
+        error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)
         if self._settling:
             self._previous = None
             self._clear()
