@@ -56,7 +56,7 @@ class CommandFilter:
     def reset(self, h: float, p: float, w: float) -> None:
         """Start at rest from a posture [m, rad, rad]."""
         self._given: Command | None = None
-        self._velocity = [0.0, 0.0, 0.0]
+        self._velocity = (0.0, 0.0, 0.0)
         self._frequency: float | None = None
         self._posture = [h, p, w]
         self._rate = [0.0, 0.0, 0.0]
@@ -82,12 +82,13 @@ class CommandFilter:
         changing = running not in (Gait.STANDING, gait)
         wanted = (0.0, 0.0, 0.0) if changing else (command.v_x, command.v_y, command.omega)
         # On three numbers, floats are several times faster than arrays.
-        self._velocity = [
-            _towards(*each, dt) for each in zip(self._velocity, wanted, params.velocity_rate, strict=True)
-        ]
-        speed = self._velocity[0]
+        rates, (speed, aside, turn) = params.velocity_rate, self._velocity
+        speed = _towards(speed, wanted[0], rates[0] * dt)
+        aside = _towards(aside, wanted[1], rates[1] * dt)
+        turn = _towards(turn, wanted[2], rates[2] * dt)
+        self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
-        self._frequency = _towards(self._frequency, command.f, params.frequency_rate, dt)
+        self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
 
         h = command.h
         if stepping:
@@ -111,7 +112,7 @@ class CommandFilter:
             report += (
                 f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
             )
-        velocity = np.array(self._velocity[:2])
+        velocity = np.array([speed, aside])
         return SmoothCommand(
             gait, velocity, self._velocity[2], self._frequency, apex, *self._posture, *self._rate
         ), report
@@ -131,6 +132,6 @@ class CommandFilter:
             self._posture[axis] += self._rate[axis] * dt
 
 
-def _towards(value: float, target: float, rate: float, dt: float) -> float:
-    """The value after `dt`, on its way to a target at a bounded rate."""
-    return value + min(max(target - value, -rate * dt), rate * dt)
+def _towards(value: float, target: float, step: float) -> float:
+    """The value after a step of bounded size towards a target."""
+    return value + min(max(target - value, -step), step)

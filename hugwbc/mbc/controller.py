@@ -19,7 +19,7 @@ from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
-_LARGEST_SQUARE = 1e12  # of the norm of any state value: beyond, products overflow
+_LARGEST_SQUARE = 1e12  # of the norm of a state: beyond, products overflow
 
 
 class WholeBodyController:
@@ -216,7 +216,8 @@ class WholeBodyController:
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
             forces=solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3)),
-            tasks=[(task.name, task.unit, t.error) for task, t in zip(tasks, terms, strict=True)],
+            tasks=tasks,
+            terms=terms,
             next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
@@ -226,8 +227,9 @@ class WholeBodyController:
 
 def _usable(state: RobotState) -> bool:
     """Whether what the controller reads is finite and of a reasonable norm; a NaN compares as false."""
-    for value in (state.q, state.dq, state.orientation, state.angular_velocity, state.position, state.velocity):
-        if value is not None and not value @ value < _LARGEST_SQUARE:
-            return False
-    force = state.foot_force
-    return math.isfinite(state.age) and (force is None or float(np.vdot(force, force)) < _LARGEST_SQUARE)
+    values = [state.q, state.dq, state.orientation, state.angular_velocity]
+    values += [value for value in (state.position, state.velocity) if value is not None]
+    if state.foot_force is not None:
+        values.append(state.foot_force.ravel())
+    together = np.concatenate(values)
+    return bool(together.dot(together) < _LARGEST_SQUARE) and math.isfinite(state.age)

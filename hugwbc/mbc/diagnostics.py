@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus
+from hugwbc.mbc.tasks.task import Task, TaskTerms
 
 
 class Output(enum.Enum):
@@ -37,7 +38,7 @@ class Diagnostics:
         mode: of the gait plan.
         swing: side of the foot in the air, or None.
         forces: of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3); zero without a solution.
-        tasks: name, unit and error of every task.
+        tasks, terms: every task that counted, and what it gave to the QP.
         next_foothold: where the sole's centre of the swing foot is to land, world x and y [m], or None.
         fallbacks: ticks since the reset whose command did not come from a solution.
         relaxed: ticks since the reset whose joint limits had to be dropped.
@@ -50,7 +51,8 @@ class Diagnostics:
     mode: Mode = Mode.STANDING
     swing: str | None = None
     forces: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((len(CONTACT_POINTS), 3)))
-    tasks: Sequence[tuple[str, str, np.ndarray]] = ()
+    tasks: Sequence[Task] = ()
+    terms: Sequence[TaskTerms] = ()
     next_foothold: np.ndarray | None = None
     fallbacks: int = 0
     relaxed: int = 0
@@ -64,4 +66,4 @@ class Diagnostics:
     @property
     def task_errors(self) -> dict[str, TaskError]:
         """Errors by task name."""
-        return {name: TaskError(error, unit) for name, unit, error in self.tasks}
+        return {task.name: TaskError(t.error, task.unit) for task, t in zip(self.tasks, self.terms, strict=True)}

@@ -42,14 +42,14 @@ class Pendulum(NamedTuple):
         :math:`\xi = c + \dot c_{eff} / \omega`.
         """
         x, y, z = (dynamics.com - pivot).tolist()
-        above = z if gradient is None else z - gradient[0] * x - gradient[1] * y
-        height = max(above, _LOWEST)
+        along_x, along_y = (0.0, 0.0) if gradient is None else gradient.tolist()
+        height = max(z - along_x * x - along_y * y, _LOWEST)
         omega = math.sqrt(GRAVITY / height)
-        vx, vy, vz = (dynamics.mass * dynamics.com_velocity).tolist()
+        vx, vy, vz = dynamics.com_velocity.tolist()
         spin_x, spin_y, _ = dynamics.momentum.tolist()
-        about_x = spin_x + y * vz - z * vy
-        about_y = spin_y + z * vx - x * vz
-        lead = np.array([about_y, -about_x]) / (dynamics.mass * height * omega)
+        about_x = spin_x / dynamics.mass + y * vz - z * vy
+        about_y = spin_y / dynamics.mass + z * vx - x * vz
+        lead = np.array([about_y / (height * omega), -about_x / (height * omega)])
         return cls(pivot[:2], dynamics.com[:2], omega, dynamics.com[:2] + lead)
 
 

@@ -49,10 +49,11 @@ class Ground:
                 self.resting[foot], self.slopes[foot] = False, self.slope_along(yaw)
                 continue
             sole = dynamics.frame(f"{SIDES[foot]}_sole")
-            rate = float(sole.rotation[:, 1] @ sole.velocity[3:])
-            self.resting[foot] = load > _RESTING_LOAD and abs(rate) < _RESTING_RATE
-            if self.resting[foot]:
-                pitch = math.asin(min(max(-sole.rotation[2, 0], -1.0), 1.0))
+            rate = float(sole.rotation[:, 1].dot(sole.velocity[3:]))
+            rests = load > _RESTING_LOAD and abs(rate) < _RESTING_RATE
+            self.resting[foot] = rests
+            if rests:
+                pitch = math.asin(min(max(-float(sole.rotation[2, 0]), -1.0), 1.0))
                 self.slopes[foot] += (pitch - self.slopes[foot]) * min(dt / _SLOPE_TIME, 1.0)
 
     def touched(self, dynamics: Dynamics, foot: int) -> bool | None:
@@ -76,8 +77,9 @@ class Ground:
 
     def rise(self, start: np.ndarray, end: np.ndarray) -> float:
         """By how much the plane rises from one point to another, world x and y first [m]."""
-        return float(self.gradient @ (end[:2] - start[:2]))
+        return float(self.gradient.dot(end[:2] - start[:2]))
 
     def slope_along(self, yaw: float) -> float:
         """Slope of the plane along a heading, downhill positive [rad]."""
-        return -math.atan(self.gradient[0] * math.cos(yaw) + self.gradient[1] * math.sin(yaw))
+        x, y = self.gradient.tolist()
+        return -math.atan(x * math.cos(yaw) + y * math.sin(yaw))

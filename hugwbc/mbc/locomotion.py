@@ -30,6 +30,9 @@ from hugwbc.mbc.tasks import (
 from hugwbc.mbc.velocity_trim import VelocityTrim
 from hugwbc.robot import SIDES, load_robot
 
+_SOLES = tuple(f"{side}_sole" for side in SIDES)
+_SHANKS = tuple(f"{side}_knee_link" for side in SIDES)
+_ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
 _SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
 _MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
@@ -105,8 +108,13 @@ class Locomotion:
         self._catching = 0.0
         self._catching_swing = 0
         self._balance = self._params.balance_ahead
-        self._yaw = self._measured_yaw(dynamics)
-        self._ground = min(dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
+        self._set_yaw(self._measured_yaw(dynamics))
+        self._ground = min(self._height(dynamics, foot) for foot in range(2))
+
+    def _set_yaw(self, yaw: float) -> None:
+        """Set the heading that the robot is to have."""
+        self._yaw = yaw
+        self._to_heading = rotations.rotation_z(-yaw)[:2, :2]
 
     def tasks(self) -> list[Task]:
         """The tasks that count at this tick."""
@@ -154,9 +162,10 @@ class Locomotion:
             self._trim.reset()
             self._leap.fly()
             self._stand(dynamics, command)
-        for foot in np.flatnonzero(self.contact):
-            self.stance[foot].settle = self._settle_speed(dynamics, foot)
-            self.stance[foot].slope = float(self.ground.slopes[foot])
+        for foot, stance in enumerate(self.stance):
+            if self.contact[foot]:
+                stance.settle = self._settle_speed(dynamics, foot)
+                stance.slope = float(self.ground.slopes[foot])
 
     @property
     def planned_forces(self) -> np.ndarray | None:
@@ -174,39 +183,38 @@ class Locomotion:
         The lowest end of a standing foot always, the other end once it is about as low or the sole rests: a foot that
         lands on its toe first must not count on its heel. A foot that has just come down, not before it carries.
         """
-        heights = np.array([dynamics.point(point)[0][2] for point in CONTACT_POINTS]).reshape(2, 2)
-        lowest = heights.min(axis=1, keepdims=True)
-        if self.plan.legs:  # a landing presses one end into the ground: the other end is not in the air for that
-            lowest = np.maximum(lowest, self._ground)
-        level = heights < lowest + _LEVEL_TOLERANCE
-        carrying = self.contact.copy()
-        if self.plan.swing is not None:
-            carrying[self.plan.swing] &= self._loaded
-        return ((level | self.ground.resting[:, None]) & carrying[:, None]).ravel()
+        pushes = []
+        for foot, (carries, rests) in enumerate(zip(self.contact.tolist(), self.ground.resting.tolist(), strict=True)):
+            carries = carries and (foot != self.plan.swing or self._loaded)
+            heights = [float(dynamics.point(end)[0][2]) for end in _ENDS[foot]]
+            lowest = min(heights)
+            if self.plan.legs:  # a landing presses one end into the ground: the other end is not in the air for that
+                lowest = max(lowest, self._ground)
+            pushes += [carries and (rests or height < lowest + _LEVEL_TOLERANCE) for height in heights]
+        return np.array(pushes)
 
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
-        soles = np.array([dynamics.frame(f"{side}_sole").position[2] for side in SIDES])
-        standing = self.plan.legs or (0, 1)
-        ground = soles[list(standing)].mean() if self.plan.stance is None else soles[self.plan.stance]
+        stance = self.plan.stance
         if self.plan.airborne:
             ground = self._ground
-        elif self.plan.stance is not None:
-            sole, pelvis = dynamics.frame(f"{SIDES[self.plan.stance]}_sole"), dynamics.frame("pelvis")
-            ground += self.ground.rise(sole.position, pelvis.position)
+        elif stance is not None:
+            sole, pelvis = dynamics.frame(_SOLES[stance]), dynamics.frame("pelvis")
+            ground = float(sole.position[2]) + self.ground.rise(sole.position, pelvis.position)
+        else:
+            standing = self.plan.legs or (0, 1)
+            ground = sum(self._height(dynamics, foot) for foot in standing) / len(standing)
         self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
         yaw = self._measured_yaw(dynamics)
         moving = self.plan.mode in (Mode.WALKING, Mode.LEAPING)
         if moving:
-            self._yaw += command.omega * dt
+            turn = command.omega * dt
         else:
-            back = rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)
-            self._yaw += float(np.clip(back, -_YAW_RETURN * dt, _YAW_RETURN * dt))
-        lead = min(max(float(rotations.wrap_angle(self._yaw - yaw)), -_MAX_YAW_LEAD), _MAX_YAW_LEAD)
-        self._yaw = yaw + lead
+            turn = _clip(float(rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)), _YAW_RETURN * dt)
+        self._set_yaw(yaw + _clip(float(rotations.wrap_angle(self._yaw + turn - yaw)), _MAX_YAW_LEAD))
         self.height.target = self._ground + dynamics.robot.nominal_height + command.h
         self.height.rate = command.h_rate
         if self.plan.mode is Mode.WALKING:
-            self.height.rate += float(self.ground.gradient @ rotations.rotation_z(self._yaw)[:2, :2] @ command.velocity)
+            self.height.rate += float(self._to_heading.dot(self.ground.gradient).dot(command.velocity))
         self.orientation.yaw = self.com.heading = self._yaw
         self.orientation.yaw_rate = command.omega if moving else 0.0
         self.orientation.weight = self._orientation_weights[
@@ -224,8 +232,8 @@ class Locomotion:
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
         pendulum = Pendulum.about(middle, dynamics)
-        to_heading = rotations.rotation_z(-self._yaw)[:2, :2]
-        deviation, between = to_heading @ (pendulum.dcm - middle[:2]), to_heading @ (pivots[0] - pivots[1])[:2]
+        to_heading = self._to_heading
+        deviation, between = to_heading.dot(pendulum.dcm - middle[:2]), to_heading.dot((pivots[0] - pivots[1])[:2])
         if self.plan.mode is not Mode.SHIFTING:
             self._shifted = False
             self._watch_balance(deviation, between)
@@ -272,11 +280,9 @@ class Locomotion:
         plan = self.plan
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        sole = dynamics.frame(f"{SIDES[swing]}_sole")
-        self._trim.measure(rotations.rotation_z(-self._yaw)[:2, :2] @ dynamics.frame("pelvis").velocity[:2],
-                           command.velocity, dt)  # fmt: skip
+        self._trim.measure(self._to_heading.dot(dynamics.frame("pelvis").velocity[:2]), command.velocity, dt)
         if lift_off:
-            self._trajectory.start(sole.position)
+            self._trajectory.start(dynamics.frame(_SOLES[swing]).position)
             self._landed = self._loaded = self._noted = False
             self._trim.end_step()
         pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics, self.ground.gradient)
@@ -294,21 +300,22 @@ class Locomotion:
         self.clipped += step.clipped
         landing_yaw = self._yaw + command.omega * plan.remaining
         ahead = _SOLE_MIDDLE - self._balance
-        self.foothold = step.foothold + rotations.rotation_z(landing_yaw)[:2, 0] * ahead
+        self.foothold = step.foothold + np.array([ahead * math.cos(landing_yaw), ahead * math.sin(landing_yaw)])
         self.footholds[swing] = self.foothold
         elapsed = plan.step_time - plan.remaining
         if not self._noted and 2.0 * elapsed > plan.step_time:
             self.ground.note(dynamics, stance)
             self._noted = True
-        standing = dynamics.frame(f"{SIDES[stance]}_sole").position
+        standing = dynamics.frame(_SOLES[stance]).position
+        height = float(standing[2])
         self._trajectory.advance(
             self.foothold,
             command.l,
-            float(standing[2]),
+            height,
             elapsed,
             plan.remaining,
             dt,
-            landing=float(standing[2]) + self.ground.rise(standing, self.foothold),
+            landing=height + self.ground.rise(standing, self.foothold),
             overdue=plan.overdue,
         )
         self.contact[stance], self.contact[swing] = True, self._landed
@@ -319,9 +326,8 @@ class Locomotion:
         task.weight = self._swing_weights["ground"]
         task.yaw = landing_yaw
         task.pitch = self._toe_down(dynamics, swing, self.ground.slope_along(landing_yaw))
-        forward = rotations.rotation_z(self._yaw)[:2, 0]
         self.travel.heading, self.travel.speed = self._yaw, float(command.velocity[0])
-        self.travel.feedforward = float(pendulum.omega**2 * (forward @ (pendulum.com - step.cop)))
+        self.travel.feedforward = pendulum.omega**2 * float(self._to_heading[0].dot(pendulum.com - step.cop))
 
     def _watch_landing(self, dynamics: Dynamics) -> None:
         """Notice that the swing foot of a walk stands, and that it carries.
@@ -333,8 +339,8 @@ class Locomotion:
         assert swing is not None and stance is not None
         if plan.step_time - plan.remaining <= params.early_contact_phase * plan.step_time:
             return
-        standing, sole = (dynamics.frame(f"{SIDES[foot]}_sole").position for foot in (stance, swing))
-        expected = standing[2] + self.ground.rise(standing, sole)
+        standing, sole = (dynamics.frame(_SOLES[foot]).position for foot in (stance, swing))
+        expected = float(standing[2]) + self.ground.rise(standing, sole)
         near = self._lowest(dynamics, swing) - expected < params.early_contact_height
         touched = self.ground.touched(dynamics, swing)
         if touched is None:  # only its height tells, and the clock
@@ -346,14 +352,12 @@ class Locomotion:
 
     def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
         plan, leap = self.plan, self._leap
-        soles = [dynamics.frame(f"{side}_sole") for side in SIDES]
-        measured = rotations.rotation_z(-self._yaw)[:2, :2] @ dynamics.frame("pelvis").velocity[:2]
-        self._trim.measure(measured, command.velocity, dt)
+        self._trim.measure(self._to_heading.dot(dynamics.frame("pelvis").velocity[:2]), command.velocity, dt)
         velocity = command.velocity + self._trim.value
         if lift_off:
             self._trim.end_step()
             for foot in plan.legs:
-                leap.trajectories[foot].start(soles[foot].position)
+                leap.trajectories[foot].start(dynamics.frame(_SOLES[foot]).position)
             self.contact[:] = False
         if plan.airborne:
             elapsed = plan.step_time - plan.remaining
@@ -386,20 +390,19 @@ class Locomotion:
         task.weight = self._swing_weights["flight"]
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
-        if np.linalg.norm(command.velocity) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
+        if math.hypot(*command.velocity.tolist()) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
             return False
         if self.plan.legs:
             return True
         gap = dynamics.frame("left_sole").position - dynamics.frame("right_sole").position
-        return abs((rotations.rotation_z(-self._yaw) @ gap)[0]) < _STOP_STRIDE
+        return abs(float(self._to_heading[0].dot(gap[:2]))) < _STOP_STRIDE
 
     def _pivot(self, dynamics: Dynamics, foot: int) -> np.ndarray:
         """Nominal centre of pressure of a foot, in the world [m], shape (3,)."""
-        sole = dynamics.frame(f"{SIDES[foot]}_sole")
-        forward = sole.rotation[:2, 0]
-        point = sole.position.copy()
-        point[:2] += forward * ((self._balance - _SOLE_MIDDLE) / max(math.hypot(*forward.tolist()), 1e-6))
-        return point
+        sole = dynamics.frame(_SOLES[foot])
+        x, y = sole.rotation[:2, 0].tolist()
+        ahead = (self._balance - _SOLE_MIDDLE) / max(math.hypot(x, y), 1e-6)
+        return sole.position + np.array([ahead * x, ahead * y, 0.0])
 
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
         touched = None if self.plan.legs else self.ground.touched(dynamics, foot)
@@ -410,14 +413,17 @@ class Locomotion:
 
     @staticmethod
     def _lowest(dynamics: Dynamics, foot: int) -> float:
-        return min(float(dynamics.point(f"{SIDES[foot]}_{end}")[0][2]) for end in ("heel", "toe"))
+        return min(float(dynamics.point(end)[0][2]) for end in _ENDS[foot])
+
+    @staticmethod
+    def _height(dynamics: Dynamics, foot: int) -> float:
+        return float(dynamics.frame(_SOLES[foot]).position[2])
 
     def _toe_down(self, dynamics: Dynamics, foot: int, slope: float = 0.0) -> float:
         """Pitch of the swing foot's sole over ground of a slope along it [rad]."""
-        shank = dynamics.frame(f"{SIDES[foot]}_knee_link")
-        sideways = rotations.rotation_z(self._yaw)[:, 1]
-        lean = math.asin(min(max(-shank.rotation[2, 0], -1.0), 1.0))
-        return toe_down(lean, float(sideways @ shank.velocity[3:]), slope)
+        shank = dynamics.frame(_SHANKS[foot])
+        lean = math.asin(_clip(-float(shank.rotation[2, 0]), 1.0))
+        return toe_down(lean, float(self._to_heading[1].dot(shank.velocity[3:5])), slope)
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:
@@ -426,5 +432,9 @@ class Locomotion:
 
     @staticmethod
     def _feet_yaw(dynamics: Dynamics) -> float:
-        forward = np.sum([dynamics.frame(f"{side}_sole").rotation[:2, 0] for side in SIDES], axis=0)
-        return math.atan2(forward[1], forward[0])
+        left, right = (dynamics.frame(sole).rotation for sole in _SOLES)
+        return math.atan2(left[1, 0] + right[1, 0], left[0, 0] + right[0, 0])
+
+
+def _clip(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)

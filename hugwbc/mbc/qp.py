@@ -153,8 +153,8 @@ class WholeBodyQp:
             iterations += more
         # The first rows of the constraints are the joints' torques, less the bias.
         nv = self._nv
-        torque = (self._motion @ x + dynamics.bias)[self._columns]
-        if not solved or not math.isfinite(torque @ torque):
+        torque = (self._motion.dot(x) + dynamics.bias)[self._columns]
+        if not solved or not math.isfinite(torque.dot(torque)):
             self.reset()
             status = QpStatus.FAILED
         return QpSolution(status, iterations, x[:nv], x[nv:].reshape(-1, 3), torque)
@@ -167,7 +167,7 @@ class WholeBodyQp:
         nv, params = self._nv, self._params
         np.matmul(jacobian.T, weighted, out=self._H[:nv, :nv])
         self._diagonal[:nv] += params.acceleration_regularisation
-        np.matmul(lacking, weighted, out=self._g[:nv])
+        lacking.dot(weighted, out=self._g[:nv])
         weight = params.force_regularisation if planned is None else params.planned_force_weight
         self._diagonal[nv:] = weight
         self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
@@ -225,4 +225,4 @@ class WholeBodyQp:
         solver.solve()
         results = solver.results
         x, info = np.array(results.x), results.info
-        return info.status == proxqp.PROXQP_SOLVED and math.isfinite(x @ x), x, int(info.iter)
+        return info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x)), x, int(info.iter)

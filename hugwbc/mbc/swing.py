@@ -5,7 +5,6 @@ import numpy as np
 from hugwbc.mbc.params import ControllerParams
 
 _SHORTEST = 0.02  # [s], below which a quintic to a moving target would ask for unbounded accelerations
-_REST = np.zeros(3)
 
 
 def quintic_advance(
@@ -22,20 +21,22 @@ def quintic_advance(
         duration: [s], positive, shape (k,).
         dt: [s]; beyond the end of the quintic, its end.
     """
-    axes = np.array([*state, *target, duration]).T.tolist()
-    x, v, a = np.array([_quintic(axis, dt) for axis in axes]).T
+    axes = zip(*(part.tolist() for part in (*state, *target, duration)), strict=True)
+    x, v, a = np.array([_quintic(*axis, dt) for axis in axes]).T
     return x, v, a
 
 
-def _quintic(axis: list[float], dt: float) -> tuple[float, float, float]:
+def _quintic(
+    x: float, v: float, a: float, x_end: float, v_end: float, a_end: float, T: float, dt: float
+) -> tuple[float, float, float]:
     """One axis of `quintic_advance`: on three numbers, floats are several times faster than arrays."""
-    x, v, a, x_end, v_end, a_end, T = axis
-    position = x_end - (x + v * T + 0.5 * a * T**2)
-    velocity = v_end - (v + a * T)
-    acceleration = a_end - a
-    c3 = (10.0 * position - 4.0 * velocity * T + 0.5 * acceleration * T**2) / T**3
-    c4 = (-15.0 * position + 7.0 * velocity * T - acceleration * T**2) / T**4
-    c5 = (6.0 * position - 3.0 * velocity * T + 0.5 * acceleration * T**2) / T**5
+    position = x_end - (x + v * T + 0.5 * a * T * T)
+    velocity = (v_end - (v + a * T)) * T
+    acceleration = (a_end - a) * T * T
+    cube = T * T * T
+    c3 = (10.0 * position - 4.0 * velocity + 0.5 * acceleration) / cube
+    c4 = (-15.0 * position + 7.0 * velocity - acceleration) / (cube * T)
+    c5 = (6.0 * position - 3.0 * velocity + 0.5 * acceleration) / (cube * T * T)
     t = min(dt, T)
     return (
         x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5)))),
@@ -60,6 +61,7 @@ class SwingTrajectory:
         self.position = np.array(position, dtype=float)
         self.velocity = np.zeros(3)
         self.acceleration = np.zeros(3)
+        self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
 
     def advance(
         self,
@@ -92,9 +94,11 @@ class SwingTrajectory:
             searching = self._params.search_speed if overdue > 0.0 else self._params.landing_speed
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining
-        self.position, self.velocity, self.acceleration = quintic_advance(
-            (self.position, self.velocity, self.acceleration),
-            (np.array([*foothold.tolist(), height]), np.array([0.0, 0.0, speed]), _REST),
-            np.array([max(remaining, _SHORTEST)] * 2 + [max(until, _SHORTEST)]),
-            dt,
+        x, y = foothold.tolist()
+        remaining, until = max(remaining, _SHORTEST), max(until, _SHORTEST)
+        self._axes = (
+            _quintic(*self._axes[0], x, 0.0, 0.0, remaining, dt),
+            _quintic(*self._axes[1], y, 0.0, 0.0, remaining, dt),
+            _quintic(*self._axes[2], height, speed, 0.0, until, dt),
         )
+        self.position, self.velocity, self.acceleration = np.array(self._axes).T

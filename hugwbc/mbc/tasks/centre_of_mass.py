@@ -41,11 +41,11 @@ class CentreOfMassTask:
         """Two rows: along the heading and to its left."""
         to_heading = rotations.rotation_z(-self.heading)[:2, :2]
         kp, kd = self._gains
-        error = to_heading @ (self.target - dynamics.com[:2])
-        servo = kp * error - kd * (to_heading @ dynamics.com_velocity[:2])
+        error = to_heading.dot(self.target - dynamics.com[:2])
+        servo = kp * error - kd * to_heading.dot(dynamics.com_velocity[:2])
         return TaskTerms(
-            to_heading @ dynamics.com_jacobian[:2],
-            to_heading @ dynamics.com_drift[:2],
+            to_heading.dot(dynamics.com_jacobian[:2]),
+            to_heading.dot(dynamics.com_drift[:2]),
             self.feedforward + self.servo * servo,
             self._weight,
             error,

@@ -42,9 +42,9 @@ class PelvisOrientationTask:
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
         # R_h^T R log(R^T R_d) is log((R_h^T R_d) (R_h^T R)^T), and the first factor is the pitch alone.
-        error = pin.log3(rotations.rotation_y(self.pitch) @ (to_heading @ pelvis.rotation).T)
+        error = pin.log3(rotations.rotation_y(self.pitch).dot(to_heading.dot(pelvis.rotation).T))
         rate = np.array([0.0, self.pitch_rate, self.yaw_rate])
-        acceleration = kp * error + kd * (rate - to_heading @ pelvis.velocity[3:])
+        acceleration = kp * error + kd * (rate - to_heading.dot(pelvis.velocity[3:]))
         return TaskTerms(
-            to_heading @ pelvis.jacobian[3:], to_heading @ pelvis.drift[3:], acceleration, self.weight, error
+            to_heading.dot(pelvis.jacobian[3:]), to_heading.dot(pelvis.drift[3:]), acceleration, self.weight, error
         )

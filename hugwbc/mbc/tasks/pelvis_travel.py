@@ -40,10 +40,10 @@ class PelvisTravelTask:
         """One row, along the heading."""
         pelvis = dynamics.frame("pelvis")
         forward = np.array([[math.cos(self.heading), math.sin(self.heading)]])
-        error = self.speed - (forward @ pelvis.velocity[:2])[0]
+        error = self.speed - float(forward[0].dot(pelvis.velocity[:2]))
         return TaskTerms(
-            forward @ pelvis.jacobian[:2],
-            forward @ pelvis.drift[:2],
+            forward.dot(pelvis.jacobian[:2]),
+            forward.dot(pelvis.drift[:2]),
             np.array([self.feedforward + self._damping * error]),
             self._weight,
             np.array([error]),

@@ -42,9 +42,9 @@ class StanceContactTask:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
         rows = line_contact_rows(foot.rotation)
-        error = -(rows @ foot.velocity)
+        error = -rows.dot(foot.velocity)
         error[2] -= self.settle
         acceleration = self._damping * error
-        slope = math.asin(min(max(-foot.rotation[2, 0], -1.0), 1.0))
+        slope = math.asin(min(max(-float(foot.rotation[2, 0]), -1.0), 1.0))
         acceleration[3] += self._pitch_stiffness * (self.slope - slope)
-        return TaskTerms(rows @ foot.jacobian, rows @ foot.drift, acceleration, self._weight, error)
+        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self._weight, error)

