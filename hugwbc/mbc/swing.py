@@ -8,28 +8,18 @@ _SHORTEST = 0.02  # [s], below which a quintic to a moving target would ask for 
 
 
 def quintic_advance(
-    state: tuple[np.ndarray, np.ndarray, np.ndarray],
-    target: tuple[np.ndarray, np.ndarray, np.ndarray],
-    duration: np.ndarray,
-    dt: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and acceleration after `dt` on the quintic from a state to a target.
-
-    Args:
-        state: position, velocity and acceleration now, each of shape (k,).
-        target: position, velocity and acceleration after `duration`, each of shape (k,).
-        duration: [s], positive, shape (k,).
-        dt: [s]; beyond the end of the quintic, its end.
-    """
-    axes = zip(*(part.tolist() for part in (*state, *target, duration)), strict=True)
-    x, v, a = np.array([_quintic(*axis, dt) for axis in axes]).T
-    return x, v, a
-
-
-def _quintic(
     x: float, v: float, a: float, x_end: float, v_end: float, a_end: float, T: float, dt: float
 ) -> tuple[float, float, float]:
-    """One axis of `quintic_advance`: on three numbers, floats are several times faster than arrays."""
+    """Position, velocity and acceleration after `dt` on the quintic from a state to a target.
+
+    One axis at a time: on three numbers, floats are several times faster than arrays.
+
+    Args:
+        x, v, a: position, velocity and acceleration now.
+        x_end, v_end, a_end: the same after T.
+        T: duration [s], positive.
+        dt: [s]; beyond the end of the quintic, its end.
+    """
     position = x_end - (x + v * T + 0.5 * a * T * T)
     velocity = (v_end - (v + a * T)) * T
     acceleration = (a_end - a) * T * T
@@ -97,8 +87,8 @@ class SwingTrajectory:
         x, y = foothold.tolist()
         remaining, until = max(remaining, _SHORTEST), max(until, _SHORTEST)
         self._axes = (
-            _quintic(*self._axes[0], x, 0.0, 0.0, remaining, dt),
-            _quintic(*self._axes[1], y, 0.0, 0.0, remaining, dt),
-            _quintic(*self._axes[2], height, speed, 0.0, until, dt),
+            quintic_advance(*self._axes[0], x, 0.0, 0.0, remaining, dt),
+            quintic_advance(*self._axes[1], y, 0.0, 0.0, remaining, dt),
+            quintic_advance(*self._axes[2], height, speed, 0.0, until, dt),
         )
         self.position, self.velocity, self.acceleration = np.array(self._axes).T
