@@ -15,8 +15,12 @@ def quintic_advance(
     One axis at a time: on three numbers, floats are several times faster than arrays.
 
     Args:
-        x, v, a: position, velocity and acceleration now.
-        x_end, v_end, a_end: the same after T.
+        x: position now.
+        v: velocity now.
+        a: acceleration now.
+        x_end: position after T.
+        v_end: velocity after T.
+        a_end: acceleration after T.
         T: duration [s], positive.
         dt: [s]; beyond the end of the quintic, its end.
     """
