@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from hugwbc import gait as gaits
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.learned import checkpoint, self_test
-from hugwbc.learned import observations as obs
 from hugwbc.learned.contract import complete_contract
 from hugwbc.learned.networks import Actor
+from hugwbc.learned.policy_rows import PolicyRows, row_by_row
 from hugwbc.robot import load_robot, model_dir
 from hugwbc.state import RobotState
 
@@ -130,50 +129,26 @@ class LearnedController:
         self.held = 0
         self.robot = load_robot()
         self.actor = actor.eval()
-        vectors = (np.array(metadata[name], dtype=float) for name in ("nominal", "action_scale", "kp", "kd"))
-        self._nominal, self._scale, self._kp, self._kd = vectors
-        self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
-        self._history = torch.zeros(1, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
-        self._observation = torch.zeros(1, obs.COMMAND_SIZE)
-        self._action = torch.zeros(1, obs.JOINTS)
-        self._estimate = torch.zeros(1, obs.ESTIMATE_SIZE)
-        self._phase = 0.0
-        self._waist = 0.0
-        self._waist_step = float(metadata["waist_rate"]) * self.period
-        self._started = False
+        self._rows = PolicyRows(metadata, self.actor, 1)
 
     @property
     def phase(self) -> float:
         """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
-        return self._phase
+        return float(self._rows.phase[0])
 
     def reset(self, state: RobotState) -> None:
         """Forget the past; the history starts filled with the first frame."""
-        self._action.zero_()
-        self._phase = 0.0
-        self._waist = 0.0
-        self._started = False
+        self._rows.reset()
         if state.is_finite:
             self._push(state)
 
+    def for_many(self, count: int) -> PolicyRows:
+        """The same policy for many robots; what it gives each is what `act` gives one, bit for bit."""
+        return PolicyRows(self.metadata, row_by_row(self.actor), count)
+
     def _push(self, state: RobotState) -> None:
-        def row(values: np.ndarray) -> torch.Tensor:
-            return torch.as_tensor(values, dtype=torch.float32)[None]
+        self._rows.push(state.angular_velocity[None], state.projected_gravity[None], state.q[None], state.dq[None])
 
-        frame = obs.proprioception(
-            row(state.angular_velocity),
-            row(state.projected_gravity),
-            row(state.q) - self._nominal_row,
-            row(state.dq),
-            self._action,
-        )
-        if self._started:
-            self._history = torch.cat((self._history[:, 1:], frame[:, None]), dim=1)
-        else:
-            self._history[:] = frame
-            self._started = True
-
-    @torch.no_grad()
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Joint targets for the next period; arms under external control take their targets.
 
@@ -184,20 +159,10 @@ class LearnedController:
         else:
             self.held += 1
         command, _ = command.clamp()
-        self._phase = float(gaits.advance_phase(self._phase, command.f, self.period))
-        feet = gaits.foot_phases(torch.tensor([self._phase]), torch.tensor([int(command.gait)]))
-        self._observation = obs.command_observation(
-            torch.as_tensor(command.array(), dtype=torch.float32)[None],
-            torch.tensor([int(command.gait)]),
-            gaits.clock(gaits.homogenised_phase(feet)),
-            torch.tensor([upper_body.indicator]),
-        )
-        self._action, self._estimate = self.actor(self._history.flatten(1), self._observation)
-        q = self._nominal + self._scale * self._action[0].double().numpy()
-        self._waist += float(np.clip(command.w - self._waist, -self._waist_step, self._waist_step))
-        q[self.robot.waist] += self._waist
+        rows = self._rows
+        q = rows.decide(command.array()[None], np.array([int(command.gait)]), np.array([upper_body.indicator]))[0]
         zero = np.zeros_like(q)
-        own = JointCommand(q=q, dq=zero, kp=self._kp, kd=self._kd, tau=zero)
+        own = JointCommand(q=q, dq=zero, kp=rows.kp, kd=rows.kd, tau=zero)
         return override_arms(own, upper_body, self.robot)
 
     def last_pass(self) -> dict[str, torch.Tensor]:
@@ -207,8 +172,8 @@ class LearnedController:
             history (1, 315), observation (1, 13), action (1, 19) and estimate (1, 6), in observation units.
         """
         return {
-            "history": self._history.flatten(1).clone(),
-            "observation": self._observation.clone(),
-            "action": self._action.clone(),
-            "estimate": self._estimate.clone(),
+            "history": self._rows.history.flatten(1).clone(),
+            "observation": self._rows.observation.clone(),
+            "action": self._rows.action.clone(),
+            "estimate": self._rows.estimate.clone(),
         }

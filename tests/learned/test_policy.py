@@ -85,7 +85,7 @@ def test_controller_does_what_the_training_environment_does(
         return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
 
     controller.reset(state())
-    controller._phase = float(env.phase[0]) - 2.0 * controller.period
+    controller._rows.phase[:] = float(env.phase[0]) - 2.0 * controller.period
     waist = 0.0
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
