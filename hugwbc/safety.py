@@ -65,6 +65,12 @@ class SafetyReport:
     messages: tuple[str, ...] = ()
 
 
+def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest position target of each joint [rad]: its limits widened by torque_limit / kp, shape (19,)."""
+    margin = robot.torque_limit / robot.kp
+    return robot.lower - margin, robot.upper + margin
+
+
 class SafetyFilter:
     """A controller that wraps another one and keeps what passes in both directions within limits.
 
@@ -99,8 +105,7 @@ class SafetyFilter:
         self.config = config or SafetyConfig()
         self.robot = robot or load_robot()
         self.name, self.period = controller.name, controller.period
-        margin = self.robot.torque_limit / self.robot.kp
-        self._q_low, self._q_high = self.robot.lower - margin, self.robot.upper + margin
+        self._q_low, self._q_high = target_limits(self.robot)
         self._clock = clock
         self.last_tick_s = 0.0
         self.command = Command()
@@ -124,15 +129,22 @@ class SafetyFilter:
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """The controller's joint command within all limits, or the last good one, or damping."""
-        self._count("ticks")
-        self.command = self._valid_command(command)
-        upper_body = self._valid_upper_body(upper_body)
-        output = self._controller_output(state, self._feasible_command(self.command), upper_body)
+        feasible_command, upper_body = self.admit(command, upper_body)
+        output = self._controller_output(state, feasible_command, upper_body)
         if output is None:
             return self._fallback(state)
         self._missing_s = 0.0
-        self._last = self._limited(output)
+        self._last = self.limited(output)
         return self._last
+
+    def admit(self, command: Command, upper_body: UpperBody) -> tuple[Command, UpperBody]:
+        """What of a command and of external arm targets reaches the controller in one tick; counts what is changed.
+
+        The first half of `act`, for those who call the controller themselves, such as for many robots at once.
+        """
+        self._count("ticks")
+        self.command = self._valid_command(command)
+        return self._feasible_command(self.command), self._valid_upper_body(upper_body)
 
     def report(self) -> SafetyReport:
         """The counters since `reset`."""
@@ -211,7 +223,8 @@ class SafetyFilter:
         q = state.q if np.all(np.isfinite(state.q)) else self._last.q
         return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd * self.config.damping_gain, tau=zero)
 
-    def _limited(self, output: JointCommand) -> JointCommand:
+    def limited(self, output: JointCommand) -> JointCommand:
+        """A controller's finite joint command within all limits; counts what is changed."""
         q = np.clip(output.q, self._q_low, self._q_high)
         tau = np.clip(output.tau, -self.robot.torque_limit, self.robot.torque_limit)
         for counter, before, after in (("positions_limited", output.q, q), ("torques_limited", output.tau, tau)):

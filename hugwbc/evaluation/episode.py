@@ -3,13 +3,17 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
+from hugwbc.evaluation.batch_rollout import Episode, fits, rollouts
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.rollout import Trace, rollout
+
+if TYPE_CHECKING:
+    from hugwbc.evaluation.intervention import ArmIntervention
 
 ControllerFactory = Callable[[], Controller]
 Row = TypeVar("Row")
@@ -60,19 +64,71 @@ class Job(Generic[Row]):
     episodes: tuple[tuple[int, EpisodePlan], ...]
 
 
-_controller = functools.lru_cache(maxsize=1)(lambda factory: factory())
+@functools.lru_cache(maxsize=1)
+def controller_of(factory: ControllerFactory) -> Controller:
+    """The factory's controller, made once in each process."""
+    return factory()
 
 
 def run_job(job: Job[Row]) -> list[tuple[int, Row]]:
-    """Index and row of each episode."""
-    controller = _controller(job.factory)
-    return [(index, job.judge(index, _run(controller, job, index, plan))) for index, plan in job.episodes]
+    """Index and row of each episode; what can share a batch does."""
+    controller = controller_of(job.factory)
+    batches: dict[float, list[tuple[int, EpisodePlan]]] = {}
+    alone = []
+    for index, plan in job.episodes:
+        conditions = plan.conditions or job.conditions
+        shared = batches.setdefault(conditions.timestep, []) if joins_batch(controller, job.conditions, plan) else alone
+        shared.append((index, plan))
+    runs: list[tuple[int, Run]] = []
+    for episodes in batches.values():
+        done, broken = _run_batch(controller, job, episodes)
+        runs += done
+        alone += broken
+    runs += [(index, _run(controller, job, index, plan)) for index, plan in alone]
+    return [(index, job.judge(index, run)) for index, run in runs]
+
+
+def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePlan) -> bool:
+    """Whether an episode can run with others in one batch.
+
+    Args:
+        controller: of the episode.
+        conditions: of plans that have none of their own.
+        plan: of the episode.
+    """
+    return not plan.timed and fits(controller, plan.conditions or conditions)
+
+
+def _run_batch(
+    controller: Controller, job: Job[Row], episodes: list[tuple[int, EpisodePlan]]
+) -> tuple[list[tuple[int, Run]], list[tuple[int, EpisodePlan]]]:
+    """Episodes in one batch; runs by index, and what has to run alone."""
+    members = []
+    for index, plan in episodes:
+        conditions = plan.conditions or job.conditions
+        members.append(Episode(plan.source, conditions, plan.forces, conditions.arms(_seed(job, index, plan))))
+    runs, broken = [], []
+    traces = rollouts(controller, members, duration=job.duration)
+    for (index, plan), member, trace in zip(episodes, members, traces, strict=True):
+        if trace is None:
+            broken.append((index, plan))
+        else:
+            runs.append((index, Run(plan, trace, _arm_error(member.arms, trace, job.settle))))
+    return runs, broken
+
+
+def _seed(job: Job[Row], index: int, plan: EpisodePlan) -> tuple[int, int]:
+    """Of its own for every episode, so that it does not matter which process runs it, and with which others."""
+    return job.seed, index if plan.draw is None else plan.draw
+
+
+def _arm_error(arms: "ArmIntervention | None", trace: Trace, settle: float) -> float:
+    return float("nan") if arms is None else arms.error(trace, settle)
 
 
 def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -> Run:
     conditions = plan.conditions or job.conditions
-    # Of its own for every episode, so that it does not matter which process runs it, and after which others.
-    seed = (job.seed, index if plan.draw is None else plan.draw)
+    seed = _seed(job, index, plan)
     arms = conditions.arms(seed)
     trace = rollout(
         controller,
@@ -83,4 +139,4 @@ def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -
         estimator=conditions.estimator(),
         forces=plan.forces,
     )
-    return Run(plan, trace, float("nan") if arms is None else arms.error(trace, job.settle))
+    return Run(plan, trace, _arm_error(arms, trace, job.settle))

@@ -71,6 +71,21 @@ class Constant:
         return self.hands
 
 
+def substeps_of(period: float, timestep: float, name: str) -> int:
+    """Physics steps in a period of a controller.
+
+    Raises:
+        ConfigError: if the period is no multiple of the time step.
+    """
+    substeps = round(period / timestep)
+    if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
+        raise ConfigError(
+            f"the period of controller '{name}' is {period:g} s, no multiple of the physics time step {timestep:g} s; "
+            "choose a time step that divides it, such as 0.002 s"
+        )
+    return substeps
+
+
 class ControlLoop:
     """Everything between the sensors and the joints, at the controller's period.
 
@@ -103,12 +118,7 @@ class ControlLoop:
         self.upper_body = upper_body
         self.estimator = estimator
         self.period = self.safe.period
-        self.substeps = round(self.period / simulation.timestep)
-        if self.substeps < 1 or abs(self.substeps * simulation.timestep - self.period) > 1e-9:
-            raise ConfigError(
-                f"the period of controller '{controller.name}' is {self.period:g} s, no multiple of the physics time "
-                f"step {simulation.timestep:g} s; choose a time step that divides it, such as 0.002 s"
-            )
+        self.substeps = substeps_of(self.period, simulation.timestep, controller.name)
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None

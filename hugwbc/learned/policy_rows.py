@@ -13,6 +13,7 @@ from hugwbc.learned import observations as obs
 from hugwbc.learned.networks import Actor
 from hugwbc.robot import load_robot
 
+_SMALL = 400  # multiplications, below which PyTorch's loop takes over
 Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 
 
@@ -70,7 +71,8 @@ class PolicyRows:
         Args:
             angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
             gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
-            q, dq: joint positions and velocities [rad, rad/s], shape (n, 19).
+            q: joint positions [rad], shape (n, 19).
+            dq: joint velocities [rad/s], shape (n, 19).
         """
         frame = obs.proprioception(
             _tensor(angular_velocity), _tensor(gravity), _tensor(q) - self._nominal_row, _tensor(dq), self.action
@@ -112,7 +114,7 @@ class _RowLinear(nn.Module):
 
     A product of matrices sums in another order than one of a vector and a matrix: the last bits differ, and a walk
     with contacts makes them grow. A batch of products of one row each sums as the row alone does, and costs a tenth of
-    calling the layer for each.
+    calling the layer for each. PyTorch multiplies small matrices of a batch by a loop of its own, which does not.
     """
 
     def __init__(self, linear: nn.Linear) -> None:
@@ -121,6 +123,8 @@ class _RowLinear(nn.Module):
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
         """Shape (n, inputs) to (n, outputs)."""
+        if self.weight.numel() < _SMALL:
+            return torch.cat([nn.functional.linear(row, self.weight, self.bias) for row in rows.split(1)])
         weight = self.weight.t()[None].expand(len(rows), -1, -1)
         return torch.bmm(rows[:, None], weight)[:, 0] + self.bias
 

@@ -21,7 +21,8 @@ from hugwbc.state import RobotState, pelvis_from_torso_imu
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT, TRUNK_FORCE = 1.0, 0.8, 0.45, 1.0
 ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
 _UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
-_WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+# MuJoCo's warnings of a state that it then resets.
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,7 +183,7 @@ class Simulation:
             if self._footing is not None:
                 self._place_feet(self._footing)
             mujoco.mj_step(self.model, self.data)
-            self.diverged |= any(self.data.warning[w].number for w in _WARNINGS)
+            self.diverged |= any(self.data.warning[w].number for w in DIVERGED)
             # The acceleration that made this step; `mj_forward` finds that of the next one.
             self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
             mujoco.mj_forward(self.model, self.data)

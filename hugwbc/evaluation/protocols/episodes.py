@@ -10,8 +10,9 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.batch_rollout import most_robots
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.episode import ControllerFactory, Job, Judge, Row, Run, run_job
+from hugwbc.evaluation.episode import ControllerFactory, Job, Judge, Row, Run, controller_of, joins_batch, run_job
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.identity import code_identity, controller_identity, digest, judge_module, row_type, to_json
 from hugwbc.evaluation.plans import EpisodePlan
@@ -127,10 +128,20 @@ def run_episodes(
 def _jobs(
     factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
 ) -> list[Job[Row]]:
+    """Batches of episodes that can share one, as large as memory and workers allow, and the others one by one."""
+    if not episodes:
+        return []
     make = functools.partial(
         Job, factory, judge, settings.seed, settings.duration, settings.settle, settings.conditions
     )
-    return [make((episode,)) for episode in episodes]
+    controller = controller_of(factory)
+    together = [joins_batch(controller, settings.conditions, plan) for _, plan in episodes]
+    shared, alone = (
+        [e for e, joins in zip(episodes, together, strict=True) if joins is kind] for kind in (True, False)
+    )
+    size = max(1, min(most_robots(settings.duration), math.ceil(len(shared) / settings.execution.workers)))
+    batches = [tuple(shared[start : start + size]) for start in range(0, len(shared), size)]
+    return [make(batch) for batch in batches] + [make((episode,)) for episode in alone]
 
 
 class _Cell(Generic[Row]):

@@ -99,3 +99,28 @@ def test_a_foreign_file_in_the_way_is_refused(tmp_path):
     with pytest.raises(ResultFileError, match="has format version 99"):
         run_episodes(FACTORY, PLANS[:1], _ending, _settings(ResultStore(tmp_path)))
     assert path.read_text().endswith("99}\n")
+
+
+def test_batches_processes_and_stored_rows_give_the_same_numbers(tmp_path):
+    factory = ControllerSpec("learned").build
+    conditions = Conditions(timestep=0.005)
+    rough = dataclasses.replace(conditions, terrain_roughness=0.01)
+    plans = [
+        EpisodePlan(Command(v_x=0.2 * i, gait=Gait.WALKING), conditions=rough if i == 2 else None) for i in range(5)
+    ]
+
+    def rows(execution: Execution, plans: list[EpisodePlan]) -> list[Ending]:
+        settings = EpisodeSettings(duration=0.8, settle=0.1, conditions=conditions, execution=execution)
+        return run_episodes(factory, plans, _ending, settings)
+
+    timed = [dataclasses.replace(plan, timed=True) for plan in plans]
+    alone = rows(Execution(), timed)
+    assert _places(rows(Execution(), plans)) == pytest.approx(_places(alone), abs=1e-9)
+    with Execution(2, store=ResultStore(tmp_path)) as execution:
+        shared = rows(execution, plans)
+    assert _places(shared) == pytest.approx(_places(alone), abs=1e-9)
+    assert rows(Execution(store=ResultStore(tmp_path)), plans) == shared
+
+
+def _places(rows: list[Ending]) -> list[float]:
+    return [value for row in rows for value in (row.index, row.waist, *row.place)]

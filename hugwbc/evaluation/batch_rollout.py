@@ -1,0 +1,338 @@
+"""Rollouts of one policy with many robots at once, each of which gives what a rollout by itself does."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.loop import CONTACT_FORCE, CommandSource, substeps_of
+from hugwbc.evaluation.rollout import RECORD_PERIOD, SHORTEST_SWING, Trace
+from hugwbc.robot import Robot, load_robot
+from hugwbc.safety import SafetyFilter, target_limits
+from hugwbc.sim.disturbance import Disturber, Force
+from hugwbc.sim.lockstep import LockstepSimulation
+from hugwbc.state import RobotState
+
+if TYPE_CHECKING:
+    from hugwbc.evaluation.intervention import ArmIntervention
+
+_ANY_STATE = RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+_MOST, _MEMORY, _SAMPLE = 2048, 2**28, 1000  # robots; bytes of all records; bytes of one sample of one robot
+_ROUNDING = 1e-9  # [s], of sums of time steps
+
+
+class Rows(Protocol):
+    """A controller of many robots, as `hugwbc.learned.policy_rows.PolicyRows`."""
+
+    kp: np.ndarray
+    kd: np.ndarray
+    phase: np.ndarray
+
+    def reset(self) -> None:
+        """Forget the past of all robots."""
+        ...
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Drop all robots but some, shape (n,), bool."""
+        ...
+
+    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
+        """Take the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
+        ...
+
+    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
+        """Joint position targets, shape (n, 19), for commands (n, 8), gaits (n,) and external control (n,)."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Episode:
+    """What one of the robots is to do.
+
+    Attributes:
+        source: of its commands; without hand targets.
+        conditions: such that `fits` holds.
+        forces: that act on it.
+        arms: what moves its arms; None leaves them to the controller.
+    """
+
+    source: CommandSource
+    conditions: Conditions
+    forces: tuple[Force, ...] = ()
+    arms: "ArmIntervention | None" = None
+
+
+def fits(controller: object, conditions: Conditions) -> bool:
+    """Whether rollouts of a controller under some conditions can share a batch: a policy, exact sensors, a plane."""
+    level = conditions.terrain_roughness == 0.0 and conditions.slope == 0.0
+    exact = not conditions.noise and not conditions.latency
+    return callable(getattr(controller, "for_many", None)) and level and exact
+
+
+def most_robots(duration: float) -> int:
+    """How many robots fit into a batch, for records of a quarter of a gigabyte, at most `_MOST`.
+
+    Args:
+        duration: of the episodes [s].
+    """
+    return max(1, min(_MOST, int(_MEMORY / (_SAMPLE * math.ceil(duration / RECORD_PERIOD)))))
+
+
+def rollouts(
+    controller: Any,  # noqa: ANN401  a controller with the member for_many
+    episodes: Sequence[Episode],
+    *,
+    duration: float,
+    threads: int = 1,
+) -> list[Trace | None]:
+    """Run all episodes in step; a robot that falls is done, the others go on.
+
+    A record has all that metrics read. `pressure_centre` is NaN, and `tick_ms` has each robot's share of the time.
+
+    Args:
+        controller: for which, with each episode's conditions, `fits` holds.
+        episodes: with one time step for all.
+        duration: [s].
+        threads: of the physics.
+
+    Returns:
+        The record of each episode; None for one that has to run by itself, because the policy gave what is not finite.
+
+    Raises:
+        ConfigError: if the controller's period is no multiple of the time step.
+        UnknownNameError: if no link has the name of a force's.
+    """
+    run = _BatchRun(controller, episodes, duration, threads)
+    for tick in range(run.ticks):
+        if not run.rows.size:
+            break
+        run.tick(tick)
+    return run.traces()
+
+
+class _BatchRun:
+    """The state of all episodes under way: `rows` are the robots that are still up, in the order of the policy's."""
+
+    def __init__(self, controller: Any, episodes: Sequence[Episode], duration: float, threads: int) -> None:  # noqa: ANN401
+        self.episodes, self.duration, self.period = episodes, duration, controller.period
+        self.timestep = episodes[0].conditions.timestep
+        self.substeps = substeps_of(self.period, self.timestep, controller.name)
+        self.ticks = round(duration / self.period)
+        self.name, self.robot, count = controller.name, load_robot(), len(episodes)
+        self.filters = [SafetyFilter(controller) for _ in episodes]
+        self.policy: Rows = controller.for_many(count)
+        self.moved = np.array([episode.arms is not None for episode in episodes])
+        self.simulation = LockstepSimulation(
+            [episode.conditions.variation() for episode in episodes],
+            *self._gains(),
+            timestep=self.timestep,
+            threads=threads,
+        )
+        self.rows = np.arange(count)
+        self.broken = np.zeros(count, dtype=bool)
+        self.record = _Record(count, duration)
+        self.touch_downs: list[tuple[list[float], list[float]]] = [([], []) for _ in episodes]
+        self.last_contact = np.zeros((count, 2))
+        self.tick_ms: list[float] = []
+        self.steps = np.full(count, self.ticks)
+        self.end = np.full(count, np.nan)  # time of a fall
+        self._limits = target_limits(self.robot)
+        self._schedule_forces()
+        self._start()
+
+    def _gains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gains of every robot: the policy's, and the description's in arms under external control."""
+        gains = []
+        for own, described in ((self.policy.kp, self.robot.kp), (self.policy.kd, self.robot.kd)):
+            rows = np.tile(own, (len(self.episodes), 1))
+            rows[np.ix_(self.moved, self.robot.arms)] = described[self.robot.arms]
+            gains.append(rows)
+        return gains[0], gains[1]
+
+    def _schedule_forces(self) -> None:
+        """Find the physics steps at which a robot's forces change."""
+        model, dt = self.simulation.model, self.timestep
+        times = (np.arange(self.ticks)[:, None] * self.period + np.arange(self.substeps) * dt).ravel()
+        self._changes: dict[int, list[int]] = {}
+        self._disturbers: dict[int, Disturber] = {}
+        for row, episode in enumerate(self.episodes):
+            if not episode.forces:
+                continue
+            self._disturbers[row] = Disturber(model, episode.forces)
+            ends = [force.start + force.duration for force in episode.forces if force.duration is not None]
+            for moment in [*(force.start for force in episode.forces), *ends]:
+                step = int(np.searchsorted(times, moment - _ROUNDING))
+                self._changes.setdefault(step, []).append(row)
+
+    def _start(self) -> None:
+        self.policy.reset()
+        self._push()
+        for episode in self.episodes:
+            if episode.arms is not None:
+                episode.arms.reset()
+
+    def _push(self) -> None:
+        simulation, rows = self.simulation, self.rows
+        gravity = rotations.rotate_inverse(
+            simulation.orientation(rows), np.broadcast_to([0.0, 0.0, -1.0], (rows.size, 3))
+        )
+        qpos, qvel = simulation.qpos[rows], simulation.qvel[rows]
+        self.policy.push(qvel[:, 3:6], gravity, qpos[:, 7:], qvel[:, 6:])
+
+    def tick(self, tick: int) -> None:
+        """One control period of all robots that are up."""
+        t = tick * self.period
+        begin = time.perf_counter()
+        self._push()
+        q, dq = self._decide(t)
+        self.tick_ms.append(1e3 * (time.perf_counter() - begin) / self.rows.size)
+        if self.broken[self.rows].any():
+            good = ~self.broken[self.rows]
+            self._keep(good)
+            q, dq = q[good], dq[good]
+        if self.record.due(t):
+            self.record.sample(t, self, q)
+        self.simulation.command(self.rows, q, dq)
+        for substep in range(self.substeps):
+            self._disturb(tick * self.substeps + substep, t + substep * self.timestep)
+            self.simulation.step(self.rows)
+            self._note_touch_downs(t + (substep + 1) * self.timestep)
+        fallen = self.simulation.fallen(self.rows)
+        self.end[self.rows[fallen]], self.steps[self.rows[fallen]] = t, tick + 1
+        if fallen.any():
+            self._keep(~fallen)
+
+    def _keep(self, chosen: np.ndarray) -> None:
+        self.rows = self.rows[chosen]
+        self.policy.keep(chosen)
+
+    def _decide(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity targets of the joints, within the limits, shapes (m, 19)."""
+        rows = self.rows
+        commands, gaits = np.empty((rows.size, 8)), np.empty(rows.size, dtype=int)
+        arms = np.zeros((2, rows.size, 8))  # position and velocity targets
+        for place, row in enumerate(rows.tolist()):
+            episode, upper_body = self.episodes[row], UpperBody.none()
+            if episode.arms is not None:
+                upper_body = episode.arms.update(_ANY_STATE, None, self.period)
+            command, upper_body = self.filters[row].admit(episode.source.command_at(t), upper_body)
+            commands[place], gaits[place] = command.array(), int(command.gait)
+            arms[:, place] = upper_body.q, upper_body.dq
+        moved = self.moved[rows]
+        q, dq = self.policy.decide(commands, gaits, moved), np.zeros((rows.size, 19))
+        self.broken[rows] = ~np.isfinite(q).all(axis=1)
+        for targets, values in ((q, arms[0]), (dq, arms[1])):
+            targets[np.ix_(moved, self.robot.arms)] = values[moved]
+        limited = np.clip(q, *self._limits)
+        for place in np.flatnonzero((limited != q).any(axis=1) & ~self.broken[rows]):
+            self.filters[rows[place]].limited(JointCommand.position(self.robot, q[place]))  # counts it
+        return limited, dq
+
+    def _disturb(self, step: int, t: float) -> None:
+        for row in self._changes.get(step, ()):
+            self._disturbers[row].update(t, self.simulation.qpos[row], self.simulation.forces[row])
+
+    def _note_touch_downs(self, now: float) -> None:
+        contact = self.simulation.foot_force(self.rows)[..., 2] > CONTACT_FORCE
+        for place, foot in np.argwhere(contact & (now - self.last_contact[self.rows] > SHORTEST_SWING)).tolist():
+            self.touch_downs[self.rows[place]][foot].append(now)
+        self.last_contact[self.rows] = np.where(contact, now, self.last_contact[self.rows])
+
+    def traces(self) -> list[Trace | None]:
+        """The records, once all episodes are over."""
+        return [None if self.broken[row] else self._trace(row) for row in range(len(self.episodes))]
+
+    def _trace(self, row: int) -> Trace:
+        left, right = (np.array(times) for times in self.touch_downs[row])
+        fell, steps = bool(np.isfinite(self.end[row])), int(self.steps[row])
+        return Trace(
+            name=self.name,
+            **self.record.of(row),
+            tick_ms=np.array(self.tick_ms[:steps]),
+            ik_ms=np.zeros(steps),
+            touch_downs=(left, right),
+            fell=fell,
+            survived_s=float(self.end[row]) if fell else self.duration,
+            steps=steps,
+            safety=self.filters[row].report(),
+        )
+
+
+class _Record:
+    """Samples of all robots; those of a robot that is done end where it did."""
+
+    def __init__(self, count: int, duration: float) -> None:
+        samples = math.ceil(duration / RECORD_PERIOD) + 1
+        shapes = {
+            "command": (8,), "gait": (), "measured": (6,), "clearance": (2,), "phase": (), "foot_contact": (2,),
+            "foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,),
+        }  # fmt: skip
+        kinds = {"gait": int, "foot_contact": bool}
+        self.arrays = {
+            name: np.empty((samples, count, *shape), kinds.get(name, float)) for name, shape in shapes.items()
+        }
+        self.times: list[float] = []
+        self.lengths = np.zeros(count, dtype=int)
+
+    def due(self, t: float) -> bool:
+        """Whether the next sample is due at time t."""
+        return t >= len(self.times) * RECORD_PERIOD - _ROUNDING
+
+    def sample(self, t: float, run: _BatchRun, target: np.ndarray) -> None:
+        """Add one row of everything at time t for the robots that are up."""
+        rows, simulation = run.rows, run.simulation
+        commands = [run.filters[row].command for row in rows]
+        force = simulation.foot_force(rows)
+        values = {
+            "command": [command.array() for command in commands],
+            "gait": [int(command.gait) for command in commands],
+            "measured": _measured(simulation, rows, run.robot),
+            "clearance": simulation.sole_height(rows),
+            "phase": run.policy.phase,
+            "foot_contact": force[..., 2] > CONTACT_FORCE,
+            "foot_force": force,
+            "qpos": simulation.qpos[rows],
+            "qvel": simulation.qvel[rows],
+            "target": target,
+            "torque": simulation.torque[rows],
+        }
+        for name, value in values.items():
+            self.arrays[name][len(self.times), rows] = value
+        self.times.append(t)
+        self.lengths[rows] = len(self.times)
+
+    def of(self, row: int) -> dict[str, np.ndarray]:
+        """The sampled fields of a robot's trace."""
+        count = self.lengths[row]
+        nothing = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
+        return {
+            "time": np.array(self.times[:count]),
+            **{name: array[:count, row] for name, array in self.arrays.items()},
+            **{name: np.broadcast_to(np.nan, (count, *shape)) for name, shape in nothing.items()},
+            "hand_error": np.broadcast_to(np.nan, (count, 2)),
+            "reachable": np.broadcast_to(False, (count, 2)),
+        }
+
+
+def _measured(simulation: LockstepSimulation, rows: np.ndarray, robot: Robot) -> np.ndarray:
+    """v_x, v_y, omega, h, p and w of some robots, as `Kinematics.measured` of one, shape (m, 6)."""
+    qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
+    yaw = rotations.yaw_of(orientation)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack(
+        (
+            cos * qvel[:, 0] + sin * qvel[:, 1],
+            cos * qvel[:, 1] - sin * qvel[:, 0],
+            rotations.rotate(orientation, qvel[:, 3:6])[:, 2],
+            qpos[:, 2] - robot.nominal_height,
+            rotations.pitch_of(orientation),
+            qpos[:, 7 + robot.waist],
+        ),
+        axis=1,
+    )
