@@ -7,6 +7,7 @@ from hugwbc.evaluation.protocols import (
     DisturbanceResult,
     FootDisplacementResult,
     HandsResult,
+    HeatmapResult,
     InterventionResult,
     RampResult,
     RandomCommandsResult,
@@ -133,6 +134,27 @@ def describe_disturbance(result: DisturbanceResult) -> str:
     limit = " (the limit of the search was survived somewhere)"
     unbounded = any(force is None for forces in result.refused.values() for force in forces.values())
     return f"{table}\n\n{end}{limit if unbounded else ''}"
+
+
+def describe_heatmap(result: HeatmapResult) -> str:
+    """For every pair of commands the range in which the one leaves the other alone."""
+    names = list(result.values)
+    share = {(entry.tracked, entry.against): entry for entry in result.orthogonality}
+    rows = []
+    for tracked in names:
+        cells = [share.get((tracked, against)) for against in names]
+        rows.append((tracked, result.single[tracked], *("" if c is None else _range(c.low, c.high) for c in cells)))
+    table = format_table((f"{result.gait}, error of", "alone", *(f"over {name}" for name in names)), rows)
+    about = (
+        "Ranges of the column's command about its default in which the row's error stays within 1.5 times its error "
+        "alone; -: none."
+    )
+    falls = f"falls: {result.falls} of {result.episodes} episodes, {result.points} values of each command"
+    return "\n".join([table, "", about, falls, *_failures(sum(row.failures for row in result.rows))])
+
+
+def _range(low: float | None, high: float | None) -> str | None:
+    return None if low is None or high is None else f"{low:g} to {high:g}"
 
 
 def _beside(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:

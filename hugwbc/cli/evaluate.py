@@ -36,7 +36,8 @@ class EvaluateOptions:
     next; how near they come. intervention: the arms moved by noise, by motions and not at all, on the same commands.
     foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum. contacts:
     when each foot is on the ground, against the gait's clock.
-    disturbance: the largest force from eight directions, constant and for a second, that a stand survives."""
+    disturbance: the largest force from eight directions, constant and for a second, that a stand survives. heatmap:
+    the errors over each pair of commands, and which ranges leave one another alone."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
@@ -52,6 +53,8 @@ class EvaluateOptions:
     """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
     episodes: int | None = None
     """Episodes in all; the single-command protocol splits them evenly over the commands. By default the protocol's."""
+    points: int | None = None
+    """Values of each command in the heatmap protocol."""
     rollouts: int | None = None
     """Of each force in the disturbance protocol; the paper's figure has 4096."""
     seed: int = 0
@@ -131,6 +134,12 @@ def _disturbance(options: EvaluateOptions) -> protocols.DisturbanceConfig:
     return protocols.DisturbanceConfig(gait, **options.given("rollouts"), **options.settings())
 
 
+def _heatmap(options: EvaluateOptions) -> protocols.HeatmapConfig:
+    both_legs = options.gait == "hopping"
+    gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or "walking")
+    return protocols.HeatmapConfig(gait, both_legs, **options.given("points"), **options.settings())
+
+
 def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
     return protocols.HandsConfig(
         gait=Gait.parse(options.gait or "walking"),
@@ -164,6 +173,7 @@ _PROTOCOLS = {
     ),
     "ramp": _Protocol(_one_gait(protocols.RampConfig), protocols.run_ramp, descriptions.describe_ramp),
     "disturbance": _Protocol(_disturbance, protocols.run_disturbance, descriptions.describe_disturbance),
+    "heatmap": _Protocol(_heatmap, protocols.run_heatmap, descriptions.describe_heatmap),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }
 

@@ -8,6 +8,7 @@ from hugwbc.evaluation.protocols.foot_displacement import (
     run_foot_displacement,
 )
 from hugwbc.evaluation.protocols.hands import HandsConfig, HandsResult, run_hands
+from hugwbc.evaluation.protocols.heatmap import HeatmapConfig, HeatmapResult, run_heatmap
 from hugwbc.evaluation.protocols.intervention import InterventionConfig, InterventionResult, run_intervention
 from hugwbc.evaluation.protocols.ramp import RampConfig, RampResult, run_ramp
 from hugwbc.evaluation.protocols.random_commands import (
@@ -31,6 +32,8 @@ __all__ = [
     "FootDisplacementResult",
     "HandsConfig",
     "HandsResult",
+    "HeatmapConfig",
+    "HeatmapResult",
     "InterventionConfig",
     "InterventionResult",
     "RampConfig",
@@ -45,6 +48,7 @@ __all__ = [
     "run_disturbance",
     "run_foot_displacement",
     "run_hands",
+    "run_heatmap",
     "run_intervention",
     "run_ramp",
     "run_random_commands",
