@@ -14,6 +14,7 @@ from hugwbc.gait import Gait
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
+from hugwbc.viz.live_guard import guarded
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
 
@@ -93,12 +94,14 @@ class LivePage:
             name: of the controller, for the title.
             host: to listen on.
             port: to listen on; 0 for any that is free.
-            expose: allow a host that other machines can reach.
+            expose: allow a host that other machines can reach, and requests for this machine by any name.
 
         Raises:
             ConfigError: if the host is not this machine alone, and `expose` does not say so.
         """
-        self.server = viser.ViserServer(check_host(host, expose=expose), port, label=f"hugwbc: {name}", verbose=False)
+        check_host(host, expose=expose)
+        with guarded(any_host=expose):
+            self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
         self._robot = load_robot()

@@ -80,7 +80,7 @@ def _slab(colour: str, sole: np.ndarray) -> Part:
     low, high = SLAB_HEIGHT
     placement = along_z(0.5 * (low + high))
     placement[:3, 3] += sole
-    return Part(_sole_box(high - low), colour, 0.85, placement)
+    return Part(_sole_box(high - low), colour, 1.0, placement)
 
 
 def _sole_box(height: float) -> geometry.Box:
