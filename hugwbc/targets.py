@@ -90,7 +90,7 @@ class HandTargets:
         """Whether every position and direction that is given is three finite numbers."""
         vectors = (self.left, self.right, self.left_direction, self.right_direction)
         points = [vector for vector in vectors if vector is not None]
-        return all(np.shape(point) == (3,) and bool(np.all(np.isfinite(point))) for point in points)
+        return all(np.shape(point) == (3,) and bool(np.isfinite(point).all()) for point in points)
 
 
 def position(name: str, value: object) -> np.ndarray:

@@ -15,6 +15,11 @@ FOREARM = float(np.hypot(0.28, 0.015))  # from the elbow to the hand [m]
 NOWHERE = np.full((2, 3), np.nan)
 
 
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of row vectors, shape (n, 3): shape (n,)."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Goal:
     """Where the hands should be, in the pelvis frame.
@@ -73,6 +78,7 @@ class Descent:
         self._columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
         body = ("torso_joint", *HIP_NAMES)
         self._body = self._robot.indices(body)
+        self._body_low, self._body_high = self._robot.lower[self._body], self._robot.upper[self._body]
         self._body_columns = np.array([self.placo.get_joint_offset(name) for name in body])
         self._frames = [f"{side}_hand" for side in SIDES]
         self._elbows = [f"{side}_elbow_link" for side in SIDES]
@@ -120,7 +126,7 @@ class Descent:
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
         """Go to arm positions (8,) [rad], with waist and hips where joint positions (19,) [rad] have them."""
-        self.q = np.clip(q, self.lower, self.upper)
+        self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
         # Near something to touch only as fast as the arm can still stop.
         room = np.maximum(self.clearance() - self.config.collision_margin, 0.0)
@@ -136,8 +142,7 @@ class Descent:
         configuration = self.placo.state.q.copy()
         configuration[self._columns] = q
         # placo finds a problem infeasible if any joint, even a masked one, is the least outside its limits.
-        lower, upper = self._robot.lower[self._body], self._robot.upper[self._body]
-        configuration[self._body_columns] = np.minimum(np.maximum(body[self._body], lower), upper)
+        configuration[self._body_columns] = np.minimum(np.maximum(body[self._body], self._body_low), self._body_high)
         self.placo.state.q = configuration
         self._locate_hands()
 
@@ -152,7 +157,7 @@ class Descent:
             RuntimeError: if placo cannot solve it.
         """
         error = goal.points - self.hands
-        distance = np.sqrt(np.einsum("ij,ij->i", error, error))
+        distance = lengths(error)
         brake = np.minimum(np.sqrt(2.0 * self.config.hand_deceleration * distance), self._safe_speed)
         step = np.minimum(distance, (brake + goal.speed) * dt)
         aim = self.hands + error * (step / np.maximum(distance, 1e-9))[:, None]
@@ -166,7 +171,7 @@ class Descent:
         # The solver meets its limits to rounding only.
         self.q = np.minimum(np.maximum(self.placo.state.q[self._columns], self.lower), self.upper)
         self._locate_hands()
-        self.residual = np.linalg.norm(goal.points - self.hands, axis=1)
+        self.residual = lengths(goal.points - self.hands)
         self.stalled = (distance - self.residual < STALL * step) & (self.residual > self.config.tolerance)
 
     def _solve(self) -> None:

@@ -38,6 +38,6 @@ class GravityCompensation:
         """Targets for the PD joints [rad], shape (8,), within the joint limits; `q_arm` itself if a number is bad."""
         arms = self.robot.arms
         limit = self.robot.torque_limit[arms]
-        torque = np.clip(self.torque(q_arm, state), -limit, limit)
-        targets = np.clip(q_arm + torque / self._kp, self.robot.lower[arms], self.robot.upper[arms])
-        return targets if np.all(np.isfinite(targets)) else q_arm.copy()
+        torque = np.minimum(np.maximum(self.torque(q_arm, state), -limit), limit)
+        targets = np.minimum(np.maximum(q_arm + torque / self._kp, self.robot.lower[arms]), self.robot.upper[arms])
+        return targets if np.isfinite(targets).all() else q_arm.copy()

@@ -34,7 +34,7 @@ class JointLimiter:
     def follow(self, goal: np.ndarray, goal_dq: np.ndarray, dt: float) -> np.ndarray:
         """One tick of `dt` [s] towards positions that move at `goal_dq`; the new positions. All of shape (n,)."""
         behind = goal - self.q - goal_dq * dt
-        catch_up = np.sign(behind) * self._stopping_speed(np.abs(behind), dt)
+        catch_up = np.copysign(self._stopping_speed(np.abs(behind), dt), behind)
         return self._move(goal_dq + catch_up, dt)
 
     def stop(self, dt: float) -> np.ndarray:
@@ -43,11 +43,13 @@ class JointLimiter:
 
     def _move(self, wanted: np.ndarray, dt: float) -> np.ndarray:
         change = self.acceleration_limit * dt
-        dq = np.clip(wanted, self.dq - change, self.dq + change)
+        dq = np.minimum(np.maximum(wanted, self.dq - change), self.dq + change)
         # Outside the limits, where a takeover may start, there is no way further out, only back.
-        up = np.minimum(self.velocity_limit, self._stopping_speed(np.maximum(self.upper - self.q, 0.0), dt))
-        down = np.minimum(self.velocity_limit, self._stopping_speed(np.maximum(self.q - self.lower, 0.0), dt))
-        self.dq = np.clip(dq, -down, up)
+        room = np.maximum(np.concatenate((self.upper - self.q, self.q - self.lower)), 0.0)
+        fastest = self._stopping_speed(room, dt)
+        up = np.minimum(self.velocity_limit, fastest[: self.q.size])
+        down = np.minimum(self.velocity_limit, fastest[self.q.size :])
+        self.dq = np.minimum(np.maximum(dq, -down), up)
         self.q = self.q + self.dq * dt
         return self.q.copy()
 

@@ -11,7 +11,7 @@ from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent, Goal
+from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.limiter import JointLimiter
 from hugwbc.upper_ik.scout import Scout
 
@@ -126,11 +126,11 @@ class ArmIK:
             dt: time since the last call [s].
         """
         goal = goal_in_pelvis(targets, state, self._rest)
-        if goal is None or not np.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
+        if goal is None or not math.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
             self.rejected += 1
             return self._hold(dt)
         self._body = np.where(np.isfinite(state.q), state.q, self._body)
-        goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt))
+        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt))
         try:
             q = self._descend(goal, dt)
             q = self._go_round(q, goal, dt)
@@ -139,7 +139,7 @@ class ArmIK:
             return self._hold(dt)
         moved = self._limiter.follow(q, (q - self._limiter.q) / dt, dt)
         if np.abs(moved - q).max() > 1e-9:
-            self._residual = np.linalg.norm(goal.points - self._descent.forward(moved, self._body), axis=1)
+            self._residual = lengths(goal.points - self._descent.forward(moved, self._body))
         return self._solution(ok=True)
 
     def _speed(self, points: np.ndarray, dt: float) -> np.ndarray:
@@ -147,7 +147,7 @@ class ArmIK:
         last, self._last_points = self._last_points, points
         if last is None:
             return np.zeros(2)
-        speed = np.linalg.norm(points - last, axis=1) / dt
+        speed = lengths(points - last) / dt
         return np.where(speed <= self.config.hand_speed, speed, 0.0)
 
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
@@ -180,7 +180,7 @@ class ArmIK:
         joints = np.repeat(self._detour, 4)
         start = self._limiter.q
         q = np.where(joints, start + np.clip(self._scout.q - start, -reach, reach), q)
-        self._residual = np.linalg.norm(goal.points - self._descent.forward(q, self._body), axis=1)
+        self._residual = lengths(goal.points - self._descent.forward(q, self._body))
         self._reachable = self._reachable | self._detour
         self._detour &= np.abs(self._scout.q - q).reshape(2, 4).max(axis=1) > ARRIVED
         return q
@@ -232,23 +232,23 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
     """
     if not targets.is_usable or (targets.frame == "world" and state.position is None):
         return None
-    points, directions = rest.copy(), np.full((2, 3), np.nan)
+    points, directions = rest.copy(), NOWHERE.copy()
     turn = _turn_to_pelvis(targets.frame, state)
-    origin = state.position if targets.frame == "world" else np.zeros(3)
     for hand, (point, direction) in enumerate(
         ((targets.left, targets.left_direction), (targets.right, targets.right_direction))
     ):
         if point is not None:
-            points[hand] = turn @ (point - origin)
+            away = point if targets.frame != "world" else point - state.position
+            points[hand] = away if turn is None else turn @ away
         if direction is not None:
-            directions[hand] = turn @ direction
-    usable = bool(np.all(np.isfinite(points))) and bool(np.all(np.isfinite(turn)))
+            directions[hand] = direction if turn is None else turn @ direction
+    usable = np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())
     return Goal(points, directions, targets.together) if usable else None
 
 
-def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray:
-    """Rotation from a hand frame to the pelvis', shape (3, 3)."""
+def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:
+    """Rotation from a hand frame to the pelvis', shape (3, 3); None from its own."""
     if frame == "pelvis":
-        return np.eye(3)
+        return None
     world_to_pelvis = rotations.to_matrix(state.orientation).T
     return world_to_pelvis if frame == "world" else world_to_pelvis @ rotations.rotation_z(state.yaw)

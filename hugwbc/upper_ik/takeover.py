@@ -142,7 +142,7 @@ class Takeover:
         if not 0.0 < dt < np.inf:
             self.held += 1
             return UpperBody(self._limiter.q.copy(), np.zeros(8), np.ones(8, dtype=bool))
-        if np.all(np.isfinite(goal)) and np.all(np.isfinite(goal_dq)):
+        if np.isfinite(goal).all() and np.isfinite(goal_dq).all():
             before = smooth_step(self._elapsed / blend_time)
             self._elapsed += dt
             blend = smooth_step(self._elapsed / blend_time)
