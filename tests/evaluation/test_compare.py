@@ -6,13 +6,17 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.compare import compare, summarise, upper_body_source
-from hugwbc.evaluation.controllers import HoldController
+from hugwbc.evaluation.controllers import ControllerSpec, HoldController
 from hugwbc.hand_paths import Hold
 from hugwbc.mbc import WholeBodyController
-from hugwbc.script import HandMotion, Script, Segment
+from hugwbc.script import HandMotion, Script, Segment, while_walking
+from hugwbc.script_file import SCRIPT_NAMES, load_script
 
 REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
 SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))
+
+
+WALKS = {"learned": (0.0, 0.3), "qp": (0.0,)}  # by controller, the walk put under each script [m/s]
 
 
 class Other(HoldController):
@@ -78,3 +82,20 @@ def test_position_driven_controllers_get_gravity_compensation():
 def test_no_controller_or_one_twice_is_refused(controllers):
     with pytest.raises(ConfigError, match="give at least one, each once"):
         compare(controllers, SCRIPT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPT_NAMES)
+@pytest.mark.parametrize(("controller", "v_x"), [(name, v) for name, speeds in WALKS.items() for v in speeds])
+def test_every_shipped_script_is_finished_without_a_fall(controller, v_x, script):
+    scene = load_script(script)
+    if v_x:
+        scene = while_walking(scene, v_x)
+    (trace,) = compare([ControllerSpec(controller).build()], scene)
+    outcome = summarise(trace)
+    assert not outcome.fell
+    if trace.reachable.any():
+        given = np.isfinite(trace.hand_target_world).all(axis=2)
+        assert trace.reachable[given].mean() > 0.85
+        # The way to the first target is included.
+        assert outcome.hand_error_m["mean"] < (0.05 if controller == "qp" else 0.16)
