@@ -5,16 +5,19 @@ from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
     ContactsResult,
     DisturbanceResult,
+    EffortResult,
     FootDisplacementResult,
     HandsResult,
     HeatmapResult,
     InterventionResult,
     RampResult,
     RandomCommandsResult,
+    RobustnessResult,
     SingleCommandResult,
     SmallVelocitiesResult,
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
+from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
 
 LISTED_PAIRS = 10
 
@@ -151,6 +154,40 @@ def describe_heatmap(result: HeatmapResult) -> str:
     )
     falls = f"falls: {result.falls} of {result.episodes} episodes, {result.points} values of each command"
     return "\n".join([table, "", about, falls, *_failures(sum(row.failures for row in result.rows))])
+
+
+def describe_robustness(result: RobustnessResult) -> str:
+    """Falls and errors with each value of each factor, against those of the unchanged robot."""
+    rows = []
+    for level in result.levels:
+        value = "" if level.factor == NOMINAL else f" {level.level:g} {GRID_UNITS.get(level.factor, '')}".rstrip()
+        name = level.factor.replace("terrain_roughness", "roughness")
+        rows.append((f"{name}{value}", f"{level.falls} of {level.episodes}", level.ratio))
+    table = format_table((f"{result.gait}, {result.controller}", "falls", "errors over nominal"), rows)
+    return "\n".join([table, *_failures(sum(row.failures for row in result.rows))])
+
+
+def describe_effort(result: EffortResult) -> str:
+    """Power, cost of transport, use of the limits, roughness and times, by commanded speed."""
+    columns = {
+        "executed [m/s]": "speed",
+        "power [W]": "power",
+        "cost of transport": "cost_of_transport",
+        "torque, rms of limit": "torque_rms",
+        "torque, peak": "torque_peak",
+        "joint speed, rms of limit": "joint_speed_rms",
+        "joint speed, peak": "joint_speed_peak",
+        "torque rate, rms [N*m/s]": "torque_rate",
+        "target jerk [rad^2/s^6]": "target_jerk",
+        "tick, median [ms]": "tick_p50_ms",
+        "tick, p99 [ms]": "tick_p99_ms",
+        "fell": "fell",
+    }
+    header = (f"{result.gait}, {result.controller}", *(f"{row.v_x:g} m/s" for row in result.rows))
+    table = format_table(
+        header, [(label, *(getattr(row, field) for row in result.rows)) for label, field in columns.items()]
+    )
+    return f"{table}\n\n{result.mass:.1f} kg; use of the joint that uses most of its limit; times of this machine"
 
 
 def _range(low: float | None, high: float | None) -> str | None:

@@ -8,13 +8,15 @@ from typing import Any
 
 from hugwbc.cli import descriptions
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
 from hugwbc.gait import Gait
+
+_SIZES = ("episodes", "samples", "points", "rollouts")  # options that say how many episodes there are
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +39,9 @@ class EvaluateOptions:
     foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum. contacts:
     when each foot is on the ground, against the gait's clock.
     disturbance: the largest force from eight directions, constant and for a second, that a stand survives. heatmap:
-    the errors over each pair of commands, and which ranges leave one another alone."""
+    the errors over each pair of commands, and which ranges leave one another alone. robustness: falls and
+    errors with another payload, friction, latency, gain, strength, roughness or slope. effort: power, cost of
+    transport, use of the limits, roughness, time of a tick."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
@@ -53,6 +57,8 @@ class EvaluateOptions:
     """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
     episodes: int | None = None
     """Episodes in all; the single-command protocol splits them evenly over the commands. By default the protocol's."""
+    samples: int | None = None
+    """Episodes of each value in the robustness protocol."""
     points: int | None = None
     """Values of each command in the heatmap protocol."""
     rollouts: int | None = None
@@ -97,6 +103,17 @@ class EvaluateOptions:
         """Options by name, without those that are left to the protocol."""
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
+    def refuse_other_sizes(self, own: Sequence[str]) -> None:
+        """Refuse a number of episodes that the protocol has no use for.
+
+        Raises:
+            ConfigError: naming it and the protocol's own.
+        """
+        for name in _SIZES:
+            if name not in own and getattr(self, name) is not None:
+                sizes = " and ".join(f"--{size}" for size in own if size in _SIZES) or "none: its size is fixed"
+                raise ConfigError(f"--{name} means nothing to the {self.protocol} protocol; it takes {sizes}")
+
     def settings(self) -> dict[str, Any]:
         """Settings of any protocol."""
         own = {"conditions": self.conditions(), "execution": self.execution}
@@ -119,28 +136,19 @@ class _Protocol:
 
 
 def _one_gait(config: type[Any], *names: str, default: Gait = Gait.WALKING) -> Callable[[EvaluateOptions], Any]:
-    """Settings of a protocol of one gait, or of hopping on both legs; `names` of options of its own."""
+    """Settings of a protocol of one gait, or of hopping on both legs; `names` of the options of its own."""
 
     def build(options: EvaluateOptions) -> Any:  # noqa: ANN401  each protocol has its own type
+        options.refuse_other_sizes(names)
         both_legs = options.gait == "hopping"
         gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or default.label)
-        return config(gait, both_legs=both_legs, **options.given("episodes", *names), **options.settings())
+        return config(gait, both_legs=both_legs, **options.given(*names), **options.settings())
 
     return build
 
 
-def _disturbance(options: EvaluateOptions) -> protocols.DisturbanceConfig:
-    gait = Gait.parse(options.gait or "standing")
-    return protocols.DisturbanceConfig(gait, **options.given("rollouts"), **options.settings())
-
-
-def _heatmap(options: EvaluateOptions) -> protocols.HeatmapConfig:
-    both_legs = options.gait == "hopping"
-    gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or "walking")
-    return protocols.HeatmapConfig(gait, both_legs, **options.given("points"), **options.settings())
-
-
 def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
+    options.refuse_other_sizes(["episodes"])
     return protocols.HandsConfig(
         gait=Gait.parse(options.gait or "walking"),
         conditions=options.conditions(),
@@ -150,30 +158,46 @@ def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
 
 _PROTOCOLS = {
     "single-command": _Protocol(
-        _one_gait(protocols.SingleCommandConfig), protocols.run_single_command, descriptions.describe_single
+        _one_gait(protocols.SingleCommandConfig, "episodes"),
+        protocols.run_single_command,
+        descriptions.describe_single,
     ),
     "random-commands": _Protocol(
-        _one_gait(protocols.RandomCommandsConfig), protocols.run_random_commands, descriptions.describe_random
+        _one_gait(protocols.RandomCommandsConfig, "episodes"),
+        protocols.run_random_commands,
+        descriptions.describe_random,
     ),
     "small-velocities": _Protocol(
-        _one_gait(protocols.SmallVelocitiesConfig), protocols.run_small_velocities, descriptions.describe_small
+        _one_gait(protocols.SmallVelocitiesConfig, "episodes"),
+        protocols.run_small_velocities,
+        descriptions.describe_small,
     ),
     "intervention": _Protocol(
-        _one_gait(protocols.InterventionConfig, "training"),
+        _one_gait(protocols.InterventionConfig, "episodes", "training"),
         protocols.run_intervention,
         descriptions.describe_intervention,
     ),
     "foot-displacement": _Protocol(
-        _one_gait(protocols.FootDisplacementConfig, "training", default=Gait.STANDING),
+        _one_gait(protocols.FootDisplacementConfig, "episodes", "training", default=Gait.STANDING),
         protocols.run_foot_displacement,
         descriptions.describe_foot_displacement,
     ),
     "contacts": _Protocol(
-        _one_gait(protocols.ContactsConfig, "v_x"), protocols.run_contacts, descriptions.describe_contacts
+        _one_gait(protocols.ContactsConfig, "episodes", "v_x"), protocols.run_contacts, descriptions.describe_contacts
     ),
-    "ramp": _Protocol(_one_gait(protocols.RampConfig), protocols.run_ramp, descriptions.describe_ramp),
-    "disturbance": _Protocol(_disturbance, protocols.run_disturbance, descriptions.describe_disturbance),
-    "heatmap": _Protocol(_heatmap, protocols.run_heatmap, descriptions.describe_heatmap),
+    "ramp": _Protocol(_one_gait(protocols.RampConfig, "episodes"), protocols.run_ramp, descriptions.describe_ramp),
+    "disturbance": _Protocol(
+        _one_gait(protocols.DisturbanceConfig, "rollouts", default=Gait.STANDING),
+        protocols.run_disturbance,
+        descriptions.describe_disturbance,
+    ),
+    "heatmap": _Protocol(
+        _one_gait(protocols.HeatmapConfig, "points"), protocols.run_heatmap, descriptions.describe_heatmap
+    ),
+    "robustness": _Protocol(
+        _one_gait(protocols.RobustnessConfig, "samples"), protocols.run_robustness, descriptions.describe_robustness
+    ),
+    "effort": _Protocol(_one_gait(protocols.EffortConfig), protocols.run_effort, descriptions.describe_effort),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }
 

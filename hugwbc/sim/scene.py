@@ -1,5 +1,7 @@
 """The MuJoCo model of the robot on its ground."""
 
+import functools
+
 import mujoco
 
 from hugwbc.errors import ConfigError
@@ -32,6 +34,12 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, lean: boo
     if terrain is not None:
         _replace_floor(spec, terrain)
     return spec.compile()
+
+
+@functools.cache
+def robot_mass() -> float:
+    """Of all links of the description [kg]."""
+    return float(load_model(SIMULATION_TIMESTEP, lean=True).body_mass.sum())
 
 
 def _make_lean(spec: mujoco.MjSpec) -> None:

@@ -2,6 +2,7 @@
 
 from hugwbc.evaluation.protocols.contacts import ContactsConfig, ContactsResult, run_contacts
 from hugwbc.evaluation.protocols.disturbance import DisturbanceConfig, DisturbanceResult, run_disturbance
+from hugwbc.evaluation.protocols.effort import EffortConfig, EffortResult, run_effort
 from hugwbc.evaluation.protocols.foot_displacement import (
     FootDisplacementConfig,
     FootDisplacementResult,
@@ -16,6 +17,7 @@ from hugwbc.evaluation.protocols.random_commands import (
     RandomCommandsResult,
     run_random_commands,
 )
+from hugwbc.evaluation.protocols.robustness import RobustnessConfig, RobustnessResult, run_robustness
 from hugwbc.evaluation.protocols.single_command import SingleCommandConfig, SingleCommandResult, run_single_command
 from hugwbc.evaluation.protocols.small_velocities import (
     SmallVelocitiesConfig,
@@ -28,6 +30,8 @@ __all__ = [
     "ContactsResult",
     "DisturbanceConfig",
     "DisturbanceResult",
+    "EffortConfig",
+    "EffortResult",
     "FootDisplacementConfig",
     "FootDisplacementResult",
     "HandsConfig",
@@ -40,18 +44,22 @@ __all__ = [
     "RampResult",
     "RandomCommandsConfig",
     "RandomCommandsResult",
+    "RobustnessConfig",
+    "RobustnessResult",
     "SingleCommandConfig",
     "SingleCommandResult",
     "SmallVelocitiesConfig",
     "SmallVelocitiesResult",
     "run_contacts",
     "run_disturbance",
+    "run_effort",
     "run_foot_displacement",
     "run_hands",
     "run_heatmap",
     "run_intervention",
     "run_ramp",
     "run_random_commands",
+    "run_robustness",
     "run_single_command",
     "run_small_velocities",
 ]

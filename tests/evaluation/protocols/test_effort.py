@@ -1,0 +1,39 @@
+import dataclasses
+
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.controllers import HoldController
+from hugwbc.evaluation.protocols import EffortConfig, run_effort
+
+
+class Recorder(HoldController):
+    """Stands on stiff legs and remembers the commanded speeds."""
+
+    speeds: set[float]
+
+    def act(self, state, command: Command, upper_body):
+        self.speeds.add(command.v_x)
+        return super().act(state, command, upper_body)
+
+
+def test_every_speed_of_the_gait_has_a_row():
+    controller = Recorder()
+    controller.speeds = set()
+    config = EffortConfig(Gait.HOPPING_LEFT, duration=0.3, settle=0.1, conditions=Conditions(payload=2.0))
+    result = run_effort(lambda: controller, config)
+    assert controller.speeds == {0.0, 0.25, 0.5} == {row.v_x for row in result.rows}
+    assert result.mass == pytest.approx(51.65 + 2.0, abs=0.01)
+    for row in result.rows:
+        assert row.power is not None and row.power > 0.0 and row.cost_of_transport is None
+        assert 0.0 < row.torque_rms < row.torque_peak <= 1.0  # type: ignore[operator]
+        assert 0.0 < row.tick_p50_ms <= row.tick_p99_ms and row.period_ms == pytest.approx(20.0)
+
+
+def test_standing_has_power_alone():
+    assert EffortConfig(Gait.STANDING).admitted == (0.0,) and EffortConfig(Gait.STANDING).episodes == 1
+    assert EffortConfig(Gait.WALKING).admitted == (0.0, 0.25, 0.5, 1.0, 1.5)
+    with pytest.raises(ConfigError, match="standing admits 0 to 0 m/s"):
+        dataclasses.replace(EffortConfig(Gait.WALKING, speeds=(0.5,)), gait=Gait.STANDING)
