@@ -83,6 +83,7 @@ class Kinematics:
         self.v = np.zeros(self.model.nv)
         self._zero = np.zeros(self.model.nv)
         self._state: RobotState | None = None
+        self._ids: dict[str, int] = {}
 
     def update(self, state: RobotState) -> None:
         """Set the configuration and compute frames and centre of mass. A missing position or velocity counts as 0."""
@@ -102,7 +103,10 @@ class Kinematics:
 
     def frame_id(self, name: str) -> int:
         """Pinocchio's index of a frame."""
-        return self.model.getFrameId(name)
+        index = self._ids.get(name)
+        if index is None:
+            index = self._ids[name] = self.model.getFrameId(name)
+        return index
 
     def position(self, frame: str) -> np.ndarray:
         """Origin of a frame in the world [m], shape (3,)."""

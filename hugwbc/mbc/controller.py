@@ -1,6 +1,7 @@
 """The model-based whole-body controller: gait plan, tasks and QP behind the interface of every controller."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.diagnostics import Diagnostics, Output
+from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.latency import Predictor
 from hugwbc.mbc.locomotion import Locomotion
@@ -32,7 +33,6 @@ class WholeBodyController:
         period: time between two calls of `act` [s].
         params: gains, weights and limits.
         dynamics: the robot model at the last state.
-        diagnostics: of the last tick.
     """
 
     name = "qp"
@@ -50,7 +50,6 @@ class WholeBodyController:
         self.params = params or ControllerParams()
         self.period = period
         self.dynamics = dynamics or Dynamics()
-        self.diagnostics = Diagnostics()
         self._robot = load_robot()
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._torque_limit = self._robot.torque_limit * self.params.torque_fraction
@@ -75,6 +74,7 @@ class WholeBodyController:
         self._held = 0
         self._last: JointCommand | None = None
         self._started = False
+        self._outcome: _Outcome | None = None
         self._free_arms()
 
     @property
@@ -91,7 +91,6 @@ class WholeBodyController:
         """Forget the past and start from this state, standing."""
         self._clear()
         self._qp.reset()
-        self.diagnostics = Diagnostics()
         if _usable(state):
             self._start(state)
 
@@ -135,13 +134,13 @@ class WholeBodyController:
         self._held = 0
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
-        self._record(Output.SOLUTION, solution, report, tasks, terms)
+        self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
         return self._last
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
         """Targets of waist and arms; arms under external control are prescribed motion."""
         params, robot = self.params, self._robot
-        self._waist.target[:], self._waist.rate[:] = command.w, command.w_rate
+        self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
@@ -191,38 +190,46 @@ class WholeBodyController:
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))
         if self._last is not None and self._held * self.period <= self.params.hold_time:
-            self._record(Output.HELD, solution, report, [], [])
+            self._outcome = _Outcome(Output.HELD, solution, report, [], [])
             return self._last
-        self._record(Output.DAMPING, solution, report, [], [])
+        self._outcome = _Outcome(Output.DAMPING, solution, report, [], [])
         zero = np.zeros_like(self._robot.kp)
         return JointCommand(
             q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
         )
 
-    def _record(
-        self,
-        output: Output,
-        solution: QpSolution | None,
-        report: tuple[str, ...],
-        tasks: list[Task],
-        terms: list[TaskTerms],
-    ) -> None:
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What the last tick did; put together when it is read."""
+        if self._outcome is None:
+            return Diagnostics()
+        output, solution, report, tasks, terms = self._outcome
         plan = self._locomotion.plan
         solved = solution is not None and solution.status is not QpStatus.FAILED
-        self.diagnostics = Diagnostics(
+        forces = solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3))
+        return Diagnostics(
             output=output,
             status=QpStatus.FAILED if solution is None else solution.status,
             iterations=0 if solution is None else solution.iterations,
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
-            forces=solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3)),
-            tasks=tasks,
-            terms=terms,
+            contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
+            task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
             next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
             report=report,
         )
+
+
+class _Outcome(NamedTuple):
+    """What `diagnostics` is made of."""
+
+    output: Output
+    solution: QpSolution | None
+    report: tuple[str, ...]
+    tasks: list[Task]
+    terms: list[TaskTerms]
 
 
 def _usable(state: RobotState) -> bool:

@@ -45,7 +45,6 @@ class Dynamics(Kinematics):
         momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
         momentum_jacobian, momentum_drift: likewise for the angular momentum.
         edge: distance from the sole's centre line at which a foot that rolls touches the ground [m]; 0 for the line.
-        inertia: of all links about the centre of mass, world axes [kg m^2], shape (3, 3).
     """
 
     def __init__(self, model: pin.Model | None = None) -> None:
@@ -57,7 +56,8 @@ class Dynamics(Kinematics):
         self.mass = float(pin.computeTotalMass(self.model))
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
-        self._ids: dict[str, int] = {}
+        # To centre of mass and angular momentum.
+        self._per_mass = np.array([[1.0 / self.mass]] * 3 + [[1.0]] * 3)
         self.edge = 0.0
 
     @property
@@ -76,18 +76,22 @@ class Dynamics(Kinematics):
         # In world axes it gives, with the mass matrix, the centroidal momentum matrix.
         pin.crba(model, data, self.q, pin.Convention.WORLD)
         self.M = data.M.copy()  # since Pinocchio 3, crba fills both triangles
-        momentum_jacobian = data.Ag.copy()
-        self.inertia = data.oYcrb[0].inertia.copy()
+        rates = data.Ag * self._per_mass
         self.com = data.com[0].copy()
         self.bias = pin.nonLinearEffects(model, data, self.q, self.v) + self._damping * self.v
         # Last, since the others overwrite the frames' accelerations.
         super()._compute()
         # At zero generalised acceleration the momentum changes by its drift.
-        drift = pin.computeCentroidalMomentumTimeVariation(model, data).vector.copy()
-        momentum = data.hg.vector.copy()
-        self.com_jacobian, self.momentum_jacobian = momentum_jacobian[:3] / self.mass, momentum_jacobian[3:]
-        self.com_velocity, self.momentum = momentum[:3] / self.mass, momentum[3:]
-        self.com_drift, self.momentum_drift = drift[:3] / self.mass, drift[3:]
+        drift = pin.computeCentroidalMomentumTimeVariation(model, data).vector * self._per_mass[:, 0]
+        velocity = data.hg.vector * self._per_mass[:, 0]
+        self.com_jacobian, self.momentum_jacobian = rates[:3], rates[3:]
+        self.com_velocity, self.momentum = velocity[:3], velocity[3:]
+        self.com_drift, self.momentum_drift = drift[:3], drift[3:]
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """Of all links about the centre of mass, world axes [kg m^2], shape (3, 3)."""
+        return self.data.oYcrb[0].inertia.copy()
 
     def load(self, foot: int) -> float | None:
         """Measured normal force on the left (0) or right (1) foot [N]; None without foot sensors."""
@@ -101,7 +105,7 @@ class Dynamics(Kinematics):
         """
         found = self._points.get(name)
         if found is None:
-            index = self._index(name)
+            index = self.frame_id(name)
             jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
             found = self.data.oMf[index].translation.copy(), jacobian[:3]
             if self.edge > 0.0 and name.endswith(_SOLE_ENDS):
@@ -111,12 +115,6 @@ class Dynamics(Kinematics):
             self._points[name] = found
         return found
 
-    def _index(self, name: str) -> int:
-        index = self._ids.get(name)
-        if index is None:
-            index = self._ids[name] = self.model.getFrameId(name)
-        return index
-
     def frame(self, name: str) -> FrameMotion:
         """A frame and its motion; computed once per update.
 
@@ -124,7 +122,7 @@ class Dynamics(Kinematics):
         """
         motion = self._frames.get(name)
         if motion is None:
-            index = self._index(name)
+            index = self.frame_id(name)
             world = pin.LOCAL_WORLD_ALIGNED
             placement = self.data.oMf[index].homogeneous
             motion = FrameMotion(

@@ -43,12 +43,12 @@ class Ground:
             yaw: heading of the robot [rad].
             dt: [s].
         """
-        for foot in range(len(SIDES)):
+        for foot, side in enumerate(SIDES):
             load = dynamics.load(foot)
             if load is None or not contact[foot]:
                 self.resting[foot], self.slopes[foot] = False, self.slope_along(yaw)
                 continue
-            sole = dynamics.frame(f"{SIDES[foot]}_sole")
+            sole = dynamics.frame(f"{side}_sole")
             rate = float(sole.rotation[:, 1].dot(sole.velocity[3:]))
             rests = load > _RESTING_LOAD and abs(rate) < _RESTING_RATE
             self.resting[foot] = rests

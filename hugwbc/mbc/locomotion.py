@@ -421,9 +421,8 @@ class Locomotion:
 
     def _toe_down(self, dynamics: Dynamics, foot: int, slope: float = 0.0) -> float:
         """Pitch of the swing foot's sole over ground of a slope along it [rad]."""
-        shank = dynamics.frame(_SHANKS[foot])
-        lean = math.asin(_clip(-float(shank.rotation[2, 0]), 1.0))
-        return toe_down(lean, float(self._to_heading[1].dot(shank.velocity[3:5])), slope)
+        lean = math.asin(_clip(-float(dynamics.rotation(_SHANKS[foot])[2, 0]), 1.0))
+        return toe_down(lean, float(self._to_heading[1].dot(dynamics.velocity(_SHANKS[foot])[3:5])), slope)
 
     @staticmethod
     def _measured_yaw(dynamics: Dynamics) -> float:

@@ -63,7 +63,8 @@ class WholeBodyQp:
         & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad\text{(4 points)} \\
         & \dot v_j^{min}(q, v) \le \dot v_j \le \dot v_j^{max}(q, v) \quad\text{(joint range and speed)}
 
-    The size never changes: a foot in the air has its forces bounded to zero. Without the joint-range bounds the problem
+    The size never changes: forces where the ground does not push have neither effect nor bounds, so that their cost
+    makes them zero, and the solver has no constraint to work on. Without the joint-range bounds the problem
     is always feasible (any torque is consistent with some acceleration), so that they are dropped for one tick if the
     solver fails with them. Every solve is bounded by `qp_max_iterations` outer and 20 inner iterations; the
     closest-feasible mode of ProxQP is never used, since its run time is not bounded.
@@ -96,7 +97,8 @@ class WholeBodyQp:
         self._box_high = np.full(size, _INFINITY)
         self._add_friction(nv)
         self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
-        self._contact = b""
+        self._contact = [True] * len(CONTACT_POINTS)
+        self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
         self._left, self._speed = np.zeros((2, joints)), np.zeros((2, joints))
         self.reset()
 
@@ -138,9 +140,9 @@ class WholeBodyQp:
             contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
             planned: forces f* to stay close to [N], shape (4, 3); None for none, f* = 0 with a tiny weight.
         """
+        self._fill_contact(contact)
         self._fill_cost(terms, planned)
         self._fill_dynamics(dynamics)
-        self._fill_contact(contact)
         self._fill_joint_limits(dynamics)
         status = QpStatus.SOLVED
         solved, x, iterations = self._run()
@@ -170,11 +172,14 @@ class WholeBodyQp:
         lacking.dot(weighted, out=self._g[:nv])
         weight = params.force_regularisation if planned is None else params.planned_force_weight
         self._diagonal[nv:] = weight
-        self._g[nv:] = 0.0 if planned is None else -weight * planned.ravel()
+        self._g[nv:] = 0.0
+        if planned is not None:
+            self._g[nv:].reshape(-1, 3)[self._contact] = -weight * planned[self._contact]
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
-        for columns, name in zip(self._forces, CONTACT_POINTS, strict=True):
-            np.negative(dynamics.point(name)[1].T, out=columns)
+        for columns, stands, name in zip(self._forces, self._contact, CONTACT_POINTS, strict=True):
+            if stands:
+                np.negative(dynamics.point(name)[1].T, out=columns)
         self._motion[:, : self._nv] = dynamics.M
         bias, joints = dynamics.bias, len(self._highest_torque)
         np.negative(bias[:_BASE], out=self._b)
@@ -182,14 +187,17 @@ class WholeBodyQp:
         np.subtract(self._highest_torque, bias[_BASE:], out=self._high[:joints])
 
     def _fill_contact(self, contact: np.ndarray) -> None:
-        if contact.tobytes() == self._contact:
+        now = contact.tolist()
+        if now == self._contact:
             return
-        self._contact, highest = contact.tobytes(), self._params.max_normal_force
-        for point, stands in enumerate(contact.tolist()):
-            column = self._nv + 3 * point
-            self._box_high[column : column + 3] = (_INFINITY, _INFINITY, highest) if stands else 0.0
-            self._box_low[column : column + 2] = -_INFINITY if stands else 0.0
-            self._box_low[column + 2] = 0.0
+        self._contact = now
+        for point, stands in enumerate(now):
+            normal, friction = self._nv + 3 * point + 2, len(self._highest_torque) + 4 * point
+            self._box_low[normal] = 0.0 if stands else -_INFINITY
+            self._box_high[normal] = self._params.max_normal_force if stands else _INFINITY
+            self._high[friction : friction + 4] = 0.0 if stands else _INFINITY
+            if not stands:
+                self._forces[point][:] = 0.0
 
     def _fill_joint_limits(self, dynamics: Dynamics) -> None:
         """Bound each joint's acceleration so that it can still brake before its limit, and keeps its speed limit.

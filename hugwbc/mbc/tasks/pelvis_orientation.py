@@ -43,8 +43,9 @@ class PelvisOrientationTask:
         kp, kd = self._gains
         # R_h^T R log(R^T R_d) is log((R_h^T R_d) (R_h^T R)^T), and the first factor is the pitch alone.
         error = pin.log3(rotations.rotation_y(self.pitch).dot(to_heading.dot(pelvis.rotation).T))
-        rate = np.array([0.0, self.pitch_rate, self.yaw_rate])
-        acceleration = kp * error + kd * (rate - to_heading.dot(pelvis.velocity[3:]))
+        acceleration = kp * error - kd * to_heading.dot(pelvis.velocity[3:])
+        acceleration[1] += kd * self.pitch_rate
+        acceleration[2] += kd * self.yaw_rate
         return TaskTerms(
             to_heading.dot(pelvis.jacobian[3:]), to_heading.dot(pelvis.drift[3:]), acceleration, self.weight, error
         )

@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.tasks.task import TaskTerms
 
@@ -36,14 +37,14 @@ class PostureTask:
         self.weight = np.ones(joints.size)
         self.speed = speed
         self._joints = joints
-        self._columns: np.ndarray | None = None
+        self._columns: slice | np.ndarray | None = None
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """One row per joint."""
         if self._columns is None:
-            self._columns = dynamics.columns[self._joints]
+            self._columns = in_place(dynamics.columns[self._joints])
             self._jacobian = np.eye(dynamics.nv)[self._columns]
-            self._drift = np.zeros(self._columns.size)
+            self._drift = np.zeros(self._joints.size)
         columns = self._columns
         error = self.target - dynamics.q[1:][columns]
         wanted = self.rate + self.stiffness / self.damping * error
