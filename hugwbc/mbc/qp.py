@@ -159,7 +159,9 @@ class WholeBodyQp:
         if not solved or not math.isfinite(torque.dot(torque)):
             self.reset()
             status = QpStatus.FAILED
-        return QpSolution(status, iterations, x[:nv], x[nv:].reshape(-1, 3), torque)
+        forces = x[nv:].reshape(-1, 3)
+        forces[~contact] = 0.0  # but for the solver's tolerance they are
+        return QpSolution(status, iterations, x[:nv], forces, torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
         jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
