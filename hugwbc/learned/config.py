@@ -436,6 +436,8 @@ class DistillationConfig:
     """How many of the newest labels are kept."""
     seed: int = 1
     threads: int = 1
+    calibration: float = 0.2
+    """Part of the labels during which the teachers drive and are calibrated; after it the student drives."""
     exploration: float = 0.1
     """Std of the noise on all actions, so that states beside the path are labelled too."""
     noise_level: float = 0.5
@@ -457,7 +459,8 @@ class DistillationConfig:
             _require(0.0 < value < math.inf, name, value, "a positive number")
         for name in ("threads", "batch", "updates", "memory"):
             _require(getattr(self, name) > 0, name, getattr(self, name), "a positive integer")
-        _require(0.0 <= self.noise_level <= 1.0, "noise_level", self.noise_level, "0 to 1")
+        for name in ("noise_level", "calibration"):
+            _require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "0 to 1")
         for name in ("exploration", "estimation_weight"):
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
         fractions = self.env.command.fractions()

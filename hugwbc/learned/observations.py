@@ -66,7 +66,8 @@ def noise_amplitude() -> torch.Tensor:
 
 
 @functools.cache
-def _command_scale() -> torch.Tensor:
+def command_scale() -> torch.Tensor:
+    """Scales of the eight commands in the observation, shape (8,)."""
     return torch.tensor([COMMAND_SCALES[name] for name in COMMAND_NAMES])
 
 
@@ -87,7 +88,7 @@ def command_observation(
     offset = torch.where(gait == Gait.WALKING, 0.5, 0.0)
     duty = torch.where(gait == Gait.STANDING, 1.0, gaits.DEFAULT_DUTY)
     extra = torch.stack((offset, duty, clock[:, 0], clock[:, 1], indicator.to(command.dtype)), dim=1)
-    return torch.cat((command * _command_scale(), extra), dim=1)
+    return torch.cat((command * command_scale(), extra), dim=1)
 
 
 def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:

@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import CommandConfig, DistillationConfig, EnvConfig
-from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Distiller, disturbance
+from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Calibration, Distiller, disturbance
 from hugwbc.learned.networks import ActorCritic
 from hugwbc.learned.train import SNAPSHOT_NAME
 from hugwbc.robot import load_robot
@@ -74,6 +74,32 @@ def test_the_catcher_s_share_adds_the_disturbances_up(tmp_path: pathlib.Path) ->
     torch.testing.assert_close(disturbance(readings), torch.full((8,), 0.5))
 
 
+def test_a_policy_that_turns_too_slowly_and_stands_too_low_is_asked_for_more() -> None:
+    calibration, rng = Calibration(), torch.Generator().manual_seed(0)
+    gait = torch.full((400,), int(Gait.WALKING))
+    for _ in range(200):
+        command = torch.rand(400, 8, generator=rng) * 2.0 - 1.0
+        asked = calibration.commands(command, gait)
+        executed = asked[:, [0, 1, 2, 5, 6, 7]]
+        executed[:, 2] = 0.8 * executed[:, 2]
+        executed[:, 3] = executed[:, 3] - 0.03
+        calibration.update(command, executed, gait)
+    expected_gain, expected_offset = torch.ones(6), torch.zeros(6)
+    expected_gain[2], expected_offset[3] = 1.25, 0.03
+    torch.testing.assert_close(calibration.gain[Gait.WALKING], expected_gain, atol=0.01, rtol=0.0)
+    torch.testing.assert_close(calibration.offset[Gait.WALKING], expected_offset, atol=0.01, rtol=0.0)
+    torch.testing.assert_close(calibration.gain[Gait.STANDING], torch.ones(6))
+    assert calibration.as_dict()["walking"]["h"][1] == pytest.approx(0.03, abs=0.01)
+
+
+def test_a_command_that_is_always_the_same_moves_the_offset_only() -> None:
+    calibration = Calibration()
+    gait = torch.full((10,), int(Gait.JUMPING))
+    calibration.update(torch.zeros(10, 8), torch.full((10, 6), 0.2), gait)
+    torch.testing.assert_close(calibration.gain, torch.ones(len(Gait), 6))
+    torch.testing.assert_close(calibration.offset[Gait.JUMPING], torch.full((6,), -0.01))
+
+
 def test_a_student_becomes_its_teacher(tmp_path: pathlib.Path) -> None:
     standing = EnvConfig(count=8, command=CommandConfig(standing_fraction=1.0, walking_fraction=0.0))
     config = make_config(tmp_path, env=standing, catching=None, samples=2400.0, updates=30, learning_rate=3e-3)
@@ -103,7 +129,9 @@ def test_arms_under_takeover_do_not_count(tmp_path: pathlib.Path) -> None:
     assert torch.all(weights[masked][:, ROBOT.arms] == 0.0) and torch.all(weights[masked][:, ROBOT.legs] == 1.0)
 
 
-@pytest.mark.parametrize("change", [{"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}])
+@pytest.mark.parametrize(
+    "change", [{"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}, {"calibration": 1.5}]
+)
 def test_settings_are_checked(tmp_path: pathlib.Path, change: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(change))):
         make_config(tmp_path, **change)
