@@ -290,6 +290,9 @@ class PPOConfig:
     """Weight of the symmetry loss (the paper's beta)."""
     entropy_weight: float = 0.002
     learning_rate: float = 3e-4
+    """Of the actor at the start of a run; the KL then moves it within the range below."""
+    critic_learning_rate: float = 3e-4
+    """Of the critic, throughout."""
     learning_rate_range: tuple[float, float] = (1e-5, 1e-3)
     target_kl: float = 0.02
     max_grad_norm: float = 1.0
@@ -307,7 +310,15 @@ class PPOConfig:
             _require(getattr(self, name) > 0, f"ppo.{name}", getattr(self, name), "a positive integer")
         for name in ("gamma", "lam", "clip"):
             _require(0.0 < getattr(self, name) <= 1.0, f"ppo.{name}", getattr(self, name), "above 0, up to 1")
-        for name in ("learning_rate", "std_initial", "std_final", "std_min", "target_kl", "max_grad_norm"):
+        for name in (
+            "learning_rate",
+            "std_initial",
+            "std_final",
+            "std_min",
+            "target_kl",
+            "max_grad_norm",
+            "critic_learning_rate",
+        ):
             value = getattr(self, name)
             _require(math.isfinite(value) and value > 0.0, f"ppo.{name}", value, "a positive number")
 

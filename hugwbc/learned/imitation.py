@@ -164,7 +164,8 @@ class Imitator:
             "iteration": 0,
             "steps": self.samples,
             "seconds": time.monotonic() - begin,
-            "learning_rate": 1e-4,
+            # At the small std that keeps what was imitated, the first steps of a higher rate would undo it.
+            "learning_rate": 1e-5,
             "skipped": 0,
             # The teacher's motion needs no easing-in of the penalties.
             "curriculum": Curriculum(self.config.env.curriculum).state_dict() | {"penalty_scale": 1.0},

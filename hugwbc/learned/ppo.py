@@ -127,7 +127,12 @@ class PPO:
         self.device = torch.device(device)
         self.network = ActorCritic(config.std_initial).to(self.device)
         self.learning_rate = config.learning_rate
-        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
+        critic = list(self.network.critic.parameters())
+        actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
+        # The rate that the KL allows the actor, down to 1e-5 at a small std, would leave the critic behind.
+        self.optimiser = torch.optim.Adam(
+            [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}]
+        )
         self.rollout = Rollout.empty(config.horizon, count, self.device)
         self.skipped = 0
         self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
@@ -259,16 +264,25 @@ class PPO:
             self.learning_rate = max(low, self.learning_rate / 1.5)
         elif kl < 0.5 * self.config.target_kl:
             self.learning_rate = min(high, self.learning_rate * 1.5)
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.learning_rate
+        self.set_learning_rate(self.learning_rate)
+
+    def set_learning_rate(self, rate: float) -> None:
+        """Set the actor's learning rate; the critic's stays as configured."""
+        self.learning_rate = rate
+        self.optimiser.param_groups[0]["lr"] = rate
 
     def _descend(self, loss: torch.Tensor) -> bool:
         """Apply the gradient unless it is not finite; returns whether."""
         self.optimiser.zero_grad()
         loss.backward()
         distributed.average_gradients(self.network.parameters())
-        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
-        finite = not distributed.anywhere(not (bool(torch.isfinite(loss)) and bool(torch.isfinite(norm))))
+        # Each on its own: a large error of the critic must not shorten the actor's step.
+        norms = [
+            nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm)
+            for group in self.optimiser.param_groups
+        ]
+        values = (loss, *norms)
+        finite = not distributed.anywhere(not all(bool(torch.isfinite(value)) for value in values))
         if finite:
             self.optimiser.step()
         return finite

@@ -242,7 +242,7 @@ class Trainer:
     def _load_metadata(self, metadata: dict[str, Any]) -> None:
         self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
         self.seconds = float(metadata["seconds"])
-        self.ppo.learning_rate = float(metadata["learning_rate"])
+        self.ppo.set_learning_rate(float(metadata["learning_rate"]))
         self.ppo.skipped = int(metadata["skipped"])
         # Checkpoints from before there were evaluations lack these two.
         self.evaluation, self.best = dict(metadata.get("evaluation", {})), dict(metadata.get("best", {}))
