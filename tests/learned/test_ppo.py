@@ -157,3 +157,21 @@ def test_the_critic_can_learn_alone() -> None:
     assert {name for name, change in moved.items() if change > 0.0} == {n for n in moved if n.startswith("critic.")}
     moved, _ = update(critic_only=False)
     assert all(change > 0.0 for change in moved.values())
+
+
+def test_the_kl_moves_the_actor_s_rate_only() -> None:
+    learner = make_learner(learning_rate=1e-4, critic_learning_rate=2e-4)
+    actor, critic = learner.optimiser.param_groups
+    assert {id(p) for p in critic["params"]} == {id(p) for p in learner.network.critic.parameters()}
+    assert len(actor["params"]) + len(critic["params"]) == len(list(learner.network.parameters()))
+    learner._adapt_learning_rate(1.0)
+    assert actor["lr"] == learner.learning_rate == pytest.approx(1e-4 / 1.5)
+    assert critic["lr"] == 2e-4
+
+
+def test_a_large_critic_gradient_does_not_shorten_the_actor_s() -> None:
+    learner = make_learner(max_grad_norm=1.0)
+    actor = learner.optimiser.param_groups[0]["params"]
+    loss = 0.5 * actor[0].sum() + 1e6 * sum(p.sum() for p in learner.network.critic.parameters())
+    assert learner._descend(loss)
+    torch.testing.assert_close(actor[0].grad, torch.full_like(actor[0], 0.5 * min(1.0, 2.0 / actor[0].numel() ** 0.5)))
