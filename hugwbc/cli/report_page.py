@@ -1,6 +1,7 @@
 """The report's page: figures, conclusions and pictures of results, put together."""
 
 import dataclasses
+import math
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,9 +12,9 @@ from hugwbc import gait as gaits
 from hugwbc.evaluation.campaign import CellResult
 from hugwbc.evaluation.protocols.contacts import clock_phases
 from hugwbc.evaluation.report.clouds import LEVELS, hand_clouds
-from hugwbc.evaluation.report.conclusions import conclusions
+from hugwbc.evaluation.report.conclusions import conclusions, duel_table
 from hugwbc.evaluation.report.figures import Figure, comparison_table
-from hugwbc.evaluation.report.sections import FIGURES, SECTIONS, Section
+from hugwbc.evaluation.report.sections import FIGURES, FORCES, SECTIONS, Section
 from hugwbc.evaluation.report.training import read_training, smoothed
 from hugwbc.evaluation.rollout import RECORD_PERIOD
 from hugwbc.gait import Gait
@@ -57,8 +58,16 @@ class Report:
 
     def conclusions(self) -> list[str]:
         """Sentences computed from the figures."""
+        return conclusions(self.figures, *self._pair)
+
+    def duel(self) -> Table:
+        """The first two controllers against each other."""
+        return duel_table(self.figures, *self._pair)
+
+    @property
+    def _pair(self) -> tuple[str, str]:
         first, second = (*self.controllers, *self.controllers)[:2]
-        return conclusions(self.figures, first, second)
+        return first, second
 
     def tables(self, section: Section) -> list[Table]:
         """The tables of a section."""
@@ -70,7 +79,8 @@ class Report:
 def report_markdown(report: Report) -> str:
     """The report without its pictures."""
     lines = [f"# {TITLE}", "", *(f"- {note}" for note in report.notes), "", "## Conclusions", ""]
-    lines += [f"- {line}" for line in report.conclusions()]
+    lines += [*(f"- {line}" for line in report.conclusions()), ""]
+    lines += [markdown_table(report.duel())] if len(report.controllers) > 1 else []
     for section in SECTIONS:
         tables = report.tables(section)
         if tables:
@@ -91,6 +101,7 @@ def report_page(report: Report) -> str:
         f"<p>{page.links({title: '#' + page.anchor(title) for title in titles})}</p>",
         page.heading("Conclusions"),
         page.bullets(report.conclusions()),
+        page.table_html(report.duel(), 3) if len(report.controllers) > 1 else "",
         page.paragraph(LEGEND),
         *(f"{page.heading(title)}\n{html}" for title, html in parts),
     ]
@@ -129,7 +140,45 @@ def _gait_diagrams(report: Report) -> list[Panel]:
     return panels
 
 
-_PICTURES = {"contacts": _gait_diagrams}
+def _tolerated_forces(report: Report) -> list[Panel]:
+    """Force over direction, a picture for each kind of force."""
+    results = {r.controller: r.result["tolerated"] for r in report.results if r.protocol == "disturbance"}
+    kinds = dict.fromkeys(kind for tolerated in results.values() for kind in tolerated)
+    panels = []
+    for kind in kinds:
+        directions = list(dict.fromkeys(d for tolerated in results.values() for d in tolerated[kind]))
+        # Controllers without a result keep their place, so that the colours are the same on the whole page.
+        found = {name: results.get(name, {}).get(kind, {}) for name in report.controllers}
+        series = {name: [forces.get(d) for d in directions] for name, forces in found.items()}
+        angles = [math.radians(float(d)) for d in directions]
+        panels.append(pictures.polar(f"Tolerated force, {FORCES[kind]}", angles, series, "N"))
+    return panels
+
+
+def _ramps(report: Report) -> list[Panel]:
+    """Measured over commanded value, mean over the runs, of each gait and command."""
+    results = [result for result in report.results if result.protocol == "ramp"]
+    panels = []
+    for gait in dict.fromkeys(result.result["gait"] for result in results):
+        for command in ("p", "w"):
+            found = {r.controller: _mean_curve(r.result["rows"], command) for r in results if r.result["gait"] == gait}
+            nothing = (np.zeros(0), np.zeros(0))
+            series = {name: found.get(name, nothing) for name in report.controllers}
+            commanded = np.unique(np.concatenate([x for x, _ in series.values()]))
+            labels = (f"commanded {command} [rad]", "measured [rad]")
+            panels.append(pictures.curves(f"{command}, {gait}", series, labels, dashed=(commanded, commanded)))
+    return panels
+
+
+def _mean_curve(rows: Sequence[Mapping[str, Any]], command: str) -> tuple[np.ndarray, np.ndarray]:
+    """Commanded values, and the mean of what the runs that got there measured."""
+    curves = [row["curve"] for row in rows if row["command"] == command]
+    values = sorted({float(value) for curve in curves for value in curve})
+    means = [float(np.mean([m for c in curves for v, m in c.items() if float(v) == value])) for value in values]
+    return np.array(values), np.array(means)
+
+
+_PICTURES = {"contacts": _gait_diagrams, "disturbance": _tolerated_forces, "ramp": _ramps}
 
 
 def _clouds() -> str:

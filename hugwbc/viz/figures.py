@@ -146,7 +146,7 @@ def curves(
     series: Mapping[str, tuple[np.ndarray, np.ndarray]],
     labels: tuple[str, str],
     *,
-    dashed: float | None = None,
+    dashed: tuple[np.ndarray, np.ndarray] | None = None,
     bottom: float | None = None,
 ) -> Panel:
     """One curve a name, in the colours of `LABEL_COLOURS`.
@@ -155,7 +155,7 @@ def curves(
         title: what it shows.
         series: x and y of each name.
         labels: of x and y.
-        dashed: a level to compare with.
+        dashed: x and y of a line to compare with.
         bottom: of the vertical axis; None for what fits.
     """
 
@@ -163,7 +163,7 @@ def curves(
         for (x, y), colour in zip(series.values(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4)
         if dashed is not None:
-            axes.axhline(dashed, color=INK, linestyle="--", linewidth=1.0)
+            axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
         if bottom is not None:
             axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])

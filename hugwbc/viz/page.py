@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from hugwbc.tables import Cell, Marked, Table, cell_text
 from hugwbc.viz.plots import Panel
 
+_LONG_TEXT = 24  # characters of a cell, from which on it may wrap
+
 
 def page_html(title: str, body: Sequence[str]) -> str:
     """The page.
@@ -74,7 +76,8 @@ def table_html(table: Table, level: int = 2) -> str:
 
 
 def _cell(value: Cell) -> str:
-    mark = f' class="{value.mark}"' if isinstance(value, Marked) and value.mark else ""
+    name = value.mark if isinstance(value, Marked) else "text" * (isinstance(value, str) and len(value) > _LONG_TEXT)
+    mark = f' class="{name}"' if name else ""
     return f"<td{mark}>{html.escape(cell_text(value))}</td>"
 
 
@@ -95,11 +98,13 @@ _TEMPLATE = """<!DOCTYPE html>
   body { margin: 0 auto; padding: 16px; max-width: 1200px; background: var(--ground); color: var(--ink);
     font: 15px/1.5 system-ui, sans-serif; }
   h1 { font-size: 1.6em; margin: 0.4em 0; }
-  h2 { font-size: 1.2em; margin: 1.6em 0 0.5em; }
+  h2 { font-size: 1.3em; margin: 1.8em 0 0.5em; }
+  h3 { font-size: 1.05em; margin: 1.4em 0 0.4em; }
   a { color: var(--link); }
   .wide { overflow-x: auto; }
-  table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-  th, td { padding: 4px 14px; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
+  table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95em; }
+  th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
+  td.text { white-space: normal; text-align: left; min-width: 14em; }
   th[scope="row"], th:first-child { text-align: left; font-weight: normal; }
   thead th { font-weight: 600; }
   td.worse { background: var(--worse); font-weight: 600; }

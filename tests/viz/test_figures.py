@@ -62,6 +62,6 @@ def test_clouds_and_curves() -> None:
     points = np.random.default_rng(0).normal(size=(20, 3))
     _is_picture(hand_cloud("level 1", points, -points).svg)
     series = {"a": (np.arange(3.0), np.arange(3.0)), "b": (np.arange(30.0), np.full(30, np.nan))}
-    panel = curves("Reward", series, ("steps", "reward"), dashed=1.0, bottom=0.0)
+    panel = curves("Reward", series, ("steps", "reward"), dashed=(np.arange(2.0), np.ones(2)), bottom=0.0)
     _is_picture(panel.svg)
     assert {"steps", "reward"} <= set(_texts(panel.svg))

@@ -4,19 +4,15 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from hugwbc.evaluation.report.figures import Figure, Verdict, against
+from hugwbc.tables import Table
 
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
 _MOST_NAMED = 4  # quantities in one sentence
 
 
 def conclusions(figures: Sequence[Figure], first: str, second: str) -> list[str]:
-    """What the figures say of each table against the paper, and of two controllers against each other."""
-    tables = list(dict.fromkeys(figure.table for figure in figures))
-    lines = [line for name in (first, second) for line in _overall(figures, name)]
-    for table in tables:
-        lines += _duel([figure for figure in figures if figure.table == table], first, second)
-    lines += _total_duel(figures, first, second)
-    return lines
+    """What the figures say of two controllers against the paper, and against each other."""
+    return [line for name in (first, second) for line in _overall(figures, name)] + _total_duel(figures, first, second)
 
 
 def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
@@ -51,20 +47,18 @@ def _pairs(figures: Iterable[Figure], first: str, second: str) -> list[tuple[Fig
     return [(figure, verdict) for figure, verdict in pairs if verdict is not Verdict.NONE]
 
 
-def _duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
-    """Two controllers in one table."""
-    pairs = _pairs(figures, first, second)
-    if not pairs:
-        return []
-    wins = [figure.quantity for figure, verdict in pairs if verdict is Verdict.BETTER]
-    losses = [figure.quantity for figure, verdict in pairs if verdict is Verdict.WORSE]
-    won = f"{first} is better in {_listed(wins)}" if wins else ""
-    lost = f"{second} {'' if wins else 'is better '}in {_listed(losses)}" if losses else ""
-    parts = [won, lost]
-    rest = len(pairs) - len(wins) - len(losses)
-    if rest:
-        parts.append(f"{rest} of {len(pairs)} figures are not told apart")
-    return [f"{figures[0].table}: {'; '.join(part for part in parts if part)}."]
+def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
+    """For each table in which figures of the two are, those in which one is better, and how many are not told apart."""
+    rows = []
+    for table in dict.fromkeys(figure.table for figure in figures):
+        pairs = _pairs([figure for figure in figures if figure.table == table], first, second)
+        wins = [figure.quantity for figure, verdict in pairs if verdict is Verdict.BETTER]
+        losses = [figure.quantity for figure, verdict in pairs if verdict is Verdict.WORSE]
+        if pairs:
+            rows.append(
+                (table, ", ".join(wins) or None, ", ".join(losses) or None, len(pairs) - len(wins) - len(losses))
+            )
+    return Table(f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "not told apart"), rows)
 
 
 def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
@@ -77,9 +71,3 @@ def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]
         f"In all {total} figures that both have, {first} is better in {counts[Verdict.BETTER]}, {second} in "
         f"{counts[Verdict.WORSE]}; {unclear} are not told apart."
     ]
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    shown = ", ".join(names[:_MOST_NAMED])
-    return f"{shown} and {more} more" if more > 0 else shown

@@ -79,7 +79,7 @@ def _verdict(excess: float, low: float | None, high: float | None, figure: Figur
     if figure.higher_is_better:
         excess, low, high = -excess, None if high is None else -high, None if low is None else -low
     if excess <= 0.0:
-        return Verdict.BETTER if high is not None and high <= 0.0 else Verdict.UNCLEAR_BETTER
+        return Verdict.BETTER if high is not None and high < 0.0 else Verdict.UNCLEAR_BETTER
     return Verdict.WORSE if low is not None and low > 0.0 else Verdict.UNCLEAR_WORSE
 
 
@@ -114,7 +114,7 @@ def _cell(figure: Figure | None) -> Cell:
         return Marked(_number(figure.value), "published")
     parts = [_number(figure.value)]
     if figure.estimate.low is not None and figure.estimate.high is not None:
-        parts.append(f"[{_number(figure.estimate.low)}, {_number(figure.estimate.high)}]")
+        parts.append(f"[{_number(figure.estimate.low, 2)}, {_number(figure.estimate.high, 2)}]")
     if figure.ratio is not None:
         parts.append(f"× {figure.ratio[0]:.2g}")
     marks = {Verdict.WORSE: ("worse", "worse"), Verdict.UNCLEAR_WORSE: ("unclear", "worse?")}
@@ -122,6 +122,6 @@ def _cell(figure: Figure | None) -> Cell:
     return Marked(" ".join([*parts, word]).strip(), mark)
 
 
-def _number(value: float) -> str:
-    """Three significant digits, without an exponent where that is readable."""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+def _number(value: float, digits: int = 3) -> str:
+    """Some significant digits, without an exponent where that is readable."""
+    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"

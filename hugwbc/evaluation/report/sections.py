@@ -8,9 +8,10 @@ from hugwbc.commands import COMMAND_UNITS
 from hugwbc.evaluation.campaign import CellResult
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, other_controllers
 from hugwbc.evaluation.report.figures import Figure
-from hugwbc.evaluation.report.statistics import bootstrap_mean
+from hugwbc.evaluation.report.statistics import Estimate, bootstrap_mean, wilson_percentage
 
-FALLS = "episodes with a fall"
+FALLS = "falls"
+FORCES = {"constant": "constant", "second": "for one second"}
 ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
 
 
@@ -30,8 +31,7 @@ class Section:
 
 
 def _falls(table: str, controller: str, rows: Iterable[Mapping[str, Any]]) -> Figure:
-    estimate = bootstrap_mean([100.0 * row["fell"] for row in rows])
-    return Figure(table, FALLS, "%", controller, estimate)
+    return Figure(table, FALLS, "% of episodes", controller, wilson_percentage([row["fell"] for row in rows]))
 
 
 def single_command_figures(measured: CellResult) -> list[Figure]:
@@ -104,6 +104,17 @@ def ramp_figures(measured: CellResult) -> list[Figure]:
     return [*figures, _falls(table, name, result["rows"])]
 
 
+def disturbance_figures(measured: CellResult) -> list[Figure]:
+    """Largest force that is tolerated by direction, with the bracket that the search ended in."""
+    result, figures = measured.result, []
+    for kind, forces in result["tolerated"].items():
+        table = f"Tolerated force, {FORCES[kind]}"
+        for direction, force in forces.items():
+            estimate = Estimate(force, force, result["refused"][kind][direction], result["rollouts"])
+            figures.append(Figure(table, f"{direction}°", "N", measured.controller, estimate, higher_is_better=True))
+    return figures
+
+
 def contacts_figures(measured: CellResult) -> list[Figure]:
     """In what part of the time each foot does what the clock says."""
     result, name = measured.result, measured.controller
@@ -116,6 +127,7 @@ FIGURES: Mapping[str, Callable[[CellResult], list[Figure]]] = {
     "single-command": single_command_figures,
     "intervention": intervention_figures,
     "foot-displacement": foot_displacement_figures,
+    "disturbance": disturbance_figures,
     "ramp": ramp_figures,
     "contacts": contacts_figures,
 }
@@ -139,6 +151,13 @@ SECTIONS: Sequence[Section] = (
         ("foot-displacement",),
         "Length of both feet's paths of a robot that is to stand for 20 s; episodes with a fall are left out of the "
         "length and counted.",
+    ),
+    Section(
+        "Disturbance tolerance",
+        ("disturbance",),
+        "Largest force at the torso of a standing robot with at least 98 % survival, from its front (0°) to its left "
+        "(90°), found by bisection; the interval is the bracket in which the search ended. The paper prints a figure "
+        "without numbers.",
     ),
     Section(
         "Ramp",

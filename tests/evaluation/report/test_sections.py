@@ -61,5 +61,13 @@ def test_ramp_and_contacts():
     assert (figure.quantity, figure.value, figure.higher_is_better) == ("jumping", 25.0, True)
 
 
+def test_tolerated_forces_have_the_bracket_of_their_search():
+    result = {"tolerated": {"second": {"45": 100.0}}, "refused": {"second": {"45": 105.0}}, "rollouts": 16}
+    (figure,) = FIGURES["disturbance"](CellResult("disturbance", "qp", result))
+    assert (figure.table, figure.quantity, figure.unit) == ("Tolerated force, for one second", "45°", "N")
+    assert figure.estimate is not None and figure.higher_is_better
+    assert (figure.value, figure.estimate.low, figure.estimate.high) == (100.0, 100.0, 105.0)
+
+
 def test_every_section_has_figures():
     assert {name for section in SECTIONS for name in section.protocols} == set(FIGURES)
