@@ -14,7 +14,7 @@ from hugwbc.evaluation.protocols.contacts import clock_phases
 from hugwbc.evaluation.report.clouds import LEVELS, hand_clouds
 from hugwbc.evaluation.report.conclusions import conclusions, duel_table
 from hugwbc.evaluation.report.figures import Figure, comparison_table
-from hugwbc.evaluation.report.sections import FIGURES, FORCES, SECTIONS, Section
+from hugwbc.evaluation.report.sections import FIGURES, FORCES, SECTIONS, Section, relative_maps
 from hugwbc.evaluation.report.training import read_training, smoothed
 from hugwbc.evaluation.rollout import RECORD_PERIOD
 from hugwbc.gait import Gait
@@ -27,7 +27,8 @@ from hugwbc.viz.trace import LABEL_COLOURS
 TITLE = "Whole-body control of the Unitree H1: learned and model-based controllers"
 LEGEND = (
     "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
-    "marks what is worse than the paper's figure by more than that interval, 'worse?' by less."
+    "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
+    "interval."
 )
 _SHOWN_S = 2.0  # [s] of a gait diagram
 _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
@@ -113,7 +114,7 @@ def _section(report: Report, section: Section) -> str:
     if not tables:
         return ""
     drawn = [panel for name in section.protocols if name in _PICTURES for panel in _PICTURES[name](report)]
-    key = page.legend(report.controllers, LABEL_COLOURS) if drawn else ""
+    key = page.legend(report.controllers, LABEL_COLOURS) if drawn and "heatmap" not in section.protocols else ""
     html = [page.paragraph(section.text), *(page.table_html(table, 3) for table in tables), key]
     return "\n".join([*html, page.pictures(drawn) if drawn else ""])
 
@@ -178,7 +179,18 @@ def _mean_curve(rows: Sequence[Mapping[str, Any]], command: str) -> tuple[np.nda
     return np.array(values), np.array(means)
 
 
-_PICTURES = {"contacts": _gait_diagrams, "disturbance": _tolerated_forces, "ramp": _ramps}
+def _heat_maps(report: Report) -> list[Panel]:
+    """All pairs of commands, a picture for each gait and controller."""
+    panels = []
+    for measured in report.results:
+        if measured.protocol == "heatmap":
+            result = measured.result
+            title, names = f"{result['gait']}, {measured.controller}", list(result["values"])
+            panels.append(pictures.heat_maps(title, names, relative_maps(result), "times the error alone"))
+    return panels
+
+
+_PICTURES = {"contacts": _gait_diagrams, "disturbance": _tolerated_forces, "heatmap": _heat_maps, "ramp": _ramps}
 
 
 def _clouds() -> str:

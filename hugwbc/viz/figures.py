@@ -10,52 +10,46 @@ from matplotlib.projections.polar import PolarAxes
 from hugwbc.viz.plots import INK, Panel, picture
 from hugwbc.viz.trace import LABEL_COLOURS
 
-_MAP_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 4.2, 5.0, 5.0  # [in]
-_FEW_CELLS = 100  # in a heat map up to this size the numbers are written into the cells
+_MAPS_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0, 5.0  # [in]
+_GAP = 1  # cells between two heat maps
+_TOP = 3.0  # of the colours of heat maps
 FEET = ("left", "right")
 
 
-def heat_map(
-    title: str, x: Sequence[float], y: Sequence[float], values: np.ndarray, labels: tuple[str, str, str], top: float
-) -> Panel:
-    """Values over a grid, dark where they are small; cells without a value are crossed out.
+def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], np.ndarray], label: str) -> Panel:
+    """Maps of every ordered pair of quantities in one picture: a row for each first name, a column for each second.
 
     Args:
         title: what it shows.
-        x: centres of the columns.
-        y: centres of the rows.
-        values: shape (len(y), len(x)); NaN where there is none.
-        labels: of x, y and the values.
-        top: value of the brightest colour, so that several maps can share it.
+        names: of the quantities.
+        maps: for (first, second) a square map, rows bottom up; NaN, which is crossed out, where there is no value.
+        label: of the values, which are coloured from 0 to `_TOP`.
     """
 
     def draw(axes: Axes) -> None:
-        image = axes.pcolormesh(_edges(x), _edges(y), values, cmap="viridis", vmin=0.0, vmax=top)
-        for row, column in np.argwhere(~np.isfinite(values)):
-            axes.plot(x[column], y[row], marker="x", color=INK, markersize=7)
-        if values.size <= _FEW_CELLS:
-            for row, column in np.argwhere(np.isfinite(values)):
-                # Written in the colour that stands out from the cell, whatever the page's.
-                colour = "#000000" if values[row, column] > 0.6 * top else "#ffffff"
-                text = f"{values[row, column]:.2g}"
-                axes.text(x[column], y[row], text, color=colour, ha="center", va="center", fontsize=8)
+        points = len(next(iter(maps.values())))
+        pitch = points + _GAP
+        size = pitch * len(names) - _GAP
+        whole = np.full((size, size), np.nan)
+        crosses: list[tuple[float, float]] = []
+        for (first, second), values in maps.items():
+            # The first name's row is the uppermost.
+            row, column = pitch * (len(names) - 1 - names.index(first)), pitch * names.index(second)
+            whole[row : row + points, column : column + points] = values
+            crosses += [(column + x, row + y) for y, x in np.argwhere(~np.isfinite(values))]
+        image = axes.imshow(whole, origin="lower", interpolation="none", cmap="viridis", vmin=0.0, vmax=_TOP)
+        if crosses:
+            axes.plot(*zip(*crosses, strict=True), "x", color=INK, markersize=3, markeredgewidth=0.8)
+        middles = pitch * np.arange(len(names)) + (points - 1) / 2
+        axes.set_xticks(middles, names)
+        axes.set_yticks(middles, list(reversed(names)))
         axes.grid(visible=False)
-        axes.set_xticks(x, [f"{value:.2g}" for value in x])
-        axes.set_yticks(y, [f"{value:.2g}" for value in y])
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
+        axes.set_xlabel("against")
+        axes.set_ylabel("error of")
         assert axes.figure is not None
-        axes.figure.colorbar(image, ax=axes, label=labels[2])
+        axes.figure.colorbar(image, ax=axes, label=label, extend="max")
 
-    return Panel(title, picture(title, draw, height=_MAP_HEIGHT))
-
-
-def _edges(centres: Sequence[float]) -> np.ndarray:
-    values = np.asarray(centres, dtype=float)
-    if values.size == 1:
-        return values[0] + np.array([-0.5, 0.5])
-    middles = (values[1:] + values[:-1]) / 2
-    return np.concatenate(([2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]))
+    return Panel(title, picture(title, draw, height=_MAPS_HEIGHT))
 
 
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:

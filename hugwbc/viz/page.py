@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from hugwbc.tables import Cell, Marked, Table, cell_text
 from hugwbc.viz.plots import Panel
 
-_LONG_TEXT = 24  # characters of a cell, from which on it may wrap
+_LONG_TEXT = 24  # characters of a cell, from which on its column is one of text, which wraps
 
 
 def page_html(title: str, body: Sequence[str]) -> str:
@@ -63,9 +63,11 @@ def pictures(panels: Sequence[Panel]) -> str:
 
 def table_html(table: Table, level: int = 2) -> str:
     """A table with its title and note; it scrolls by itself where it is wider than the page."""
-    head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in table.columns)
+    columns = [[row[index] for row in table.rows] for index in range(len(table.columns))]
+    wordy = [any(isinstance(cell, str) and len(cell) > _LONG_TEXT for cell in column) for column in columns]
+    head = "".join(map(_column_head, table.columns, wordy))
     rows = "\n".join(
-        f'<tr><th scope="row">{html.escape(cell_text(row[0]))}</th>{"".join(map(_cell, row[1:]))}</tr>'
+        f'<tr><th scope="row">{html.escape(cell_text(row[0]))}</th>{"".join(map(_cell, row[1:], wordy[1:]))}</tr>'
         for row in table.rows
     )
     note = f'\n<p class="note">{html.escape(table.note)}</p>' if table.note else ""
@@ -75,8 +77,13 @@ def table_html(table: Table, level: int = 2) -> str:
     )
 
 
-def _cell(value: Cell) -> str:
-    name = value.mark if isinstance(value, Marked) else "text" * (isinstance(value, str) and len(value) > _LONG_TEXT)
+def _column_head(title: str, wordy: bool) -> str:
+    name = ' class="text"' if wordy else ""
+    return f'<th scope="col"{name}>{html.escape(title)}</th>'
+
+
+def _cell(value: Cell, wordy: bool) -> str:
+    name = value.mark if isinstance(value, Marked) else "text" if wordy else ""
     mark = f' class="{name}"' if name else ""
     return f"<td{mark}>{html.escape(cell_text(value))}</td>"
 
@@ -104,7 +111,8 @@ _TEMPLATE = """<!DOCTYPE html>
   .wide { overflow-x: auto; }
   table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95em; }
   th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
-  td.text { white-space: normal; text-align: left; min-width: 14em; }
+  td.text { white-space: normal; min-width: 14em; }
+  td.text, th.text { text-align: left; }
   th[scope="row"], th:first-child { text-align: left; font-weight: normal; }
   thead th { font-weight: 600; }
   td.worse { background: var(--worse); font-weight: 600; }
@@ -116,7 +124,8 @@ _TEMPLATE = """<!DOCTYPE html>
     vertical-align: middle; }
   .legend i:not(.dashed) { height: 3px; border: 0; }
   .legend i.dashed { border-top: 2px dashed currentColor; }
-  .grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 12px; }
+  .grid { display: grid; margin-top: 12px;
+    grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 12px; }
   figure { margin: 0; padding: 10px; border: 1px solid var(--line); border-radius: 8px; background: var(--card); }
   figcaption { font-size: 0.92em; margin-bottom: 4px; }
   svg { display: block; width: 100%; height: auto; }

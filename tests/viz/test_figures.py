@@ -1,11 +1,14 @@
 """Pictures of evaluations: where the marks are, and that they take the page's colours."""
 
+import base64
+import io
 import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
+from PIL import Image
 
-from hugwbc.viz.figures import curves, gait_diagram, hand_cloud, heat_map, polar, spans
+from hugwbc.viz.figures import curves, gait_diagram, hand_cloud, heat_maps, polar, spans
 from hugwbc.viz.trace import LABEL_COLOURS
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -21,13 +24,24 @@ def _is_picture(svg: str) -> None:
     assert "currentColor" in svg and "#010203" not in svg
 
 
-def test_heat_map_writes_what_is_known() -> None:
-    values = np.array([[0.1, 0.2, np.nan], [0.4, 0.5, 0.6]])
-    panel = heat_map("Errors", [0.0, 1.0, 2.0], [0.0, 1.0], values, ("v_x", "h", "m"), top=0.6)
+def test_heat_maps_are_in_their_rows_and_columns_and_crossed_out_without_a_value() -> None:
+    """Two quantities: the map of h against p is all small, that of p against h is large but for what is missing."""
+    large = np.full((2, 2), 3.0)
+    large[0, 1] = np.nan
+    panel = heat_maps("Errors", ["h", "p"], {("h", "p"): np.zeros((2, 2)), ("p", "h"): large}, "times")
     _is_picture(panel.svg)
-    texts = _texts(panel.svg)
-    assert {"0.1", "0.2", "0.4", "0.5", "0.6", "v_x", "h"} <= set(texts) and "nan" not in texts
-    assert heat_map("One", [0.0], [0.0], np.array([[1.0]]), ("a", "b", "c"), top=1.0).title == "One"
+    assert {"h", "p", "against", "error of", "times"} <= set(_texts(panel.svg))
+    (image,) = [
+        node for node in ET.fromstring(panel.svg).iter(f"{SVG}image") if "matplotlib" not in (node.get("id") or "")
+    ][:1]
+    data = image.get("{http://www.w3.org/1999/xlink}href") or ""
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))).convert("RGBA"))
+    assert pixels.shape[:2] == (5, 5)
+    known = pixels[..., 3] > 0
+    # Upper right (h against p) four cells, lower left (p against h) three.
+    counts = [known[:2, 3:].sum(), known[3:, :2].sum(), known.sum()]
+    flipped = [known[3:, 3:].sum(), known[:2, :2].sum(), known.sum()]
+    assert [4, 3, 7] in (counts, flipped)
 
 
 def test_polar_has_a_closed_curve_a_name_and_gaps() -> None:

@@ -1,8 +1,11 @@
 """The figures of every protocol's result, and what each table of the report is about."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.evaluation.campaign import CellResult
@@ -115,6 +118,32 @@ def disturbance_figures(measured: CellResult) -> list[Figure]:
     return figures
 
 
+def heatmap_figures(measured: CellResult) -> list[Figure]:
+    """In what part of the other commands' ranges a command is tracked as well as alone, mean over the others."""
+    result, figures = measured.result, []
+    table = f"Orthogonality, {result['gait']}"
+    for command in dict.fromkeys(entry["tracked"] for entry in result["orthogonality"]):
+        shares = [100.0 * entry["share"] for entry in result["orthogonality"] if entry["tracked"] == command]
+        estimate = Estimate(sum(shares) / len(shares), None, None, len(shares))
+        name = f"error of {command}"
+        figures.append(Figure(table, name, "% of ranges", measured.controller, estimate, higher_is_better=True))
+    return [*figures, _falls(table, measured.controller, result["rows"])]
+
+
+def relative_maps(result: Mapping[str, Any]) -> dict[tuple[str, str], np.ndarray]:
+    """For every ordered pair of commands the first one's error relative to its error alone; NaN in a fall.
+
+    A map has a row for each value of the first command and a column for each of the second, both rising.
+    """
+    maps = {}
+    for entry in result["maps"]:
+        for first, second in ((entry["first"], entry["second"]), (entry["second"], entry["first"])):
+            errors = np.array(entry["errors"][first], dtype=float)
+            single = result["single"][first] or math.nan
+            maps[first, second] = (errors if first == entry["first"] else errors.T) / single
+    return maps
+
+
 def contacts_figures(measured: CellResult) -> list[Figure]:
     """In what part of the time each foot does what the clock says."""
     result, name = measured.result, measured.controller
@@ -127,6 +156,7 @@ FIGURES: Mapping[str, Callable[[CellResult], list[Figure]]] = {
     "single-command": single_command_figures,
     "intervention": intervention_figures,
     "foot-displacement": foot_displacement_figures,
+    "heatmap": heatmap_figures,
     "disturbance": disturbance_figures,
     "ramp": ramp_figures,
     "contacts": contacts_figures,
@@ -151,6 +181,14 @@ SECTIONS: Sequence[Section] = (
         ("foot-displacement",),
         "Length of both feet's paths of a robot that is to stand for 20 s; episodes with a fall are left out of the "
         "length and counted.",
+    ),
+    Section(
+        "Pairs of commands",
+        ("heatmap",),
+        "Every pair of commands over the ranges of both. Maps: the error of one command (rows) against another one "
+        "(columns), both rising to the right and up, relative to its error when it is scanned alone; crosses are "
+        "falls. Table: the part of the other commands' ranges, about their defaults, in which the error stays within "
+        "1.5 times that; the paper shows maps, and has no such number.",
     ),
     Section(
         "Disturbance tolerance",

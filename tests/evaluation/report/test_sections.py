@@ -1,7 +1,8 @@
+import numpy as np
 import pytest
 
 from hugwbc.evaluation.campaign import CellResult
-from hugwbc.evaluation.report.sections import FALLS, FIGURES, SECTIONS, all_figures
+from hugwbc.evaluation.report.sections import FALLS, FIGURES, SECTIONS, all_figures, relative_maps
 
 
 def row(**fields):
@@ -59,6 +60,22 @@ def test_ramp_and_contacts():
     contacts = {"gait": "jumping", "rows": [row(agreement=0.25), row(agreement=None)]}
     (figure,) = FIGURES["contacts"](CellResult("contacts", "qp", contacts))
     assert (figure.quantity, figure.value, figure.higher_is_better) == ("jumping", 25.0, True)
+
+
+def test_maps_are_relative_to_the_error_alone_and_turned_for_the_second_command():
+    errors = {"h": ((1.0, 2.0), (3.0, None)), "p": ((10.0, 20.0), (30.0, None))}
+    result = {
+        "gait": "standing",
+        "single": {"h": 0.5, "p": 10.0},
+        "maps": [{"first": "h", "second": "p", "errors": errors}],
+        "orthogonality": [{"tracked": name, "share": share} for name, share in (("h", 0.5), ("h", 1.0), ("p", 0.0))],
+        "rows": [row(), row()],
+    }
+    maps = relative_maps(result)
+    np.testing.assert_array_equal(maps["h", "p"], [[2.0, 4.0], [6.0, np.nan]])
+    np.testing.assert_array_equal(maps["p", "h"], [[1.0, 3.0], [2.0, np.nan]])
+    figures = FIGURES["heatmap"](CellResult("heatmap", "qp", result))
+    assert [(f.quantity, f.value) for f in figures] == [("error of h", 75.0), ("error of p", 0.0), (FALLS, 0.0)]
 
 
 def test_tolerated_forces_have_the_bracket_of_their_search():
