@@ -38,13 +38,20 @@ def profile_cells(profile: str, specs: Sequence[ControllerSpec], **settings: Any
 def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:
     for gait in _GAITS:
         config = protocols.SingleCommandConfig(
-            gait, gait.hops, episodes=_QUICK_EPISODES[gait], duration=6.0, **settings
+            gait, gait.hops, episodes=_QUICK_EPISODES[gait], duration=5.0, **settings
         )
         yield "single-command", config, protocols.run_single_command
     for gait, episodes in ((Gait.STANDING, 9), (Gait.WALKING, 24), (Gait.JUMPING, 24)):
-        config = protocols.InterventionConfig(gait, episodes=episodes, duration=6.0, **settings)
+        config = protocols.InterventionConfig(gait, episodes=episodes, duration=5.0, **settings)
         yield "intervention", config, protocols.run_intervention
     yield "foot-displacement", protocols.FootDisplacementConfig(episodes=9, **settings), protocols.run_foot_displacement
+    # Jumping has as many pairs as walking: left to the full profile.
+    for gait, points in ((Gait.STANDING, 3), (Gait.WALKING, 2)):
+        config = protocols.HeatmapConfig(gait, points=points, duration=3.0, **settings)
+        yield "heatmap", config, protocols.run_heatmap
+    # One rollout a force: the force with which one robot falls, far from a survival of 98 %.
+    config = protocols.DisturbanceConfig(rollouts=1, first=80.0, resolution=0.25, duration=4.0, **settings)
+    yield "disturbance", config, protocols.run_disturbance
     yield from _ramps(2, settings)
     yield from _contacts(settings)
 
@@ -58,6 +65,10 @@ def _full(settings: Mapping[str, Any]) -> Iterator[Part]:
         yield "intervention", config, protocols.run_intervention
     config = protocols.FootDisplacementConfig(episodes=3 * 96, **settings)
     yield "foot-displacement", config, protocols.run_foot_displacement
+    for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
+        yield "heatmap", protocols.HeatmapConfig(gait, points=7, **settings), protocols.run_heatmap
+    config = protocols.DisturbanceConfig(rollouts=4096, **settings)
+    yield "disturbance", config, protocols.run_disturbance
     yield from _ramps(5, settings)
     yield from _contacts(settings)
 
