@@ -75,6 +75,8 @@ class EvaluateOptions:
     """Give the sensors a real robot's noise and latency, and estimate the state from them."""
     workers: int = 1
     """Processes that share the episodes."""
+    cluster: str | None = None
+    """Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers share the episodes instead."""
     results: pathlib.Path | None = DEFAULT_FOLDER
     """Folder where finished episodes are kept, and read from when they are asked for again; None keeps none."""
     fresh: bool = False
@@ -97,7 +99,7 @@ class EvaluateOptions:
     def execution(self) -> Execution:
         """Where the episodes run, and where their results are kept."""
         store = None if self.results is None else ResultStore(self.results, fresh=self.fresh)
-        return Execution(self.workers, store=store)
+        return Execution(self.workers, cluster=self.cluster, store=store)
 
     def given(self, *names: str) -> dict[str, Any]:
         """Options by name, without those that are left to the protocol."""

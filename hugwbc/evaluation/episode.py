@@ -1,7 +1,8 @@
 """Episodes by plan, run here: a simulation for each, and what a judge makes of it."""
 
 import dataclasses
-import functools
+import inspect
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -64,10 +65,28 @@ class Job(Generic[Row]):
     episodes: tuple[tuple[int, EpisodePlan], ...]
 
 
-@functools.lru_cache(maxsize=1)
+class _OwnController(threading.local):
+    """The controller that a thread made last: it has a state, and a cluster's worker may have many threads."""
+
+    factory: object = None
+    controller: Controller | None = None
+
+
+_own = _OwnController()
+
+
 def controller_of(factory: ControllerFactory) -> Controller:
-    """The factory's controller, made once in each process."""
-    return factory()
+    """The factory's controller, made once in each thread as long as it is the same factory."""
+    if _own.controller is None or not _same(_own.factory, factory):
+        _own.factory, _own.controller = factory, factory()
+    return _own.controller
+
+
+def _same(one: object, other: object) -> bool:
+    """Whether two factories are equal; bound methods are if their objects are, of which each job brings a copy."""
+    if inspect.ismethod(one) and inspect.ismethod(other):
+        return one.__func__ is other.__func__ and one.__self__ == other.__self__
+    return one == other
 
 
 def run_job(job: Job[Row]) -> list[tuple[int, Row]]:

@@ -42,6 +42,7 @@ class Execution:
         self.cluster = cluster
         self.store = store
         self._client: Any = None
+        self._broken: tuple[type[BaseException], ...] = (concurrent.futures.BrokenExecutor,)
         self._executor: concurrent.futures.Executor | None = None
 
     def __repr__(self) -> str:
@@ -61,12 +62,19 @@ class Execution:
 
     def close(self, *, wait: bool = True) -> None:
         """End processes and connections; without `wait`, jobs that have not begun are dropped."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=wait, cancel_futures=not wait)
-            self._executor = None
         if self._client is not None:
-            self._client.close()
-            self._client = None
+            self._client.close()  # drops what is left
+        elif self._executor is not None:
+            self._executor.shutdown(wait=wait, cancel_futures=not wait)
+        self._client = self._executor = None
+
+    @property
+    def parallel(self) -> int:
+        """How many jobs run at once: processes, or threads of the cluster's workers."""
+        if self.cluster is None:
+            return self.workers
+        self._started()
+        return max(1, sum(self._client.nthreads().values()))
 
     def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
         """The function of every job, in the order in which they are done.
@@ -88,11 +96,11 @@ class Execution:
         try:
             for future in concurrent.futures.as_completed(futures):
                 yield future.result()
-        except concurrent.futures.BrokenExecutor as error:
+        except self._broken as error:
             self.close(wait=False)
             raise WorkerError(
-                "a worker process ended in the middle of an episode: killed, or out of memory. Finished episodes are "
-                "kept where results are stored; run the same again, with fewer workers if memory was short"
+                f"a worker ended in the middle of an episode: killed, or out of memory ({error}). Finished episodes "
+                "are kept where results are stored; run the same again, with fewer workers if memory was short"
             ) from error
         finally:
             for future in futures:
@@ -103,14 +111,14 @@ class Execution:
             context = multiprocessing.get_context("spawn")
             self._executor = concurrent.futures.ProcessPoolExecutor(self.workers, mp_context=context)
         elif self._executor is None:
-            self._client = connect(str(self.cluster))
-            self._executor = self._client.get_executor()
+            self._client, self._broken = connect(str(self.cluster))
+            self._executor = self._client.get_executor(pure=False)
         assert self._executor is not None
         return self._executor
 
 
-def connect(address: str) -> Any:  # noqa: ANN401  a class of an optional package
-    """A Dask client of a running scheduler.
+def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
+    """A Dask client of a running scheduler, and what its jobs raise when workers or connections are lost for good.
 
     Dask sends functions and arguments as pickles: connect only to a cluster that you trust as you trust yourself.
 
@@ -121,13 +129,16 @@ def connect(address: str) -> Any:  # noqa: ANN401  a class of an optional packag
         WorkerError: if dask.distributed is not installed, or nothing answers at the address.
     """
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
+        from distributed.client import FutureCancelledError
+        from distributed.comm import CommClosedError
     except ImportError as error:
         raise WorkerError("a cluster needs dask.distributed; install it with: pip install 'hugwbc[cluster]'") from error
     try:
-        return Client(address, timeout="10s", set_as_default=False)
+        client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise WorkerError(
             f"no Dask scheduler answers at {address} ({error}); start one with `dask scheduler`, and workers with "
             "`dask worker ADDRESS`, each with this version of hugwbc"
         ) from error
+    return client, (KilledWorker, FutureCancelledError, CommClosedError, concurrent.futures.CancelledError)

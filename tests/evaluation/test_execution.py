@@ -1,9 +1,17 @@
 import os
+import signal
+import threading
 
 import pytest
 
+from hugwbc import Gait
 from hugwbc.errors import ConfigError, WorkerError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.episode import controller_of
 from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities
+from hugwbc.evaluation.store import ResultStore
 
 
 def _die_at_three(number: int) -> int:
@@ -33,7 +41,47 @@ def test_a_worker_that_dies_is_an_error_with_a_remedy_and_the_next_jobs_get_new_
         assert sorted(execution.run(_die_at_three, [1, 2])) == [1, 2]
 
 
-def test_a_cluster_that_is_not_there_is_an_error_with_a_remedy():
-    pytest.importorskip("distributed")
+def test_each_thread_has_its_own_controller():
+    factory = ControllerSpec("hold").build
+    here, there = controller_of(factory), []
+    threads = [threading.Thread(target=lambda: there.append(controller_of(factory))) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+        thread.join()
+    assert len({id(controller) for controller in (here, *there)}) == 3
+    assert controller_of(ControllerSpec("hold").build) is here
+
+
+def test_a_cluster_that_is_not_there_is_an_error_with_a_remedy(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+
+    def refuse(*args, **kwargs):
+        raise OSError("connection refused")
+
+    monkeypatch.setattr(distributed, "Client", refuse)
     with pytest.raises(WorkerError, match="no Dask scheduler answers at tcp"):
         list(Execution(cluster="tcp://127.0.0.1:9").run(abs, [-1]))
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    factory = ControllerSpec("hold").build
+    settings = {"episodes": 16, "duration": 1.0, "settle": 0.5, "conditions": Conditions(timestep=0.002)}
+    alone = run_small_velocities(factory, SmallVelocitiesConfig(Gait.WALKING, **settings))
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "host": "127.0.0.1"}
+    killed = []
+    with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
+        store = ResultStore(tmp_path)
+        with Execution(cluster=cluster.scheduler_address, store=store) as execution:
+
+            def kill_one(row: object) -> None:
+                if not killed:
+                    killed.append(cluster.workers[0].pid)
+                    os.kill(killed[0], signal.SIGKILL)
+
+            config = SmallVelocitiesConfig(Gait.WALKING, **settings, execution=execution)
+            shared = run_small_velocities(factory, config, kill_one)
+    assert killed and shared == alone
+    (path,) = tmp_path.iterdir()
+    assert len(path.read_text().splitlines()) == 1 + 16

@@ -139,7 +139,7 @@ def _jobs(
     shared, alone = (
         [e for e, joins in zip(episodes, together, strict=True) if joins is kind] for kind in (True, False)
     )
-    size = max(1, min(most_robots(settings.duration), math.ceil(len(shared) / settings.execution.workers)))
+    size = max(1, min(most_robots(settings.duration), math.ceil(len(shared) / settings.execution.parallel)))
     batches = [tuple(shared[start : start + size]) for start in range(0, len(shared), size)]
     return [make(batch) for batch in batches] + [make((episode,)) for episode in alone]
 
