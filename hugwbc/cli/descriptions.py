@@ -15,6 +15,7 @@ from hugwbc.evaluation.protocols import (
     RobustnessResult,
     SingleCommandResult,
     SmallVelocitiesResult,
+    TourResult,
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
@@ -188,6 +189,20 @@ def describe_effort(result: EffortResult) -> str:
         header, [(label, *(getattr(row, field) for row in result.rows)) for label, field in columns.items()]
     )
     return f"{table}\n\n{result.mass:.1f} kg; use of the joint that uses most of its limit; times of this machine"
+
+
+def describe_tour(result: TourResult) -> str:
+    """Completion and errors at the waypoints."""
+    rows = [
+        ("tours completed [%]", f"{100.0 * result.completed:.0f}"),
+        ("waypoints reached [%]", f"{100.0 * result.reached:.0f}"),
+        ("position error [m]", result.position_error),
+        ("yaw error [rad]", result.yaw_error),
+        ("survived [s]", f"{result.survived_s:.1f} of {result.duration:g}"),
+    ]
+    table = format_table((f"{result.gait}, {result.episodes} tours", result.controller), rows)
+    blow = f"blows of up to {result.strongest_blow:.0f} N for 0.08 s: those on a G1, scaled by mass"
+    return "\n".join([table, "", blow, *_failures(sum(row.failures for row in result.rows))])
 
 
 def _range(low: float | None, high: float | None) -> str | None:

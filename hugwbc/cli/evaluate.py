@@ -41,7 +41,8 @@ class EvaluateOptions:
     disturbance: the largest force from eight directions, constant and for a second, that a stand survives. heatmap:
     the errors over each pair of commands, and which ranges leave one another alone. robustness: falls and
     errors with another payload, friction, latency, gain, strength, roughness or slope. effort: power, cost of
-    transport, use of the limits, roughness, time of a tick."""
+    transport, use of the limits, roughness, time of a tick. tour: 60 s over 12 waypoints with the arms moved
+    and a blow on each leg of the way."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
@@ -199,6 +200,7 @@ _PROTOCOLS = {
     "robustness": _Protocol(
         _one_gait(protocols.RobustnessConfig, "samples"), protocols.run_robustness, descriptions.describe_robustness
     ),
+    "tour": _Protocol(_one_gait(protocols.TourConfig, "episodes"), protocols.run_tour, descriptions.describe_tour),
     "effort": _Protocol(_one_gait(protocols.EffortConfig), protocols.run_effort, descriptions.describe_effort),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -52,6 +52,15 @@ class CommandSource(Protocol):
 
     def hands_at(self, t: float) -> HandTargets | None:
         """The hand targets at time t [s]; None leaves the arms to the controller."""
+        ...
+
+
+@runtime_checkable
+class FollowingSource(CommandSource, Protocol):
+    """A command source whose commands depend on where the robot is."""
+
+    def follow(self, state: RobotState) -> None:
+        """See the true state, before each `command_at`."""
         ...
 
 
@@ -114,6 +123,7 @@ class ControlLoop:
         """
         self.safe = SafetyFilter(controller)
         self.source = source
+        self._following = source if isinstance(source, FollowingSource) else None
         self.simulation = simulation
         self.upper_body = upper_body
         self.estimator = estimator
@@ -146,6 +156,8 @@ class ControlLoop:
             begin = time.perf_counter()
             arms = self.upper_body.update(state, self.hands, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
+        if self._following is not None:
+            self._following.follow(self.simulation.state())
         wanted = self._reached(self.source.command_at(t), state)
         command = self._hand_back(self.safe.act(state, wanted, arms), arms, self.period)
         self._commanded_arms = command.q[self.simulation.robot.arms]

@@ -11,6 +11,7 @@ from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.loop import CommandSource, Constant
+from hugwbc.evaluation.navigation import Navigator, Tour
 from hugwbc.sim.disturbance import Force
 from hugwbc.targets import HandTargets
 
@@ -68,7 +69,7 @@ class EpisodePlan:
     """One episode.
 
     Attributes:
-        commands: one for the whole episode, or a schedule.
+        commands: one for the whole episode, a schedule, or a tour, whose commands depend on where the robot is.
         forces: that act on the robot.
         conditions: of this episode; None for those of the protocol's settings.
         draw: number that, with the settings' seed, determines ground, sensors' noise and arms; None for the episode's
@@ -77,7 +78,7 @@ class EpisodePlan:
         label: what the episode is for, to the protocol that judges it.
     """
 
-    commands: Command | Schedule
+    commands: Command | Schedule | Tour
     forces: tuple[Force, ...] = ()
     conditions: Conditions | None = None
     draw: int | None = None
@@ -86,8 +87,15 @@ class EpisodePlan:
 
     @property
     def source(self) -> CommandSource:
-        """The commands over time, for a rollout."""
+        """The commands over time, for one rollout."""
+        if isinstance(self.commands, Tour):
+            return Navigator(self.commands)
         return Constant(self.commands) if isinstance(self.commands, Command) else self.commands
+
+    @property
+    def alone(self) -> bool:
+        """Whether the episode cannot run in a batch with others."""
+        return self.timed or isinstance(self.commands, Tour)
 
     @property
     def command(self) -> Command:

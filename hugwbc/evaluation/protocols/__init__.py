@@ -24,6 +24,7 @@ from hugwbc.evaluation.protocols.small_velocities import (
     SmallVelocitiesResult,
     run_small_velocities,
 )
+from hugwbc.evaluation.protocols.tour import TourConfig, TourResult, run_tour
 
 __all__ = [
     "ContactsConfig",
@@ -50,6 +51,8 @@ __all__ = [
     "SingleCommandResult",
     "SmallVelocitiesConfig",
     "SmallVelocitiesResult",
+    "TourConfig",
+    "TourResult",
     "run_contacts",
     "run_disturbance",
     "run_effort",
@@ -62,4 +65,5 @@ __all__ = [
     "run_robustness",
     "run_single_command",
     "run_small_velocities",
+    "run_tour",
 ]
