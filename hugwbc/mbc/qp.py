@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from proxsuite import proxqp
 
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.proxsuite_build import proxqp
 from hugwbc.mbc.tasks.task import TaskTerms
 from hugwbc.robot import SIDES, Robot
 

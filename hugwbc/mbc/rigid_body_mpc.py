@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-from proxsuite import proxqp
 
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.proxsuite_build import proxqp
 from hugwbc.state import GRAVITY
 
 _INFINITY = 1e20
