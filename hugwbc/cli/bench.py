@@ -9,7 +9,7 @@ from hugwbc.cli.output import check_writable, format_table, parse, progress, say
 from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.benchmark import EnvironmentSpeed, TrainingSpeed
+    from hugwbc.evaluation.benchmark import EnvironmentSpeed, QpSpeed, TrainingSpeed
     from hugwbc.evaluation.ik_benchmark import IKFigures
     from hugwbc.evaluation.qp_side_by_side import SideBySide
 
@@ -27,7 +27,7 @@ class BenchOptions:
     threads: int = 1
     """Of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
-    """Simulated walking time over which the QP is measured [s]."""
+    """Simulated time over which the QP is measured, standing, walking and jumping each [s]."""
     calls: int = 500
     """Calls of the policy and of the IK to measure."""
     ik_targets: int = 20
@@ -53,7 +53,6 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.learned.contract import policy_contract
     from hugwbc.learned.networks import Actor
     from hugwbc.learned.policy import LearnedController
-    from hugwbc.mbc import WholeBodyController
     from hugwbc.upper_ik.workspace import measure_workspace
 
     with progress("benchmark") as advance:
@@ -62,14 +61,14 @@ def run(words: Sequence[str]) -> int:
         bare = environment.bare_steps_per_s
         training = benchmark.training_speed(bare, options.count, options.iterations, options.threads)
         advance(0.2)
-        ticks = {"qp_tick_ms": benchmark.controller_tick(WholeBodyController(), options.seconds)}
+        qp = {gait: benchmark.qp_speed(command, options.seconds) for gait, command in benchmark.QP_COMMANDS.items()}
         advance(0.3)
         # The time of a call does not depend on the weights: a fresh network will do.
-        ticks["policy_tick_ms"] = benchmark.policy_tick(LearnedController(Actor(), policy_contract()), options.calls)
+        ticks = {"policy_tick_ms": benchmark.policy_tick(LearnedController(Actor(), policy_contract()), options.calls)}
         ticks["ik_tick_ms"] = benchmark.ik_tick(options.calls)
         solvers = compare_solvers(options.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
         workspace = measure_workspace(options.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
-    say(_describe(environment, training, ticks, options.threads), options.json)
+    say(_describe(environment, training, qp, ticks, options.threads), options.json)
     say("\n" + describe_solvers(solvers), options.json)
     say(
         f"\nreachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
@@ -79,6 +78,7 @@ def run(words: Sequence[str]) -> int:
     figures = {
         "environment": dataclasses.asdict(environment),
         "training": dataclasses.asdict(training),
+        "qp": {gait: dataclasses.asdict(speed) for gait, speed in qp.items()},
         **ticks,
         "ik": {name: dataclasses.asdict(solver) for name, solver in solvers.items()},
         "workspace": dataclasses.asdict(workspace),
@@ -110,9 +110,15 @@ def describe_solvers(solvers: Mapping[str, "IKFigures"]) -> str:
 
 
 def _describe(
-    environment: "EnvironmentSpeed", training: "TrainingSpeed", ticks: dict[str, dict[str, float]], threads: int
+    environment: "EnvironmentSpeed",
+    training: "TrainingSpeed",
+    qp: Mapping[str, "QpSpeed"],
+    ticks: dict[str, dict[str, float]],
+    threads: int,
 ) -> str:
-    rows = [(name.removesuffix("_tick_ms"), tick["p50"], tick["p99"]) for name, tick in ticks.items()]
+    rows = [(f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in qp.items()]
+    rows += [(name.removesuffix("_tick_ms"), tick["p50"], tick["p99"], "", "") for name, tick in ticks.items()]
+    unsolved = ", ".join(f"{gait} {speed.unsolved:.2%}" for gait, speed in qp.items())
     return "\n".join(
         [
             f"{environment.count} robots, {threads} thread(s), control steps per second of one robot:",
@@ -121,7 +127,8 @@ def _describe(
             f"training end to end   {training.steps_per_s:6.0f}, {training.ratio:.2f} of bare; "
             f"{training.collect_fraction:.0%} of the time collecting, the rest learning",
             "",
-            format_table(("tick [ms]", "p50", "p99"), rows),
+            format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
+            f"unsolved QPs: {unsolved}",
         ]
     )
 

@@ -10,14 +10,13 @@ from mujoco.batch import Batch
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
-from hugwbc.evaluation.loop import Constant
 from hugwbc.evaluation.metrics import percentiles
-from hugwbc.evaluation.rollout import rollout
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.observations import JOINTS
 from hugwbc.learned.train import Trainer
+from hugwbc.mbc import WholeBodyController
 from hugwbc.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -25,6 +24,8 @@ from hugwbc.upper_ik import UpperBodySource
 
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
+QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
+"""Under which the model-based controller is measured; jumping, it plans forces as well."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,11 +122,44 @@ def environment_speed(count: int, control_steps: int, seed: int = 0, threads: in
     return EnvironmentSpeed(total / env_s, total / bare_s, bare_s / env_s, count, control_steps)
 
 
-def controller_tick(controller: Controller, duration: float) -> dict[str, float]:
-    """Median and 99th percentile of a controller's call while it walks at 0.5 m/s [ms]."""
-    torch.set_num_threads(1)
-    trace = rollout(controller, Constant(WALK), Simulation(), duration=duration)
-    return percentiles(trace.tick_ms)
+@dataclasses.dataclass(frozen=True)
+class QpSpeed:
+    """Speed and reliability of the model-based controller in one gait.
+
+    Attributes:
+        tick_ms: p50 and p99 of whole calls, from state to joint command [ms].
+        cpu_ms: the same in processor time: what a call takes where nothing else runs [ms].
+        unsolved: share of the calls whose QP was not solved, or only without its joint limits.
+        ticks: calls measured.
+    """
+
+    tick_ms: dict[str, float]
+    cpu_ms: dict[str, float]
+    unsolved: float
+    ticks: int
+
+
+def qp_speed(command: Command, duration: float) -> QpSpeed:
+    """Time every call of the model-based controller under one command, from a stand in simulation.
+
+    Args:
+        command: to follow.
+        duration: simulated [s].
+    """
+    simulation, controller = Simulation(), WholeBodyController()
+    state, arms = simulation.reset(), UpperBody.none()
+    controller.reset(state)
+    wall, cpu = [], []
+    for _ in range(max(1, round(duration / controller.period))):
+        begin = time.perf_counter(), time.thread_time()
+        joint_command = controller.act(state, command, arms)
+        end = time.perf_counter(), time.thread_time()
+        wall.append(1e3 * (end[0] - begin[0]))
+        cpu.append(1e3 * (end[1] - begin[1]))
+        state = simulation.step(joint_command, controller.period)
+    counts = controller.diagnostics
+    unsolved = (counts.fallbacks + counts.relaxed) / len(wall)
+    return QpSpeed(percentiles(np.array(wall)), percentiles(np.array(cpu)), unsolved, len(wall))
 
 
 def policy_tick(controller: Controller, calls: int) -> dict[str, float]:

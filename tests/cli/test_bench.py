@@ -31,10 +31,18 @@ def test_bench_reports_all_speeds(capsys):
     training = figures["training"]
     assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
-    for name in ("qp_tick_ms", "policy_tick_ms", "ik_tick_ms"):
-        assert 0.0 < figures[name]["p50"] <= figures[name]["p99"]
+    assert set(figures["qp"]) == {"standing", "walking", "jumping"}
+    for speed in figures["qp"].values():
+        assert speed["unsolved"] == 0.0 and speed["ticks"] == 50
+    for times in (
+        figures["policy_tick_ms"],
+        figures["ik_tick_ms"],
+        *(speed[clock] for speed in figures["qp"].values() for clock in ("tick_ms", "cpu_ms")),
+    ):
+        assert 0.0 < times["p50"] <= times["p99"]
     ours = figures["ik"]["hugwbc"]
     assert ours["limit_violations"] == ours["exceptions"] == 0
     assert 0.0 <= figures["workspace"]["arms"] <= figures["workspace"]["whole_body"] < 1.0
     assert "reachable part of a 2 m cube (27 points)" in printed.err
+    assert "unsolved QPs: standing 0.00%" in printed.err
     assert "8 robots" in printed.err and "tick [ms]" in printed.err
