@@ -45,8 +45,9 @@ class SideBySide:
         acceleration_difference_placo: likewise of a generalised acceleration.
         solution_difference_other: largest difference of a component of the solution to the other algorithm's, as a
             share of the largest component of its kind.
-        time_ms: p50 and p99 of a solve, processor time of one thread [ms], by solver; "whole-body QP" (with the controller's own
-            tolerance, and with the tight one of the comparison) and "placo" assemble their problem as well.
+        time_ms: p50 and p99 of a solve, in processor time of one thread [ms], by solver; "whole-body QP" (with the
+            controller's own tolerance, and with the tight one of the comparison) and "placo" assemble their problem as
+            well.
     """
 
     states: int
