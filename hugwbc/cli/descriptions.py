@@ -186,7 +186,7 @@ def describe_effort(result: EffortResult) -> str:
     }
     header = (f"{result.gait}, {result.controller}", *(f"{row.v_x:g} m/s" for row in result.rows))
     table = format_table(
-        header, [(label, *(getattr(row, field) for row in result.rows)) for label, field in columns.items()]
+        header, [(label, *(_figures(getattr(row, field)) for row in result.rows)) for label, field in columns.items()]
     )
     return f"{table}\n\n{result.mass:.1f} kg; use of the joint that uses most of its limit; times of this machine"
 
@@ -203,6 +203,11 @@ def describe_tour(result: TourResult) -> str:
     table = format_table((f"{result.gait}, {result.episodes} tours", result.controller), rows)
     blow = f"blows of up to {result.strongest_blow:.0f} N for 0.08 s: those on a G1, scaled by mass"
     return "\n".join([table, "", blow, *_failures(sum(row.failures for row in result.rows))])
+
+
+def _figures(value: float | bool | None) -> object:
+    """A number with three figures, whatever its size."""
+    return value if value is None or isinstance(value, bool) else f"{value:#.3g}".rstrip(".")
 
 
 def _range(low: float | None, high: float | None) -> str | None:

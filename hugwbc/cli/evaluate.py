@@ -32,17 +32,20 @@ class EvaluateOptions:
     """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn. By default
     walking, and standing where the protocol is about it."""
     protocol: str = "single-command"
-    """single-command: each command sampled over its range, the others at default. random-commands: all commands drawn
-    at random over their full ranges at once; falls, and the combinations with which they happen. small-velocities: v_x
-    or v_y of 0.1 to 0.3 m/s alone; which part of it is executed. hands: both hands go from one reachable target to the
-    next; how near they come. intervention: the arms moved by noise, by motions and not at all, on the same commands.
-    foot-displacement: how far the feet of a stand travel meanwhile. ramp: p and w from minimum to maximum. contacts:
-    when each foot is on the ground, against the gait's clock.
-    disturbance: the largest force from eight directions, constant and for a second, that a stand survives. heatmap:
-    the errors over each pair of commands, and which ranges leave one another alone. robustness: falls and
-    errors with another payload, friction, latency, gain, strength, roughness or slope. effort: power, cost of
-    transport, use of the limits, roughness, time of a tick. tour: 60 s over 12 waypoints with the arms moved
-    and a blow on each leg of the way."""
+    """Which experiment (docs/evaluation.md):
+    single-command: each command over its range, alone.
+    random-commands: all commands at once; where it falls.
+    small-velocities: which part of 0.1 to 0.3 m/s is walked.
+    hands: from one reachable target to the next.
+    intervention: arms moved by noise, motions, nothing.
+    foot-displacement: of a stand with the arms so moved.
+    contacts: of the feet, against the gait's clock.
+    ramp: p and w from minimum to maximum.
+    disturbance: the largest force that a stand survives.
+    heatmap: errors over each pair of commands.
+    robustness: payload, friction, latency, motors, ground.
+    tour: 12 waypoints, arms moved, a blow on each leg.
+    effort: cost of transport, limits, time of a tick."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     training: str = "noise"
@@ -57,7 +60,7 @@ class EvaluateOptions:
     slope: float = 0.0
     """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
     episodes: int | None = None
-    """Episodes in all; the single-command protocol splits them evenly over the commands. By default the protocol's."""
+    """Episodes in all, in some protocols of each kind; by default the protocol's."""
     samples: int | None = None
     """Episodes of each value in the robustness protocol."""
     points: int | None = None
