@@ -159,6 +159,8 @@ class Distiller:
         begin = time.monotonic()
         while self.samples < self.config.samples:
             falls = sum(self.collect() for _ in range(_INTERVAL))
+            if self._calibrating:
+                self._calibrate()
             figures = {
                 "samples": float(self.samples),
                 "falls": float(falls),

@@ -118,6 +118,19 @@ def test_a_student_becomes_its_teacher(tmp_path: pathlib.Path) -> None:
     assert metadata["steps"] == 7 and metadata["distillation"]["labels"] == 2400
 
 
+def test_teachers_drive_and_are_calibrated_at_the_beginning_only(tmp_path: pathlib.Path) -> None:
+    standing = EnvConfig(count=8, command=CommandConfig(standing_fraction=1.0, walking_fraction=0.0))
+    config = make_config(tmp_path, env=standing, catching=None, samples=960.0, updates=1, calibration=0.7)
+    distiller = Distiller(config)
+    distiller.env.age[:] = 100
+    distiller.env.command[:, 5] = -0.3
+    offsets: list[float] = []
+    distiller.run(lambda figures: offsets.append(float(distiller.calibration.offset[Gait.STANDING, 3])))
+    # A stand that does not squat when it is told to is asked for a deeper one, until the student takes over.
+    assert offsets[0] != 0.0 and offsets[3] != offsets[0]
+    assert len(set(offsets[-4:])) == 1
+
+
 def test_arms_under_takeover_do_not_count(tmp_path: pathlib.Path) -> None:
     distiller = Distiller(make_config(tmp_path))
     distiller.env.intervention.active[:] = False
