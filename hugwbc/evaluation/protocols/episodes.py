@@ -19,6 +19,8 @@ from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.store import ResultStore, plain
 from hugwbc.gait import Gait
 
+_WORTHWHILE = 64  # robots in a batch, beyond which each costs hardly less
+
 __all__ = [
     "ControllerFactory",
     "EpisodeSettings",
@@ -128,7 +130,7 @@ def run_episodes(
 def _jobs(
     factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
 ) -> list[Job[Row]]:
-    """Batches of episodes that can share one, as large as memory and workers allow, and the others one by one."""
+    """Batches of the episodes that can share one, and the others one by one."""
     if not episodes:
         return []
     make = functools.partial(
@@ -139,9 +141,16 @@ def _jobs(
     shared, alone = (
         [e for e, joins in zip(episodes, together, strict=True) if joins is kind] for kind in (True, False)
     )
-    size = max(1, min(most_robots(settings.duration), math.ceil(len(shared) / settings.execution.parallel)))
+    size = _batch_size(len(shared), settings)
     batches = [tuple(shared[start : start + size]) for start in range(0, len(shared), size)]
     return [make(batch) for batch in batches] + [make((episode,)) for episode in alone]
+
+
+def _batch_size(count: int, settings: EpisodeSettings) -> int:
+    """Robots in a batch: few enough for all workers to have one and for some to finish early, as many as then pays."""
+    parallel = settings.execution.parallel
+    worthwhile = max(_WORTHWHILE, math.ceil(count / (4 * parallel)))
+    return max(1, min(most_robots(settings.duration), math.ceil(count / parallel), worthwhile))
 
 
 class _Cell(Generic[Row]):

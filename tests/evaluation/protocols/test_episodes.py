@@ -9,7 +9,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import EpisodeSettings, Run, run_episodes
+from hugwbc.evaluation.protocols.episodes import EpisodeSettings, Run, _batch_size, run_episodes
 from hugwbc.evaluation.store import ResultStore
 
 PLANS = [EpisodePlan(Command(w=w, gait=Gait.STANDING)) for w in (0.1, 0.2, 0.3, 0.4)]
@@ -124,3 +124,19 @@ def test_batches_processes_and_stored_rows_give_the_same_numbers(tmp_path):
 
 def _places(rows: list[Ending]) -> list[float]:
     return [value for row in rows for value in (row.index, row.waist, *row.place)]
+
+
+@pytest.mark.parametrize(
+    ("count", "workers", "duration", "size"),
+    [
+        (0, 1, 10.0, 1),
+        (5, 2, 10.0, 3),
+        (64, 1, 10.0, 64),
+        (1000, 1, 5.0, 250),
+        (4096, 1, 10.0, 536),
+        (100, 8, 10.0, 13),
+    ],
+)
+def test_batches_are_as_large_as_memory_and_workers_allow(count, workers, duration, size):
+    settings = EpisodeSettings(duration=duration, execution=Execution(workers))
+    assert _batch_size(count, settings) == size
