@@ -11,7 +11,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.loop import CONTACT_FORCE, CommandSource, substeps_of
+from hugwbc.evaluation.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
 from hugwbc.evaluation.rollout import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.robot import Robot, load_robot
 from hugwbc.safety import SafetyFilter, target_limits
@@ -127,6 +127,9 @@ class _BatchRun:
         self.name, self.robot, count = controller.name, load_robot(), len(episodes)
         self.filters = [SafetyFilter(controller) for _ in episodes]
         self.policy: Rows = controller.for_many(count)
+        self._following = {
+            row: episode.source for row, episode in enumerate(episodes) if isinstance(episode.source, FollowingSource)
+        }
         self.moved = np.array([episode.arms is not None for episode in episodes])
         self.simulation = LockstepSimulation(
             [episode.conditions.variation() for episode in episodes],
@@ -221,6 +224,8 @@ class _BatchRun:
             episode, upper_body = self.episodes[row], UpperBody.none()
             if episode.arms is not None:
                 upper_body = episode.arms.update(_ANY_STATE, None, self.period)
+            if row in self._following:
+                self._following[row].follow(self._state(row))
             command, upper_body = self.filters[row].admit(episode.source.command_at(t), upper_body)
             commands[place], gaits[place] = command.array(), int(command.gait)
             arms[:, place] = upper_body.q, upper_body.dq
@@ -233,6 +238,19 @@ class _BatchRun:
         for place in np.flatnonzero((limited != q).any(axis=1) & ~self.broken[rows]):
             self.filters[rows[place]].limited(JointCommand.position(self.robot, q[place]))  # counts it
         return limited, dq
+
+    def _state(self, row: int) -> RobotState:
+        """The true state of one robot."""
+        one, qpos, qvel = np.array([row]), self.simulation.qpos[row], self.simulation.qvel[row]
+        return RobotState(
+            q=qpos[7:].copy(),
+            dq=qvel[6:].copy(),
+            orientation=self.simulation.orientation(one)[0],
+            angular_velocity=qvel[3:6].copy(),
+            position=qpos[:3].copy(),
+            velocity=qvel[:3].copy(),
+            foot_force=self.simulation.foot_force(one)[0],
+        )
 
     def _disturb(self, step: int, t: float) -> None:
         for row in self._changes.get(step, ()):

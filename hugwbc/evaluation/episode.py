@@ -115,7 +115,7 @@ def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePla
         conditions: of plans that have none of their own.
         plan: of the episode.
     """
-    return not plan.alone and fits(controller, plan.conditions or conditions)
+    return not plan.timed and fits(controller, plan.conditions or conditions)
 
 
 def _run_batch(

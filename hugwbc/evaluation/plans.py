@@ -93,11 +93,6 @@ class EpisodePlan:
         return Constant(self.commands) if isinstance(self.commands, Command) else self.commands
 
     @property
-    def alone(self) -> bool:
-        """Whether the episode cannot run in a batch with others."""
-        return self.timed or isinstance(self.commands, Tour)
-
-    @property
     def command(self) -> Command:
         """The command at the start, which is that of the whole episode without a schedule."""
         return self.source.command_at(0.0)

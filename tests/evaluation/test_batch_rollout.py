@@ -9,6 +9,7 @@ from hugwbc.evaluation.batch_rollout import Episode, fits, most_robots, rollouts
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.loop import Constant
+from hugwbc.evaluation.navigation import Navigator, Tour, Waypoint
 from hugwbc.evaluation.plans import Knot, Schedule
 from hugwbc.evaluation.rollout import Trace, rollout
 from hugwbc.sim import Force
@@ -25,6 +26,7 @@ PLANS = [
     (TURN, OTHER, ()),
     (Constant(WALK), COARSE, (SHOVE, Force((0.0, 0.0, -30.0), link="pelvis"))),
     (Constant(dataclasses.replace(WALK, gait=Gait.JUMPING)), MOVED, ()),
+    (Navigator(Tour((Waypoint(1.0, 0.5, 0.4), Waypoint(0.0, 0.0, 0.0)), 0.5, Gait.WALKING)), COARSE, ()),
 ]
 
 
@@ -72,7 +74,7 @@ def test_the_first_second_is_that_of_single_rollouts(policy):
 
 def test_a_fall_ends_one_robot_alone(policy):
     falls = [trace.fell for trace in _batch(policy, 1.6)]
-    assert falls == [False, False, False, True, False]
+    assert falls == [False, False, False, True, False, False]
     _assert_same(_alone(policy, 3, 1.6), _batch(policy, 1.6)[3], 1e-6)
 
 
