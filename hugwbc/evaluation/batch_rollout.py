@@ -10,10 +10,11 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.evaluation.batch_record import BatchRecord
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
 from hugwbc.evaluation.rollout import RECORD_PERIOD, SHORTEST_SWING, Trace
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import load_robot
 from hugwbc.safety import SafetyFilter, target_limits
 from hugwbc.sim.disturbance import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
@@ -139,7 +140,7 @@ class _BatchRun:
         )
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)
-        self.record = _Record(count, duration)
+        self.record = BatchRecord(count, duration)
         self.touch_downs: list[tuple[list[float], list[float]]] = [([], []) for _ in episodes]
         self.last_contact = np.zeros((count, 2))
         self.tick_ms: list[float] = []
@@ -199,8 +200,11 @@ class _BatchRun:
             good = ~self.broken[self.rows]
             self._keep(good)
             q, dq = q[good], dq[good]
+            if not self.rows.size:
+                return
         if self.record.due(t):
-            self.record.sample(t, self, q)
+            commands = [self.filters[row].command for row in self.rows]
+            self.record.sample(t, self.simulation, self.rows, commands, phase=self.policy.phase, target=q)
         self.simulation.command(self.rows, q, dq)
         for substep in range(self.substeps):
             self._disturb(tick * self.substeps + substep, t + substep * self.timestep)
@@ -280,77 +284,3 @@ class _BatchRun:
             steps=steps,
             safety=self.filters[row].report(),
         )
-
-
-class _Record:
-    """Samples of all robots; those of a robot that is done end where it did."""
-
-    def __init__(self, count: int, duration: float) -> None:
-        samples = math.ceil(duration / RECORD_PERIOD) + 1
-        shapes = {
-            "command": (8,), "gait": (), "measured": (6,), "clearance": (2,), "phase": (), "foot_contact": (2,),
-            "foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,),
-        }  # fmt: skip
-        kinds = {"gait": int, "foot_contact": bool}
-        self.arrays = {
-            name: np.empty((samples, count, *shape), kinds.get(name, float)) for name, shape in shapes.items()
-        }
-        self.times: list[float] = []
-        self.lengths = np.zeros(count, dtype=int)
-
-    def due(self, t: float) -> bool:
-        """Whether the next sample is due at time t."""
-        return t >= len(self.times) * RECORD_PERIOD - _ROUNDING
-
-    def sample(self, t: float, run: _BatchRun, target: np.ndarray) -> None:
-        """Add one row of everything at time t for the robots that are up."""
-        rows, simulation = run.rows, run.simulation
-        commands = [run.filters[row].command for row in rows]
-        force = simulation.foot_force(rows)
-        values = {
-            "command": [command.array() for command in commands],
-            "gait": [int(command.gait) for command in commands],
-            "measured": _measured(simulation, rows, run.robot),
-            "clearance": simulation.sole_height(rows),
-            "phase": run.policy.phase,
-            "foot_contact": force[..., 2] > CONTACT_FORCE,
-            "foot_force": force,
-            "qpos": simulation.qpos[rows],
-            "qvel": simulation.qvel[rows],
-            "target": target,
-            "torque": simulation.torque[rows],
-        }
-        for name, value in values.items():
-            self.arrays[name][len(self.times), rows] = value
-        self.times.append(t)
-        self.lengths[rows] = len(self.times)
-
-    def of(self, row: int) -> dict[str, np.ndarray]:
-        """The sampled fields of a robot's trace."""
-        count = self.lengths[row]
-        nothing = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
-        return {
-            "time": np.array(self.times[:count]),
-            **{name: array[:count, row] for name, array in self.arrays.items()},
-            **{name: np.broadcast_to(np.nan, (count, *shape)) for name, shape in nothing.items()},
-            "hand_error": np.broadcast_to(np.nan, (count, 2)),
-            "reachable": np.broadcast_to(False, (count, 2)),
-        }
-
-
-def _measured(simulation: LockstepSimulation, rows: np.ndarray, robot: Robot) -> np.ndarray:
-    """v_x, v_y, omega, h, p and w of some robots, as `Kinematics.measured` of one, shape (m, 6)."""
-    qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
-    yaw = rotations.yaw_of(orientation)
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack(
-        (
-            cos * qvel[:, 0] + sin * qvel[:, 1],
-            cos * qvel[:, 1] - sin * qvel[:, 0],
-            rotations.rotate(orientation, qvel[:, 3:6])[:, 2],
-            qpos[:, 2] - robot.nominal_height,
-            rotations.pitch_of(orientation),
-            qpos[:, 7 + robot.waist],
-        ),
-        axis=1,
-    )

@@ -1,4 +1,7 @@
 import dataclasses
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -140,3 +143,28 @@ def _places(rows: list[Ending]) -> list[float]:
 def test_batches_are_as_large_as_memory_and_workers_allow(count, workers, duration, size):
     settings = EpisodeSettings(duration=duration, execution=Execution(workers))
     assert _batch_size(count, settings) == size
+
+
+@pytest.mark.slow
+def test_a_killed_process_loses_only_what_was_under_way(tmp_path):
+    words = ["evaluate", "--controller", "qp", "--protocol", "small-velocities", "--episodes", "8", "--duration", "2"]
+
+    def start(folder: str) -> subprocess.Popen:
+        places = ["--results", str(tmp_path / folder), "--json", str(tmp_path / f"{folder}.json")]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        return subprocess.Popen([sys.executable, "-m", "hugwbc.cli", *words, *places], **quiet)
+
+    def lines() -> list[str]:
+        return [line for path in (tmp_path / "cut").glob("*.jsonl") for line in path.read_text().splitlines()]
+
+    assert start("whole").wait() == 0
+    process = start("cut")
+    while len(lines()) < 4 and process.poll() is None:
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    kept = lines()
+    assert 4 <= len(kept) < 9, "a head and some of the eight episodes"
+    assert start("cut").wait() == 0
+    assert lines()[: len(kept)] == kept and len(lines()) == 9
+    assert (tmp_path / "cut.json").read_bytes() == (tmp_path / "whole.json").read_bytes()
