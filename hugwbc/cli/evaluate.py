@@ -48,6 +48,8 @@ class EvaluateOptions:
     effort: cost of transport, limits, time of a tick."""
     v_x: float = 0.5
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
+    blow: float | None = None
+    """The strongest in the tour protocol, on a G1 [N]; 0 for none."""
     training: str = "noise"
     """Which of the paper's policies stands beside in the protocols of intervention: that trained with noise,
     motion or none."""
@@ -203,7 +205,9 @@ _PROTOCOLS = {
     "robustness": _Protocol(
         _one_gait(protocols.RobustnessConfig, "samples"), protocols.run_robustness, descriptions.describe_robustness
     ),
-    "tour": _Protocol(_one_gait(protocols.TourConfig, "episodes"), protocols.run_tour, descriptions.describe_tour),
+    "tour": _Protocol(
+        _one_gait(protocols.TourConfig, "episodes", "blow"), protocols.run_tour, descriptions.describe_tour
+    ),
     "effort": _Protocol(_one_gait(protocols.EffortConfig), protocols.run_effort, descriptions.describe_effort),
     "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
 }

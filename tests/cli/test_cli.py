@@ -18,6 +18,8 @@ BAD_INPUT = {
     "motions": (["evaluate", "--controller", "hold", "--intervention", "motion", "--motions", "no"], "no motion files"),
     "roughness": (["evaluate", "--controller", "hold", "--terrain-roughness", "1"], "give a height from 0 to 0.5 m"),
     "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "needs at least 8"),
+    "size": (["evaluate", "--controller", "hold", "--protocol", "heatmap", "--episodes", "3"], "it takes --points"),
+    "no size": (["evaluate", "--protocol", "effort", "--rollouts", "3"], "none: its size is fixed"),
     "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
     "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
     "script": (["compare", "--script", "loco"], "unknown script 'loco'"),
