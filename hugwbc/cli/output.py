@@ -5,6 +5,7 @@ import json
 import math
 import pathlib
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -98,12 +99,22 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
 @contextlib.contextmanager
 def _bar(label: str) -> Iterator[Callable[[float], None]]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.text import Text
+
+    class TimeLeft(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(_left(task.elapsed or 0.0, task.completed))
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bars:
+    with Progress(*columns, TimeLeft(), console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task(label, total=1.0)
         yield lambda fraction: bars.update(task, completed=fraction)
+
+
+def _left(elapsed: float, fraction: float) -> str:
+    """The time left at the speed so far [s], for people; nothing before anything is done."""
+    return f"about {_duration(elapsed * (1.0 - fraction) / fraction)} left" if fraction > 0.0 else ""
 
 
 def _duration(seconds: float) -> str:
@@ -114,17 +125,27 @@ def _duration(seconds: float) -> str:
 
 @contextlib.contextmanager
 def _lines(label: str) -> Iterator[Callable[[float], None]]:
-    start = last = time.monotonic()
+    start = time.monotonic()
+    latest, over = [0.0], threading.Event()
+
+    def tell() -> None:
+        # Not in `advance`: work may be done in bursts, of which the first call is not yet the whole.
+        told = 0.0
+        while not over.wait(_LINE_INTERVAL):
+            if (fraction := latest[0]) > told:
+                told, left = fraction, _left(time.monotonic() - start, fraction)
+                print(f"{label}: {100.0 * fraction:.0f} %, {left}", file=sys.stderr, flush=True)
 
     def advance(fraction: float) -> None:
-        nonlocal last
-        now = time.monotonic()
-        if now - last >= _LINE_INTERVAL:
-            last = now
-            left = f", about {_duration((now - start) * (1.0 - fraction) / fraction)} left" if fraction > 0.0 else ""
-            print(f"{label}: {100.0 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
+        latest[0] = fraction
 
-    yield advance
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield advance
+    finally:
+        over.set()
+        teller.join()
     elapsed = time.monotonic() - start
     if elapsed >= _QUIET:
         print(f"{label}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
