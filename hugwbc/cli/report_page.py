@@ -1,27 +1,19 @@
 """The report's page: figures, conclusions and pictures of results, put together."""
 
 import dataclasses
-import math
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import numpy as np
-
-from hugwbc import gait as gaits
+from hugwbc.cli.report_pictures import PICTURES
 from hugwbc.evaluation.campaign import CellResult
-from hugwbc.evaluation.protocols.contacts import clock_phases
 from hugwbc.evaluation.report.clouds import LEVELS, hand_clouds
 from hugwbc.evaluation.report.conclusions import conclusions, duel_table
 from hugwbc.evaluation.report.figures import Figure, comparison_table
-from hugwbc.evaluation.report.sections import FIGURES, FORCES, SECTIONS, Section, relative_maps
+from hugwbc.evaluation.report.sections import FIGURES, SECTIONS, Section
 from hugwbc.evaluation.report.training import read_training, smoothed
-from hugwbc.evaluation.rollout import RECORD_PERIOD
-from hugwbc.gait import Gait
 from hugwbc.tables import Table, markdown_table
 from hugwbc.viz import figures as pictures
 from hugwbc.viz import page
-from hugwbc.viz.plots import Panel
 from hugwbc.viz.trace import LABEL_COLOURS
 
 TITLE = "Whole-body control of the Unitree H1: learned and model-based controllers"
@@ -30,7 +22,6 @@ LEGEND = (
     "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
     "interval."
 )
-_SHOWN_S = 2.0  # [s] of a gait diagram
 _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "Reward": (("reward",), "a step"),
     "Episode length": (("episode_length",), "steps"),
@@ -113,84 +104,10 @@ def _section(report: Report, section: Section) -> str:
     tables = report.tables(section)
     if not tables:
         return ""
-    drawn = [panel for name in section.protocols if name in _PICTURES for panel in _PICTURES[name](report)]
+    drawn = [panel for name in section.protocols if name in PICTURES for panel in PICTURES[name](report)]
     key = page.legend(report.controllers, LABEL_COLOURS) if drawn and "heatmap" not in section.protocols else ""
     html = [page.paragraph(section.text), *(page.table_html(table, 3) for table in tables), key]
     return "\n".join([*html, page.pictures(drawn) if drawn else ""])
-
-
-def _colour(report: Report, controller: str) -> str:
-    return LABEL_COLOURS[list(report.controllers).index(controller) % len(LABEL_COLOURS)]
-
-
-def _gait_diagrams(report: Report) -> list[Panel]:
-    """Contacts and clock of the first episode of each gait and controller."""
-    panels = []
-    for measured in report.results:
-        if measured.protocol != "contacts":
-            continue
-        row: Mapping[str, Any] = measured.result["rows"][0]
-        contact = np.array([row["left"], row["right"]], dtype=bool).T[: round(_SHOWN_S / RECORD_PERIOD)]
-        title = f"{row['gait']}, {measured.controller}{' (fell)' if row['fell'] else ''}".replace("_", " ")
-        if not len(contact):
-            continue
-        clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
-        time = RECORD_PERIOD * np.arange(len(contact))
-        colour = _colour(report, measured.controller)
-        panels.append(pictures.gait_diagram(title, time, contact, clock, colour, _SHOWN_S))
-    return panels
-
-
-def _tolerated_forces(report: Report) -> list[Panel]:
-    """Force over direction, a picture for each kind of force."""
-    results = {r.controller: r.result["tolerated"] for r in report.results if r.protocol == "disturbance"}
-    kinds = dict.fromkeys(kind for tolerated in results.values() for kind in tolerated)
-    panels = []
-    for kind in kinds:
-        directions = list(dict.fromkeys(d for tolerated in results.values() for d in tolerated[kind]))
-        # Controllers without a result keep their place, so that the colours are the same on the whole page.
-        found = {name: results.get(name, {}).get(kind, {}) for name in report.controllers}
-        series = {name: [forces.get(d) for d in directions] for name, forces in found.items()}
-        angles = [math.radians(float(d)) for d in directions]
-        panels.append(pictures.polar(f"Tolerated force, {FORCES[kind]}", angles, series, "N"))
-    return panels
-
-
-def _ramps(report: Report) -> list[Panel]:
-    """Measured over commanded value, mean over the runs, of each gait and command."""
-    results = [result for result in report.results if result.protocol == "ramp"]
-    panels = []
-    for gait in dict.fromkeys(result.result["gait"] for result in results):
-        for command in ("p", "w"):
-            found = {r.controller: _mean_curve(r.result["rows"], command) for r in results if r.result["gait"] == gait}
-            nothing = (np.zeros(0), np.zeros(0))
-            series = {name: found.get(name, nothing) for name in report.controllers}
-            commanded = np.unique(np.concatenate([x for x, _ in series.values()]))
-            labels = (f"commanded {command} [rad]", "measured [rad]")
-            panels.append(pictures.curves(f"{command}, {gait}", series, labels, dashed=(commanded, commanded)))
-    return panels
-
-
-def _mean_curve(rows: Sequence[Mapping[str, Any]], command: str) -> tuple[np.ndarray, np.ndarray]:
-    """Commanded values, and the mean of what the runs that got there measured."""
-    curves = [row["curve"] for row in rows if row["command"] == command]
-    values = sorted({float(value) for curve in curves for value in curve})
-    means = [float(np.mean([m for c in curves for v, m in c.items() if float(v) == value])) for value in values]
-    return np.array(values), np.array(means)
-
-
-def _heat_maps(report: Report) -> list[Panel]:
-    """All pairs of commands, a picture for each gait and controller."""
-    panels = []
-    for measured in report.results:
-        if measured.protocol == "heatmap":
-            result = measured.result
-            title, names = f"{result['gait']}, {measured.controller}", list(result["values"])
-            panels.append(pictures.heat_maps(title, names, relative_maps(result), "times the error alone"))
-    return panels
-
-
-_PICTURES = {"contacts": _gait_diagrams, "disturbance": _tolerated_forces, "heatmap": _heat_maps, "ramp": _ramps}
 
 
 def _clouds() -> str:
@@ -210,9 +127,7 @@ def _training(path: pathlib.Path | None) -> str:
     for title, (names, unit) in _TRAINING_PANELS.items():
         series = {name.split("/")[-1]: (steps, smoothed(record[name])) for name in names if name in record}
         if series:
-            panel = pictures.curves(title, series, ("million steps of the environment", unit))
-            shown = ", ".join(series) if len(series) > 1 else title.lower()
-            parts.append((panel, shown))
-    captioned = [dataclasses.replace(panel, title=f"{panel.title}: {shown}") for panel, shown in parts]
+            labels = ("million steps of the environment", unit)
+            parts.append(pictures.curves(title, series, labels, named=len(series) > 1))
     text = page.paragraph("Running means over nine records of the policy's training, as it wrote them.")
-    return f"{text}\n{page.pictures(captioned)}"
+    return f"{text}\n{page.pictures(parts)}"

@@ -70,9 +70,8 @@ def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[flo
             axes.plot(round_trip, [*numbers, numbers[0]], color=colour, marker="o", markersize=4, label=name)
         axes.set_ylim(bottom=0.0)
         axes.set_xticks(list(angles), [f"{math.degrees(angle):.0f}°" for angle in angles])
-        axes.set_title(unit, fontsize=10)
 
-    return Panel(title, picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
+    return Panel(f"{title} [{unit}]", picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
@@ -141,6 +140,7 @@ def curves(
     labels: tuple[str, str],
     *,
     dashed: tuple[np.ndarray, np.ndarray] | None = None,
+    named: bool = False,
     bottom: float | None = None,
 ) -> Panel:
     """One curve a name, in the colours of `LABEL_COLOURS`.
@@ -150,14 +150,17 @@ def curves(
         series: x and y of each name.
         labels: of x and y.
         dashed: x and y of a line to compare with.
+        named: whether the names stand in the picture.
         bottom: of the vertical axis; None for what fits.
     """
 
     def draw(axes: Axes) -> None:
-        for (x, y), colour in zip(series.values(), LABEL_COLOURS, strict=False):
-            axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4)
+        for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
+            axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         if dashed is not None:
             axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
+        if named:
+            axes.legend(frameon=False, labelcolor=INK)
         if bottom is not None:
             axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])

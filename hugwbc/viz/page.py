@@ -119,7 +119,7 @@ _TEMPLATE = """<!DOCTYPE html>
   td.unclear { background: var(--unclear); }
   td.published { font-style: italic; opacity: 0.85; }
   .note { font-size: 0.9em; opacity: 0.85; max-width: 80ch; }
-  .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 0 0 8px; }
+  .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 8px; }
   .legend i { display: inline-block; width: 22px; height: 0; border-top: 3px solid transparent; margin-right: 8px;
     vertical-align: middle; }
   .legend i:not(.dashed) { height: 3px; border: 0; }
@@ -128,6 +128,10 @@ _TEMPLATE = """<!DOCTYPE html>
     grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 12px; }
   figure { margin: 0; padding: 10px; border: 1px solid var(--line); border-radius: 8px; background: var(--card); }
   figcaption { font-size: 0.92em; margin-bottom: 4px; }
+  @media (max-width: 640px) {
+    th, td { white-space: normal; padding: 3px 6px; }
+    td.text { min-width: 0; }
+  }
   svg { display: block; width: 100%; height: auto; }
 </style>
 </head>

@@ -4,6 +4,8 @@ import json
 import pytest
 
 from hugwbc.cli import main
+from hugwbc.evaluation.report.sections import SECTIONS
+from hugwbc.gait import Gait
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 
@@ -13,7 +15,6 @@ def short(monkeypatch):
     """A profile of one short cell."""
     from hugwbc.evaluation import protocols
     from hugwbc.evaluation.report import profiles
-    from hugwbc.gait import Gait
 
     def cells(settings):
         config = protocols.ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2, **settings)
@@ -39,6 +40,44 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     monkeypatch.setattr("hugwbc.evaluation.episode.rollout", None)
     assert main(words) == 0, "a finished report is only read"
     assert (out / "report.html").read_text() == page
+
+
+def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, short, monkeypatch):
+    from hugwbc.evaluation import episode, protocols
+    from hugwbc.evaluation.report import profiles
+
+    def cells(settings):
+        config = protocols.RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0, **settings)
+        yield "ramp", config, protocols.run_ramp
+
+    monkeypatch.setitem(profiles.PROFILES, "quick", cells)
+    whole, calls = episode.rollout, []
+
+    def stopping(*args, **settings):
+        calls.append(args)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return whole(*args, **settings)
+
+    words = ["report", "--controllers", "hold", "--workers", "1", "--out", str(tmp_path / "out")]
+    assert main([*words, "--results", str(tmp_path / "other")]) == 0
+    figures = (tmp_path / "out" / "figures.csv").read_text()
+    monkeypatch.setattr(episode, "rollout", stopping)
+    assert main([*words, "--results", str(tmp_path / "results")]) == 130
+    assert main([*words, "--results", str(tmp_path / "results")]) == 0
+    assert len(calls) == 3 + 2, "four episodes, of which two were finished before"
+    assert (tmp_path / "out" / "figures.csv").read_text() == figures
+
+
+@pytest.mark.slow
+def test_the_quick_profile_from_end_to_end(tmp_path):
+    """Every protocol with the controller that falls at once: the real results fit the report."""
+    out = tmp_path / "out"
+    words = ["report", "--controllers", "hold", "--workers", "1", "--out", str(out)]
+    assert main([*words, "--results", str(tmp_path / "results")]) == 0
+    page = (out / "report.html").read_text()
+    assert all(f">{section.title}</h2>" in page for section in SECTIONS)
+    assert page.count("<figure>") > 20 and "nan" not in page.lower().split("<svg")[0]
 
 
 def test_bad_input_is_refused_before_anything_runs(tmp_path, capsys):

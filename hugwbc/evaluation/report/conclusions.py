@@ -12,7 +12,8 @@ _MOST_NAMED = 4  # quantities in one sentence
 
 def conclusions(figures: Sequence[Figure], first: str, second: str) -> list[str]:
     """What the figures say of two controllers against the paper, and against each other."""
-    return [line for name in (first, second) for line in _overall(figures, name)] + _total_duel(figures, first, second)
+    lines = [line for name in dict.fromkeys((first, second)) for line in _overall(figures, name)]
+    return lines if first == second else lines + _total_duel(figures, first, second)
 
 
 def _overall(figures: Sequence[Figure], controller: str) -> list[str]:

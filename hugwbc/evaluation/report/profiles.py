@@ -53,6 +53,11 @@ def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:
     config = protocols.DisturbanceConfig(rollouts=1, first=80.0, resolution=0.25, duration=4.0, **settings)
     yield "disturbance", config, protocols.run_disturbance
     yield from _ramps(2, settings)
+    yield "tour", protocols.TourConfig(episodes=1, **settings), protocols.run_tour
+    config = protocols.RobustnessConfig(Gait.STANDING, samples=3, duration=3.0, **settings)
+    yield "robustness", config, protocols.run_robustness
+    config = protocols.EffortConfig(Gait.WALKING, speeds=(0.0, 0.5, 1.0), duration=5.0, **settings)
+    yield "effort", config, protocols.run_effort
     yield from _contacts(settings)
 
 
@@ -70,6 +75,11 @@ def _full(settings: Mapping[str, Any]) -> Iterator[Part]:
     config = protocols.DisturbanceConfig(rollouts=4096, **settings)
     yield "disturbance", config, protocols.run_disturbance
     yield from _ramps(5, settings)
+    yield "tour", protocols.TourConfig(episodes=64, **settings), protocols.run_tour
+    for gait in (Gait.STANDING, Gait.WALKING):
+        yield "robustness", protocols.RobustnessConfig(gait, samples=64, **settings), protocols.run_robustness
+    for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
+        yield "effort", protocols.EffortConfig(gait, **settings), protocols.run_effort
     yield from _contacts(settings)
 
 

@@ -10,11 +10,24 @@ import numpy as np
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.evaluation.campaign import CellResult
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, other_controllers
+from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
+from hugwbc.evaluation.protocols.tour import WAYPOINTS
 from hugwbc.evaluation.report.figures import Figure
 from hugwbc.evaluation.report.statistics import Estimate, bootstrap_mean, wilson_percentage
 
 FALLS = "falls"
 FORCES = {"constant": "constant", "second": "for one second"}
+# Of a row of the effort protocol: name, unit, and factor to that unit.
+EFFORTS = {
+    "power": ("mechanical power", "W", 1.0),
+    "cost_of_transport": ("cost of transport", "", 1.0),
+    "torque_rms": ("torque, RMS, of the busiest joint", "% of limit", 100.0),
+    "torque_peak": ("torque, peak", "% of limit", 100.0),
+    "joint_speed_peak": ("joint speed, peak", "% of limit", 100.0),
+    "torque_rate": ("change of torques, RMS", "N·m/s", 1.0),
+    "tick_p50_ms": ("time of a call, median", "ms", 1.0),
+    "tick_p99_ms": ("time of a call, 99th percentile", "ms", 1.0),
+}
 ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
 
 
@@ -144,6 +157,48 @@ def relative_maps(result: Mapping[str, Any]) -> dict[tuple[str, str], np.ndarray
     return maps
 
 
+def tour_figures(measured: CellResult) -> list[Figure]:
+    """How far tours went, and how near to their waypoints."""
+    result, name = measured.result, measured.controller
+    table, rows = f"Tour with blows, {result['gait']}", result["rows"]
+    upright = wilson_percentage([not row["fell"] for row in rows])
+    reached = bootstrap_mean([100.0 * row["reached"] / WAYPOINTS for row in rows])
+    return [
+        Figure(table, "completed", "% of tours", name, upright, higher_is_better=True),
+        Figure(table, "waypoints reached", "%", name, reached, higher_is_better=True),
+        Figure(table, "survived", "s", name, bootstrap_mean([r["survived_s"] for r in rows]), higher_is_better=True),
+        Figure(table, "position error", "m", name, bootstrap_mean([row["position_error"] for row in rows])),
+        Figure(table, "yaw error", "rad", name, bootstrap_mean([row["yaw_error"] for row in rows])),
+    ]
+
+
+def robustness_figures(measured: CellResult) -> list[Figure]:
+    """What every difference of the robot costs: error relative to the unchanged robot's, and falls."""
+    result, name = measured.result, measured.controller
+    title, ratios, falls = f"Robustness, {result['gait']}", [], []
+    for level in result["levels"]:
+        factor = level["factor"]
+        label = factor if factor == NOMINAL else f"{factor} {level['level']:g} {GRID_UNITS.get(factor, '')}".strip()
+        rows = [r for r in result["rows"] if (r["factor"], r["level"]) == (factor, level["level"])]
+        estimate = Estimate(level["ratio"], None, None, len(rows))
+        ratios.append(Figure(f"{title}: error over the unchanged robot's", label, "", name, estimate))
+        fell = wilson_percentage([row["fell"] for row in rows])
+        falls.append(Figure(f"{title}: falls", label, "% of episodes", name, fell))
+    return [*ratios[1:], *falls]
+
+
+def effort_figures(measured: CellResult) -> list[Figure]:
+    """What motion costs, a table for each speed."""
+    result, figures = measured.result, []
+    for row in result["rows"]:
+        table = f"Effort, {result['gait']}, {row['v_x']:g} m/s"
+        for field, (quantity, unit, factor) in EFFORTS.items():
+            if row[field] is not None:
+                estimate = Estimate(factor * row[field], None, None, 1)
+                figures.append(Figure(table, quantity, unit, measured.controller, estimate))
+    return figures
+
+
 def contacts_figures(measured: CellResult) -> list[Figure]:
     """In what part of the time each foot does what the clock says."""
     result, name = measured.result, measured.controller
@@ -159,6 +214,9 @@ FIGURES: Mapping[str, Callable[[CellResult], list[Figure]]] = {
     "heatmap": heatmap_figures,
     "disturbance": disturbance_figures,
     "ramp": ramp_figures,
+    "tour": tour_figures,
+    "robustness": robustness_figures,
+    "effort": effort_figures,
     "contacts": contacts_figures,
 }
 
@@ -202,6 +260,24 @@ SECTIONS: Sequence[Section] = (
         ("ramp",),
         "p and w go from minimum to maximum, every run on a robot with other friction, payload and gains. The paper's "
         "figures are of its real robot, ours of simulation.",
+    ),
+    Section(
+        "Tour with blows",
+        ("tour",),
+        "60 s over 12 waypoints, the arms moved by noise, one blow of 0.08 s a leg on a random link; the strongest "
+        "changes the velocity as much as 600 N do that of a G1. A waypoint is reached within 0.5 m.",
+    ),
+    Section(
+        "Robustness",
+        ("robustness",),
+        "One thing at a time differs from the robot that the controllers know. Errors are relative to the unchanged "
+        "robot's on the same commands, without the episodes with a fall, which are counted.",
+    ),
+    Section(
+        "Effort",
+        ("effort",),
+        "What the motion costs. The times of a call are those of the machine that made this report, with whatever else "
+        "ran on it.",
     ),
     Section(
         "Contacts",

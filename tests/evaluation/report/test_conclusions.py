@@ -37,4 +37,5 @@ def test_tables_in_which_they_meet():
 def test_nothing_follows_from_nothing():
     assert conclusions([], "learned", "qp") == []
     equal = [figure(name, "falls", 0.0) for name in ("learned", "qp")]
+    assert conclusions(equal[:1], "learned", "learned") == []
     assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 are not told apart.")

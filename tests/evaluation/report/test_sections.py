@@ -86,5 +86,41 @@ def test_tolerated_forces_have_the_bracket_of_their_search():
     assert (figure.value, figure.estimate.low, figure.estimate.high) == (100.0, 100.0, 105.0)
 
 
+def test_tours():
+    rows = [
+        row(reached=12, survived_s=60.0, position_error=0.2, yaw_error=0.1),
+        {"reached": 3, "survived_s": 20.0, "position_error": 0.4, "yaw_error": None, "fell": True},
+    ]
+    figures = FIGURES["tour"](CellResult("tour", "qp", {"gait": "walking", "rows": rows}))
+    assert [f.value for f in figures] == pytest.approx([50.0, 62.5, 40.0, 0.3, 0.1])
+    assert [f.higher_is_better for f in figures] == [True, True, True, False, False]
+
+
+def test_robustness_is_relative_to_the_unchanged_robot():
+    levels = [("nominal", 0.0, 1.0), ("payload", 5.0, 1.5), ("friction", 0.2, None)]
+    rows = [row(factor=factor, level=level) for factor, level, _ in levels]
+    rows.append(row(factor="payload", level=5.0, fell=True))
+    result = {
+        "gait": "walking",
+        "levels": [{"factor": factor, "level": level, "ratio": ratio} for factor, level, ratio in levels],
+        "rows": rows,
+    }
+    figures = FIGURES["robustness"](CellResult("robustness", "qp", result))
+    assert [(f.quantity, f.value) for f in figures] == [
+        ("payload 5 kg", 1.5), ("friction 0.2", None), ("nominal", 0.0), ("payload 5 kg", 50.0), ("friction 0.2", 0.0)
+    ]  # fmt: skip
+    assert figures[0].table != figures[2].table
+
+
+def test_effort_in_readable_units():
+    known = {"v_x": 0.5, "power": 200.0, "torque_rms": 0.25, "torque_peak": 1.0, "joint_speed_peak": 0.5}
+    unknown = dict.fromkeys(("cost_of_transport", "torque_rate", "tick_p50_ms", "tick_p99_ms"))
+    figures = FIGURES["effort"](CellResult("effort", "qp", {"gait": "walking", "rows": [row(**known, **unknown)]}))
+    assert {f.table for f in figures} == {"Effort, walking, 0.5 m/s"}
+    assert {(f.value, f.unit) for f in figures} == {
+        (200.0, "W"), (25.0, "% of limit"), (100.0, "% of limit"), (50.0, "% of limit")
+    }  # fmt: skip
+
+
 def test_every_section_has_figures():
     assert {name for section in SECTIONS for name in section.protocols} == set(FIGURES)
