@@ -7,6 +7,7 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.protocols import DisturbanceConfig, run_disturbance
 from hugwbc.evaluation.protocols import disturbance as module
@@ -53,7 +54,10 @@ def test_the_tables_have_the_threshold_of_each_direction(monkeypatch):
 
 
 def test_the_baseline_falls_over_and_tolerates_nothing():
-    config = DisturbanceConfig(Gait.STANDING, rollouts=1, limit=50.0, resolution=0.9, duration=2.6, settle=0.1)
+    coarse = Conditions(timestep=0.005)
+    config = DisturbanceConfig(
+        Gait.STANDING, rollouts=1, limit=50.0, resolution=0.9, duration=2.6, settle=0.1, conditions=coarse
+    )
     seen = []
     result = run_disturbance(HoldController, config, seen.append)
     assert result.tolerated["constant"] == dict.fromkeys(map(str, DIRECTIONS), 0.0)
