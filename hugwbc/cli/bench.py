@@ -9,7 +9,7 @@ from hugwbc.cli.output import check_writable, format_table, parse, progress, say
 from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.benchmark import EnvironmentSpeed, QpSpeed, TrainingSpeed
+    from hugwbc.evaluation.benchmark import EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
     from hugwbc.evaluation.ik_benchmark import IKFigures
     from hugwbc.evaluation.qp_side_by_side import SideBySide
 
@@ -28,6 +28,8 @@ class BenchOptions:
     """Of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
     """Simulated time over which the QP is measured, standing, walking and jumping each [s]."""
+    rollouts: int = 64
+    """Robots in a batch of a policy's evaluation, which stand for two simulated seconds."""
     calls: int = 500
     """Calls of the policy and of the IK to measure."""
     ik_targets: int = 20
@@ -45,14 +47,13 @@ def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
     check_writable(options.json)
-    for name in ("count", "control_steps", "iterations", "threads", "seconds", "calls", "ik_targets", "spacing"):
+    counts = ("count", "control_steps", "iterations", "threads", "rollouts", "calls", "ik_targets")
+    for name in (*counts, "seconds", "spacing"):
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")
     from hugwbc.evaluation import benchmark
     from hugwbc.evaluation.ik_benchmark import compare_solvers
-    from hugwbc.learned.contract import policy_contract
-    from hugwbc.learned.networks import Actor
-    from hugwbc.learned.policy import LearnedController
+    from hugwbc.learned.policy import load_policy
     from hugwbc.upper_ik.workspace import measure_workspace
 
     with progress("benchmark") as advance:
@@ -63,12 +64,14 @@ def run(words: Sequence[str]) -> int:
         advance(0.2)
         qp = {gait: benchmark.qp_speed(command, options.seconds) for gait, command in benchmark.QP_COMMANDS.items()}
         advance(0.3)
-        # The time of a call does not depend on the weights: a fresh network will do.
-        ticks = {"policy_tick_ms": benchmark.policy_tick(LearnedController(Actor(), policy_contract()), options.calls)}
+        policy = load_policy()
+        evaluation = [benchmark.rollout_speed(policy, options.rollouts, 2.0, step) for step in (0.002, 0.005)]
+        ticks = {"policy_tick_ms": benchmark.policy_tick(policy, options.calls)}
         ticks["ik_tick_ms"] = benchmark.ik_tick(options.calls)
         solvers = compare_solvers(options.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
         workspace = measure_workspace(options.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
     say(_describe(environment, training, qp, ticks, options.threads), options.json)
+    say("\n" + _describe_rollouts(evaluation), options.json)
     say("\n" + describe_solvers(solvers), options.json)
     say(
         f"\nreachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
@@ -79,6 +82,7 @@ def run(words: Sequence[str]) -> int:
         "environment": dataclasses.asdict(environment),
         "training": dataclasses.asdict(training),
         "qp": {gait: dataclasses.asdict(speed) for gait, speed in qp.items()},
+        "evaluation": [dataclasses.asdict(speed) for speed in evaluation],
         **ticks,
         "ik": {name: dataclasses.asdict(solver) for name, solver in solvers.items()},
         "workspace": dataclasses.asdict(workspace),
@@ -131,6 +135,12 @@ def _describe(
             f"unsolved QPs: {unsolved}",
         ]
     )
+
+
+def _describe_rollouts(evaluation: Sequence["RolloutSpeed"]) -> str:
+    header = ("a policy's evaluation", "alone [ms]", f"one of {evaluation[0].count} [ms]", "ratio")
+    rows = [(f"time step {1e3 * s.timestep:g} ms", s.single_ms, s.batched_ms, s.ratio) for s in evaluation]
+    return format_table(header, rows) + "\nprocessor time for a simulated second of a robot"
 
 
 def _describe_side_by_side(comparison: "SideBySide") -> str:

@@ -10,11 +10,16 @@ from mujoco.batch import Batch
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
+from hugwbc.evaluation.batch_rollout import Episode, rollouts
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.loop import Constant
 from hugwbc.evaluation.metrics import percentiles
+from hugwbc.evaluation.rollout import rollout
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.observations import JOINTS
+from hugwbc.learned.policy import LearnedController
 from hugwbc.learned.train import Trainer
 from hugwbc.mbc import WholeBodyController
 from hugwbc.script_file import load_script
@@ -64,6 +69,44 @@ class TrainingSpeed:
     ratio: float
     count: int
     iterations: int
+
+
+@dataclasses.dataclass(frozen=True)
+class RolloutSpeed:
+    """Speed of a policy's evaluation, in processor time for a simulated second of one robot.
+
+    Attributes:
+        single_ms: in a rollout by itself, with the making of its simulation [ms].
+        batched_ms: in a batch, each robot's share [ms].
+        ratio: of the two.
+        count: robots in the batch.
+        timestep: of the physics [s].
+    """
+
+    single_ms: float
+    batched_ms: float
+    ratio: float
+    count: int
+    timestep: float
+
+
+def rollout_speed(controller: LearnedController, count: int, seconds: float, timestep: float) -> RolloutSpeed:
+    """Measure evaluations of a policy in which robots stand, on one thread.
+
+    Args:
+        controller: the policy.
+        count: robots in the batch.
+        seconds: length of the episodes [s].
+        timestep: of the physics [s].
+    """
+    torch.set_num_threads(1)
+    conditions, stand = Conditions(timestep=timestep), Constant(Command())
+    begin = time.process_time()
+    rollout(controller, stand, conditions.simulation(seconds, (0,)), duration=seconds)
+    middle = time.process_time()
+    rollouts(controller, [Episode(stand, conditions)] * count, duration=seconds)
+    single, batched = middle - begin, (time.process_time() - middle) / count
+    return RolloutSpeed(1e3 * single / seconds, 1e3 * batched / seconds, single / batched, count, timestep)
 
 
 def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int = 1) -> TrainingSpeed:

@@ -20,7 +20,7 @@ def test_bench_reports_all_speeds(capsys):
         "5",
         "--json",
     ]
-    words += ["--ik-targets", "2", "--spacing", "1.0"]
+    words += ["--ik-targets", "2", "--spacing", "1.0", "--rollouts", "2"]
     assert main(words) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
@@ -31,6 +31,8 @@ def test_bench_reports_all_speeds(capsys):
     training = figures["training"]
     assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
+    for speed in figures["evaluation"]:
+        assert speed["count"] == 2 and speed["ratio"] == pytest.approx(speed["single_ms"] / speed["batched_ms"])
     assert set(figures["qp"]) == {"standing", "walking", "jumping"}
     for speed in figures["qp"].values():
         assert speed["unsolved"] == 0.0 and speed["ticks"] == 50
