@@ -37,6 +37,7 @@ _SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
 _MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
+_GROUND_JUMP = 0.5  # [m], beyond which it is no step up or down
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]
@@ -203,7 +204,9 @@ class Locomotion:
         else:
             standing = self.plan.legs or (0, 1)
             ground = sum(self._height(dynamics, foot) for foot in standing) / len(standing)
-        self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
+        # A position that jumps, as an estimator's may, takes the ground with it.
+        jumped = abs(ground - self._ground) > _GROUND_JUMP
+        self._ground += (ground - self._ground) * (1.0 if jumped else min(dt / _GROUND_TIME, 1.0))
         yaw = self._measured_yaw(dynamics)
         moving = self.plan.mode in (Mode.WALKING, Mode.LEAPING)
         if moving:

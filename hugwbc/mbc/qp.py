@@ -20,6 +20,7 @@ _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
 _INNER_ITERATIONS = 20
+_LARGEST_DEMAND = 1e4  # of a task [its unit / s^2]: far above what a robot can do, far below what a solver cannot
 _INFEASIBILITY_TOLERANCE = 1e-12
 # Of ProxQP. Its default of 1e-6 is a tenth of the weight on the forces: it holds them at their last values, which costs
 # an iteration in every walking tick and four times the error.
@@ -167,6 +168,7 @@ class WholeBodyQp:
         jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
         jacobian = np.concatenate(jacobians)
         lacking = np.concatenate(drifts) - np.concatenate(accelerations)
+        np.minimum(np.maximum(lacking, -_LARGEST_DEMAND, out=lacking), _LARGEST_DEMAND, out=lacking)
         weighted = jacobian * np.concatenate(weights)[:, None]
         nv, params = self._nv, self._params
         np.matmul(jacobian.T, weighted, out=self._H[:nv, :nv])

@@ -1,5 +1,6 @@
 """What the controller was not told: mass, friction, delay, load in the hands, a slower clock; and absurd states."""
 
+import collections
 import dataclasses
 
 import mujoco
@@ -124,18 +125,27 @@ def _random_state(rng, absurd):
     )  # fmt: skip
 
 
-def test_random_and_absurd_states_give_solutions_or_named_fallbacks():
+def _broken(state, rng):
+    """The state with a NaN or an infinity in one of its fields."""
+    name = rng.choice(["q", "dq", "orientation", "angular_velocity", "position", "velocity"])
+    values = getattr(state, name).copy()
+    values[rng.integers(values.size)] = rng.choice([np.nan, np.inf, -np.inf])
+    return dataclasses.replace(state, **{name: values})
+
+
+@pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
     """Half of the states and of the commands absurd: NaN, infinite, far out of range, numbers up to 1e7."""
-    rng, controller, outputs = np.random.default_rng(0), WholeBodyController(), set()
+    rng, controller, outputs = np.random.default_rng(0), WholeBodyController(), collections.Counter()
     limit = controller.params.torque_fraction * ROBOT.torque_limit
     gaits = list(Gait)
-    for index in range(200):
+    for index in range(count):
         absurd = index % 2 == 1
         state = _random_state(rng, absurd)
-        if absurd and index % 20 == 1:
-            state = dataclasses.replace(state, dq=np.full(19, (np.nan, np.inf)[index // 20 % 2]))
+        if absurd and index % 10 == 1:
+            state = _broken(state, rng)
         values = rng.normal(size=8) * (10.0 ** rng.uniform(0, 9) if absurd else 0.5)
-        values[rng.integers(8)] = np.nan if absurd else 0.0
+        values[rng.integers(8)] = rng.choice([np.nan, np.inf, -np.inf]) if absurd else 0.0
         command = Command.from_array(values, gaits[rng.integers(len(gaits))])
         if index % 5 == 0:
             controller.reset(state)
@@ -144,5 +154,44 @@ def test_random_and_absurd_states_give_solutions_or_named_fallbacks():
         assert np.all(np.abs(joint_command.tau) <= limit + 1e-9)
         diagnostics = controller.diagnostics
         assert (diagnostics.output is Output.SOLUTION) == (diagnostics.status is not QpStatus.FAILED)
-        outputs.add(diagnostics.output)
-    assert outputs == set(Output)
+        outputs[absurd, diagnostics.output] += 1
+    assert {output for _, output in outputs} == set(Output)
+    assert outputs[False, Output.SOLUTION] > 0.99 * count / 2, "ordinary states are solved"
+
+
+@pytest.mark.slow
+def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
+    """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""
+    simulation, controller = Simulation(), WholeBodyController()
+    controller.reset(simulation.reset())
+    params = controller.params
+    limit = params.torque_fraction * ROBOT.torque_limit
+    stand = Command()
+    commands = (
+        Command(h=-0.2, p=0.3, w=0.5),
+        Command(v_x=1.2, f=2.5, gait=Gait.WALKING),
+        Command(v_x=-0.4, v_y=0.3, omega=0.5, gait=Gait.WALKING),
+        stand,
+        Command(v_x=0.5, gait=Gait.JUMPING),
+        stand,
+        Command(gait=Gait.HOPPING_LEFT),
+        Command(v_y=-0.4, f=1.5, l=0.3, h=-0.05, p=0.2, gait=Gait.WALKING),
+        stand,
+        Command(v_x=-0.3, omega=-0.4, gait=Gait.JUMPING),
+        stand,
+        Command(w=-0.8),
+    )
+    excess = 0.0
+    for tick in range(round(60.0 / controller.period)):
+        command = commands[int(tick * controller.period / 5.0)]
+        joint_command = controller.act(simulation.state(), command, UpperBody.none())
+        assert np.all(np.abs(joint_command.tau) <= limit + 1e-9)
+        forces = np.array(list(controller.diagnostics.contact_forces.values()))
+        horizontal, normal = np.hypot(forces[:, 0], forces[:, 1]), forces[:, 2]
+        excess = max(excess, float(np.max(horizontal - params.friction * normal)), float(-normal.min()))
+        excess = max(excess, float(normal.max()) - params.max_normal_force)
+        simulation.step(joint_command, controller.period)
+    assert not simulation.fallen
+    assert excess < 1e-3, "the solver's tolerance [N]"
+    counts = controller.diagnostics
+    assert counts.fallbacks == 0 and counts.relaxed < 1e-3 * 60.0 / controller.period
