@@ -62,7 +62,7 @@ def run(words: Sequence[str]) -> int:
         Execution(options.workers, cluster=options.cluster, store=store) as execution,
     ):
         results = run_cells(cells, execution, advance)
-    total = sum(cell.config.episodes for cell in cells)
+    total = sum(len(result.result["rows"]) for result in results)
     figures = all_figures(results)
     report = Report(figures, results, labels, _notes(options, total), _training_file(specs))
     (options.out / "report.html").write_text(report_page(report), encoding="utf-8")

@@ -47,14 +47,14 @@ def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:
     yield "foot-displacement", protocols.FootDisplacementConfig(episodes=9, **settings), protocols.run_foot_displacement
     # Jumping has as many pairs as walking: left to the full profile.
     for gait, points in ((Gait.STANDING, 3), (Gait.WALKING, 2)):
-        config = protocols.HeatmapConfig(gait, points=points, duration=3.0, **settings)
+        config = protocols.HeatmapConfig(gait, points=points, duration=2.5, **settings)
         yield "heatmap", config, protocols.run_heatmap
     # One rollout a force: the force with which one robot falls, far from a survival of 98 %.
     config = protocols.DisturbanceConfig(rollouts=1, first=80.0, resolution=0.25, duration=4.0, **settings)
     yield "disturbance", config, protocols.run_disturbance
-    yield from _ramps(2, settings)
+    yield from _ramps(2, {**settings, "duration": 10.0})
     yield "tour", protocols.TourConfig(episodes=1, **settings), protocols.run_tour
-    config = protocols.RobustnessConfig(Gait.STANDING, samples=3, duration=3.0, **settings)
+    config = protocols.RobustnessConfig(Gait.STANDING, samples=3, duration=2.5, **settings)
     yield "robustness", config, protocols.run_robustness
     config = protocols.EffortConfig(Gait.WALKING, speeds=(0.0, 0.5, 1.0), duration=5.0, **settings)
     yield "effort", config, protocols.run_effort
