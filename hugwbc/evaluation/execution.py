@@ -131,7 +131,7 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
     try:
         from distributed import Client, KilledWorker
         from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
     except ImportError as error:
         raise WorkerError("a cluster needs dask.distributed; install it with: pip install 'hugwbc[cluster]'") from error
     try:
