@@ -340,7 +340,8 @@ class Locomotion:
         plan, params = self.plan, self._params
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        if plan.step_time - plan.remaining <= params.early_contact_phase * plan.step_time:
+        early = plan.step_time - plan.remaining <= params.early_contact_phase * plan.step_time
+        if early or (self._landed and self._loaded):
             return
         standing, sole = (dynamics.frame(_SOLES[foot]).position for foot in (stance, swing))
         expected = float(standing[2]) + self.ground.rise(standing, sole)
