@@ -125,7 +125,7 @@ _TEMPLATE = """<!DOCTYPE html>
   .legend i:not(.dashed) { height: 3px; border: 0; }
   .legend i.dashed { border-top: 2px dashed currentColor; }
   .grid { display: grid; margin-top: 12px;
-    grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 12px; }
+    grid-template-columns: repeat(auto-fill, minmax(min(100%, 420px), 1fr)); gap: 12px; }
   figure { margin: 0; padding: 10px; border: 1px solid var(--line); border-radius: 8px; background: var(--card); }
   figcaption { font-size: 0.92em; margin-bottom: 4px; }
   @media (max-width: 640px) {
