@@ -21,8 +21,8 @@ class Moment:
         foothold: where the controller plans to put the middle of each sole next, x and y [m], shape (2, 2); NaN for a
             foot that it has no plan for.
         hand_target_world: targets of both hands [m], NaN where there is none, shape (2, 3).
-        arm_target: arm joint positions that the inverse kinematics wants [rad], shape (8,); NaN where the arms are the
-            controller's.
+        arm_target: arm joint positions that the inverse kinematics or a motion wants [rad], shape (8,); NaN where the
+            arms are the controller's.
     """
 
     qpos: np.ndarray

@@ -58,6 +58,17 @@ class ArmMotion:
         """From the first to the last frame [s]."""
         return (len(self.positions) - 1) / self.fps
 
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities at time `t` [s], by linear interpolation [rad], [rad/s], each of shape (8,).
+
+        Before its start and after its end a motion rests.
+        """
+        frame = t * self.fps
+        if not 0.0 <= frame < len(self.positions) - 1:
+            return self.positions[0 if frame < 0.0 else -1].copy(), np.zeros(self.positions.shape[1])
+        before, after = self.positions[int(frame)], self.positions[int(frame) + 1]
+        return before + (frame - int(frame)) * (after - before), self.fps * (after - before)
+
     def resampled(self, fps: float = MOTION_FPS) -> "ArmMotion":
         """The motion at another rate, by linear interpolation; what is left of the last interval is dropped."""
         frames = int(np.floor(self.duration * fps + 1e-9)) + 1

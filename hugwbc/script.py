@@ -18,6 +18,7 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Comman
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import HandPath, Point, smooth_step
+from hugwbc.motion import ArmMotion
 from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
 DEFAULT_RAMP = 1.0  # [s]
@@ -69,6 +70,7 @@ class Segment:
         gait: from the segment's start.
         commands: values by name, reached after `ramp`; commands that are not named go to their default.
         hands: None leaves the arms to the controller. A motion equal to the previous segment's goes on, another starts.
+        motion: of the arm joints, instead of hands; goes on and starts likewise, and rests at its end.
         ramp: time from the previous segment's values to this one's [s]; for the hands as well.
     """
 
@@ -78,6 +80,7 @@ class Segment:
     commands: Mapping[str, float] = dataclasses.field(default_factory=dict)
     hands: HandMotion | None = None
     ramp: float = DEFAULT_RAMP
+    motion: ArmMotion | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.duration) and self.duration > 0.0):
@@ -86,6 +89,8 @@ class Segment:
             raise ConfigError(
                 f"segment '{self.label}' ramps for {self.ramp} s; give 0 s up to its duration of {self.duration:g} s"
             )
+        if self.hands is not None and self.motion is not None:
+            raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
         object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
         self.command()
 
@@ -136,7 +141,8 @@ class Script:
         starts: list[float] = []
         begin = 0.0
         for index, segment in enumerate(self.segments):
-            goes_on = index > 0 and segment.hands == self.segments[index - 1].hands
+            before = self.segments[index - 1]
+            goes_on = index > 0 and segment.hands == before.hands and segment.motion is before.motion
             starts.append(starts[-1] if goes_on else begin)
             begin = self._ends[index]
         return starts
@@ -169,9 +175,11 @@ class Script:
         return Command.from_array(before + segment.blend(elapsed) * (after - before), segment.gait)
 
     def hands_at(self, t: float) -> HandTargets | None:
-        """The hand targets at time `t` [s], or None where the arms are the controller's."""
+        """The targets of hands or arm joints at time `t` [s], or None where the arms are the controller's."""
         index, elapsed = self._locate(t)
         segment = self.segments[index]
+        if segment.motion is not None:
+            return self._joints_at(t, index, segment.motion, segment.blend(elapsed))
         if segment.hands is None:
             return None
         targets = segment.hands.at(t - self._hand_starts[index])
@@ -182,6 +190,14 @@ class Script:
         left = _blended(start.left, targets.left, blend)
         right = _blended(start.right, targets.right, blend)
         return dataclasses.replace(targets, left=left, right=right)
+
+    def _joints_at(self, t: float, index: int, motion: ArmMotion, blend: float) -> HandTargets:
+        q, dq = motion.at(t - self._hand_starts[index])
+        before = self.segments[index - 1].motion if index else None
+        if before is not None and before is not motion:
+            start, start_dq = before.at(t - self._hand_starts[index - 1])
+            q, dq = start + blend * (q - start), start_dq + blend * (dq - start_dq)
+        return HandTargets(None, None, joints=q, joint_velocity=dq)
 
 
 def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> np.ndarray | None:

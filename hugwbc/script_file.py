@@ -13,10 +13,13 @@
           whole_body: true        # h, p and w may help
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
           right: mirror           # of the left; leave a hand out to let it rest
+      - label: gesture
+        duration: 5
+        motion: wave.npz          # arm joints from a motion file (see `hugwbc.motion`), instead of hands
 
 A path is one of `hold`, `line`, `grid`, `circle`, `swing`, `wander`, with the fields of the class of that name in
 `hugwbc.hand_paths`, or `file`, the path of a CSV file (t, x, y, z) relative to the script. YAML anchors may repeat
-parts.
+parts. Motion files are relative to the script as well.
 """
 
 import dataclasses
@@ -29,6 +32,7 @@ from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ScriptError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import HandPath
+from hugwbc.motion import ArmMotion, load_motion
 from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment, check_transition
 from hugwbc.targets import HAND_FRAMES
 from hugwbc.yaml_file import Read, YamlReader
@@ -85,6 +89,7 @@ class _Reader(YamlReader):
 
     def __init__(self, path: pathlib.Path) -> None:
         super().__init__(path, ScriptError)
+        self._motions: dict[pathlib.Path, ArmMotion] = {}
 
     def script(self, root: yaml.Node) -> Script:
         fields = self.fields(root, "script", {"segments": _Reader.nodes, "about": _Reader.text}, required=("segments",))
@@ -102,6 +107,7 @@ class _Reader(YamlReader):
             "commands": lambda reader, value: value,
             "hands": _Reader.hands,
             "ramp": _Reader.number,
+            "motion": _Reader.motion,
         }
         fields = self.fields(node, "segment", readers, required=("label", "duration"))
         if "commands" in fields:
@@ -109,6 +115,13 @@ class _Reader(YamlReader):
         if "ramp" not in fields and fields["duration"] > 0.0:
             fields["ramp"] = min(DEFAULT_RAMP, fields["duration"])
         return self.checked(node, Segment, **fields)
+
+    def motion(self, node: yaml.Node) -> ArmMotion:
+        """The same object for the same file, so that a motion can go on from segment to segment."""
+        path = self.path.parent / self.text(node)
+        if path not in self._motions:
+            self._motions[path] = self.checked(node, load_motion, path)
+        return self._motions[path]
 
     def commands(self, node: yaml.Node, gait: Gait) -> dict[str, float]:
         values = self.fields(node, "command", dict.fromkeys(COMMAND_NAMES, _Reader.number))

@@ -13,7 +13,7 @@ HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandTargets:
-    """Target positions of both hand frames (the tips of the forearms).
+    """Target positions of both hand frames (the tips of the forearms), or of the arm joints in their place.
 
     The plain constructor checks nothing, so that a control loop can carry whatever arrives; `HandTargets.of` is the
     checked one for users.
@@ -29,6 +29,9 @@ class HandTargets:
         stamp: when the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new whenever
             they arrive, as a script's are.
         sequence: number of the message that brought them, rising by one; None where nobody counts.
+        joints: of both arms, order of `Robot.arm_names` [rad], shape (8,), as a motion file has them: no inverse
+            kinematics then, and no positions of the hands. None for targets of the hands.
+        joint_velocity: at which the joints move [rad/s], shape (8,); None for 0.
     """
 
     left: np.ndarray | None
@@ -40,6 +43,8 @@ class HandTargets:
     whole_body: bool = False
     stamp: float | None = None
     sequence: int | None = None
+    joints: np.ndarray | None = None
+    joint_velocity: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -87,10 +92,15 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether every position and direction that is given is three finite numbers."""
+        """Whether every position and direction that is given is three finite numbers, and joints are eight."""
         vectors = (self.left, self.right, self.left_direction, self.right_direction)
-        points = [vector for vector in vectors if vector is not None]
-        return all(np.shape(point) == (3,) and bool(np.isfinite(point).all()) for point in points)
+        return all(vector is None or _is_finite(vector, 3) for vector in vectors) and all(
+            vector is None or _is_finite(vector, 8) for vector in (self.joints, self.joint_velocity)
+        )
+
+
+def _is_finite(vector: np.ndarray, size: int) -> bool:
+    return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
 
 
 def position(name: str, value: object) -> np.ndarray:

@@ -7,6 +7,7 @@ import pytest
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import Hold, Line, Swing
+from hugwbc.motion import ArmMotion
 from hugwbc.script import HandMotion, Script, Segment, while_walking
 
 PATH = Swing(centre=(0.3, 0.2, 0.1), amplitude=(0.1, 0.0, 0.05), phase=(0.0, 0.0, 0.25), period=2.0)
@@ -71,6 +72,34 @@ def test_while_walking_puts_a_walk_under_a_script():
     assert script.segments[1] == turn
     with pytest.raises(CommandError, match="v_x = 9"):
         while_walking(Script("test", (squat,)), 9.0)
+
+
+RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 1.0, 21)[:, None] * np.ones(8))
+LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.5))
+
+
+def test_a_motion_of_the_arms_plays_goes_on_and_rests_at_its_end():
+    script = Script(
+        "test",
+        (Segment("wait", 1.0), Segment("a", 1.0, motion=RAISE), Segment("b", 2.0, motion=RAISE), Segment("c", 1.0)),
+    )
+    assert script.hands_at(0.9) is None and script.hands_at(4.5) is None
+    for t, position, velocity in ((1.5, 0.25, 0.5), (2.5, 0.75, 0.5), (3.5, 1.0, 0.0)):
+        targets = script.hands_at(t)
+        assert targets is not None and not targets.given.any() and targets.is_usable
+        assert targets.joints == pytest.approx(np.full(8, position))
+        assert targets.joint_velocity == pytest.approx(np.full(8, velocity))
+
+
+def test_one_motion_ramps_into_another():
+    script = Script("test", (Segment("a", 2.0, motion=RAISE), Segment("b", 2.0, motion=LOWER)))
+    middle = script.hands_at(2.5)
+    assert middle is not None and middle.joints == pytest.approx(np.full(8, 0.25)), "half-way from 1 to -0.5"
+
+
+def test_hands_and_a_motion_at_once_are_refused():
+    with pytest.raises(TargetError, match="segment 'x' has both hands and a motion"):
+        Segment("x", 1.0, hands=MOTION, motion=RAISE)
 
 
 def test_a_script_checks_its_parts():

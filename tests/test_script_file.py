@@ -7,6 +7,7 @@ from hugwbc.commands import VELOCITY_NAMES
 from hugwbc.errors import ScriptError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import Circle, Hold, Line
+from hugwbc.motion import generate_motions, load_motion
 from hugwbc.script import HandMotion, Segment
 from hugwbc.script_file import SCRIPT_NAMES, load_script, parse_script
 
@@ -43,6 +44,18 @@ def test_a_script_is_what_the_file_says():
     assert script.name == "scene"
     assert script.about == "everything a segment can say"
     assert script.segments == (go, Segment("stop", 0.5, Gait.WALKING, ramp=0.5), point)
+
+
+def test_a_segment_may_play_a_motion_file(tmp_path):
+    generate_motions(seed=0, count=1, duration=2.0)[0].save(tmp_path / "wave.npz")
+    text = "segments: [{label: a, duration: 1, motion: wave.npz}, {label: b, duration: 1, motion: %s}]"
+    (tmp_path / "scene.yaml").write_text(text % "wave.npz")
+    first, second = load_script(tmp_path / "scene.yaml").segments
+    assert first.motion is not None and first.motion is second.motion
+    assert first.motion.positions == pytest.approx(load_motion(tmp_path / "wave.npz").positions)
+    (tmp_path / "scene.yaml").write_text(text % "other.npz")
+    with pytest.raises(ScriptError, match=r"scene.yaml:1:8\d: cannot read .*other.npz"):
+        load_script(tmp_path / "scene.yaml")
 
 
 def test_directions_and_hands_that_hold_one_thing():

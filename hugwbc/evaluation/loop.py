@@ -186,7 +186,6 @@ class ControlLoop:
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
         phase, foothold = gait_plan(self.safe.controller)
-        solution = None if self.upper_body is None or self.hands is None else self.upper_body.solution
         return Moment(
             qpos=simulation.data.qpos.copy(),
             gait=int(self.safe.command.gait),
@@ -196,8 +195,16 @@ class ControlLoop:
             pressure_centre=simulation.pressure_centres,
             foothold=foothold.copy(),
             hand_target_world=world_targets(self.hands, state),
-            arm_target=np.full(8, np.nan) if solution is None else solution.q.copy(),
+            arm_target=self._arm_target(),
         )
+
+    def _arm_target(self) -> np.ndarray:
+        if self.upper_body is None or self.hands is None:
+            return np.full(8, np.nan)
+        if self.hands.joints is not None:
+            return self.hands.joints.copy()
+        solution = self.upper_body.solution
+        return np.full(8, np.nan) if solution is None else solution.q.copy()
 
     @property
     def reachable(self) -> np.ndarray:

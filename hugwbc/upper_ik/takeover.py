@@ -110,6 +110,11 @@ class Takeover:
             self._begin(Phase.TAKEN, np.asarray(start) if known else None)
         return self._advance(q, dq, self.config.take_time, dt)
 
+    def blend(self) -> None:
+        """Blend anew from where the arm command is: what it is to follow now is of another origin."""
+        if self.phase is Phase.TAKEN:
+            self._begin(Phase.TAKEN, None)
+
     def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
         """One tick of the way back; `UpperBody.none()` once there.
 
@@ -162,7 +167,7 @@ class UpperBodySource:
         ik: the solver, with its counts of rejected targets and failures.
         takeover: the hand-over, with its phase.
         watch: on the stream of targets, with the counts of what was not usable.
-        solution: the solver's last answer, or None while the arms are released.
+        solution: the solver's last answer, or None while the arms are released or follow joint targets.
     """
 
     def __init__(
@@ -185,6 +190,7 @@ class UpperBodySource:
         self.watch = TargetWatch(self.takeover.config.stale_time)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
+        self._by_joints = False
         self._gravity = GravityCompensation() if gravity_compensation else None
 
     def reset(self) -> None:
@@ -202,7 +208,8 @@ class UpperBodySource:
 
         Args:
             state: of the robot now.
-            hands: the targets that arrived last; None gives the arms back to the controller.
+            hands: the targets that arrived last, of the hands or of the arm joints; None gives the arms back to the
+                controller.
             dt: time since the last tick [s].
             commanded: the arm part of the last joint command, shape (8,) [rad], if known. A takeover starts there, and
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
@@ -215,11 +222,19 @@ class UpperBodySource:
         if hands is None:
             self.solution = None
             return self.takeover.release(self._own, dt)
-        if self.takeover.phase is not Phase.TAKEN:
+        by_joints = hands.joints is not None
+        if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
             self.ik.reset(state.q[self.ik.robot.arms])
+            self.takeover.blend()
+        self._by_joints = by_joints
         start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
-        self.solution = self.ik.solve(hands, state, dt)
-        return self.takeover.follow(self._compensated(self.solution.q, state), self.solution.dq, dt, start)
+        if hands.joints is None:
+            self.solution = self.ik.solve(hands, state, dt)
+            q, dq = self.solution.q, self.solution.dq
+        else:
+            self.solution = None
+            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
+        return self.takeover.follow(self._compensated(q, state), dq, dt, start)
 
     def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
         """Where the arm command is before a takeover; remembered for the hand-back if the caller knows it."""

@@ -116,6 +116,33 @@ def test_source_never_jumps(robot, make_state, compensated):
     assert source.ik.failures == 0
 
 
+def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(robot, nominal_state):
+    source = UpperBodySource(gravity_compensation=False)
+    wanted = robot.nominal[robot.arms] + 0.4
+    joints = HandTargets(None, None, joints=wanted, joint_velocity=np.zeros(8))
+    path = []
+    for tick in range(150):
+        path.append(source.update(nominal_state, joints if tick < 75 else HANDS, DT).q)
+        if tick == 74:
+            assert source.solution is None
+            assert path[-1] == pytest.approx(wanted, abs=1e-6)
+    assert source.solution is not None and source.solution.reachable.all()
+    assert path[-1] == pytest.approx(source.solution.q, abs=1e-3)
+    speed = np.diff(path, axis=0) / DT
+    assert np.all(np.abs(speed) <= source.takeover.velocity_limit + 1e-9)
+    assert np.abs(np.diff(speed, axis=0)).max() <= source.takeover.acceleration_limit * DT + 1e-9
+
+
+def test_joint_targets_that_are_not_finite_are_held_off(robot, nominal_state):
+    source = UpperBodySource(gravity_compensation=True)
+    bad = HandTargets(None, None, joints=np.full(8, np.nan))
+    assert not source.update(nominal_state, bad, DT).indicator
+    good = HandTargets(None, None, joints=robot.nominal[robot.arms])
+    source.update(nominal_state, good, DT)
+    assert np.isfinite(source.update(nominal_state, bad, DT).q).all()
+    assert source.watch.counts.bad == 2
+
+
 def test_a_first_target_of_nan_leaves_the_arms_alone(nominal_state):
     source = UpperBodySource(gravity_compensation=False)
     assert not source.update(nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), DT, ARMS).indicator
