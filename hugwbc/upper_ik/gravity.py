@@ -1,4 +1,4 @@
-"""Position targets that make soft, PD-driven arms reach where they should, against their own weight."""
+"""Position targets that make soft, PD-driven arms stay where they should, against their weight and the gait's sway."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,6 +6,10 @@ import pinocchio as pin
 from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
+
+# Of the arm joints, in the place of the robot's 0.5 [N*m*s/rad].
+SHOULDER_DAMPING, ELBOW_DAMPING = 2.0, 1.2
+LARGEST_OFFSET = 0.5  # [rad], 10 N*m
 
 
 class GravityCompensation:
@@ -41,3 +45,27 @@ class GravityCompensation:
         torque = np.minimum(np.maximum(self.torque(q_arm, state), -limit), limit)
         targets = np.minimum(np.maximum(q_arm + torque / self._kp, self.robot.lower[arms]), self.robot.upper[arms])
         return targets if np.isfinite(targets).all() else q_arm.copy()
+
+
+class ArmDamping:
+    """Adds to arm targets the damping that soft PD joints lack: q_target += (kd_wanted - kd) / kp (dq_wanted - dq).
+
+    With the paper's arm gains (20 N*m/rad, 0.5 N*m*s/rad) a shoulder swings at about 2 Hz with a tenth of the critical
+    damping, and 2 Hz is the stride: the sway of a walk rocks it up. Damping by the measured velocity takes effect a
+    control period later, which at that frequency still is damping.
+    """
+
+    def __init__(self) -> None:
+        robot = load_robot()
+        self._arms = robot.arms
+        elbow = np.array(["elbow" in name for name in robot.arm_names])
+        wanted = np.where(elbow, ELBOW_DAMPING, SHOULDER_DAMPING)
+        self.time = np.maximum(wanted - robot.kd[self._arms], 0.0) / robot.kp[self._arms]
+
+    def __call__(self, dq_arm: np.ndarray, state: RobotState) -> np.ndarray:
+        """What to add to the targets of joints that are to move at `dq_arm` (8,) [rad/s]: [rad], shape (8,).
+
+        At most `LARGEST_OFFSET`, and nothing where a number is bad.
+        """
+        offset = self.time * (dq_arm - state.dq[self._arms])
+        return np.clip(offset, -LARGEST_OFFSET, LARGEST_OFFSET) if np.isfinite(offset).all() else np.zeros(8)

@@ -12,7 +12,7 @@ from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.gravity import GravityCompensation
+from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
 from hugwbc.upper_ik.limiter import JointLimiter
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.watch import TargetWatch
@@ -181,7 +181,7 @@ class UpperBodySource:
 
         Args:
             gravity_compensation: True where PD alone drives the arms (the learned controller), so that they reach
-                their targets against their weight; False where feed-forward torque does (the QP).
+                their targets against their weight, and are damped; False where feed-forward torque does (the QP).
             ik: settings of the solver.
             takeover: settings of the hand-over.
         """
@@ -192,6 +192,7 @@ class UpperBodySource:
         self._own: np.ndarray | None = None
         self._by_joints = False
         self._gravity = GravityCompensation() if gravity_compensation else None
+        self._damping = ArmDamping() if gravity_compensation else None
 
     def reset(self) -> None:
         """Release the arms at once, for a new episode."""
@@ -234,7 +235,10 @@ class UpperBodySource:
         else:
             self.solution = None
             q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
-        return self.takeover.follow(self._compensated(q, state), dq, dt, start)
+        target = self._compensated(q, state)
+        if self._damping is not None:
+            target = target + self._damping(dq, state)
+        return self.takeover.follow(target, dq, dt, start)
 
     def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
         """Where the arm command is before a takeover; remembered for the hand-back if the caller knows it."""

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
-from hugwbc.upper_ik import GravityCompensation
+from hugwbc.upper_ik import ArmDamping, GravityCompensation
 
 # Both arms forward, elbows slightly bent.
 REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
@@ -49,3 +50,31 @@ def test_soft_arms_rest_where_they_should(robot, hanging, pitch):
         sag[compensated] = np.abs(state.q[robot.arms] - REACHING).max()
     assert sag[False] > 0.1
     assert sag[True] < 0.005
+
+
+def test_damping_is_worth_the_torque_it_says(robot, nominal_state):
+    damping = ArmDamping()
+    moving = dataclasses.replace(nominal_state, dq=np.where(np.isin(np.arange(19), robot.arms), 1.0, 0.0))
+    offset = damping(np.zeros(8), moving)
+    # A left shoulder at 1 rad/s: 2 N*m/(rad/s) in all, of which the joint itself has 0.5; at 20 N*m/rad.
+    assert offset[0] == pytest.approx(-(2.0 - 0.5) / 20.0)
+    assert offset[3] == pytest.approx(-(1.2 - 0.5) / 20.0)
+    assert damping(np.ones(8), moving) == pytest.approx(np.zeros(8)), "a joint that moves as it should is let go"
+    lost = dataclasses.replace(nominal_state, dq=np.full(19, math.nan))
+    assert damping(np.zeros(8), lost).tolist() == [0.0] * 8
+    assert np.abs(damping(np.full(8, 100.0), nominal_state)).max() == 0.5
+
+
+def test_a_pushed_arm_comes_to_rest_sooner(robot, hanging):
+    """Called at 50 Hz, as the learned controller is."""
+    gravity, damping = GravityCompensation(), ArmDamping()
+    left = {}
+    for damped in (False, True):
+        rig = hanging()
+        rig.simulation.data.qvel[6 + robot.arms[:2]] = 3.0
+        for _ in range(40):
+            q = robot.nominal.copy()
+            q[robot.arms] = gravity(REACHING, rig.state) + (damping(np.zeros(8), rig.state) if damped else 0.0)
+            state = rig.step(JointCommand.position(robot, q), 0.02)
+        left[damped] = np.abs(state.dq[robot.arms]).max()
+    assert left[True] < 0.3 * left[False]
