@@ -7,8 +7,9 @@ from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
-# Of the arm joints, in the place of the robot's 0.5 [N*m*s/rad].
-SHOULDER_DAMPING, ELBOW_DAMPING = 2.0, 1.2
+# Of the arm joints, in the place of the robot's 0.5 [N*m*s/rad]. Shoulder yaw and elbow move little mass: with 2 they
+# chatter when called at 50 Hz.
+SHOULDER_DAMPING, DISTAL_DAMPING = 2.0, 0.8
 LARGEST_OFFSET = 0.5  # [rad], 10 N*m
 
 
@@ -58,8 +59,8 @@ class ArmDamping:
     def __init__(self) -> None:
         robot = load_robot()
         self._arms = robot.arms
-        elbow = np.array(["elbow" in name for name in robot.arm_names])
-        wanted = np.where(elbow, ELBOW_DAMPING, SHOULDER_DAMPING)
+        distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
+        wanted = np.where(distal, DISTAL_DAMPING, SHOULDER_DAMPING)
         self.time = np.maximum(wanted - robot.kd[self._arms], 0.0) / robot.kp[self._arms]
 
     def __call__(self, dq_arm: np.ndarray, state: RobotState) -> np.ndarray:
