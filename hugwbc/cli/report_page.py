@@ -50,7 +50,7 @@ class Report:
 
     def conclusions(self) -> list[str]:
         """Sentences computed from the figures."""
-        return conclusions(self.figures, *self._pair)
+        return conclusions(self.figures, *self._pair) or ["There is nothing to compare with."]
 
     def duel(self) -> Table:
         """The first two controllers against each other."""

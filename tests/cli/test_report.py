@@ -96,6 +96,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path, capsys):
 def test_results_of_another_version_are_refused_and_kept(tmp_path, capsys, short):
     words = [*WORDS, "--controllers", "hold", "--out", str(tmp_path / "out"), "--results", str(tmp_path / "results")]
     assert main(words) == 0
+    assert "There is nothing to compare with." in capsys.readouterr().out
     (path,) = (tmp_path / "results" / "cells").iterdir()
     path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 99}))
     before = path.read_bytes()
