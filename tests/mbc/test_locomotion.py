@@ -180,7 +180,7 @@ def test_it_hops_on_one_leg_and_lands_on_both(gait):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(20))
 def test_it_hops_twenty_times_from_any_start_and_under_a_nudge(seed):
     rng = np.random.default_rng(seed)
     simulation, controller = Simulation(), WholeBodyController()
