@@ -449,6 +449,8 @@ class DistillationConfig:
     threads: int = 1
     calibration: float = 0.2
     """Part of the labels during which the teachers drive and are calibrated; after it the student drives."""
+    calibrated: tuple[str, ...] = ("standing", "catching", "walking")
+    """Teachers to calibrate. One that falls often is better left as it is: asked for more, it falls more."""
     exploration: float = 0.1
     """Std of the noise on all actions, so that states beside the path are labelled too."""
     noise_level: float = 0.5
