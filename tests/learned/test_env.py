@@ -86,6 +86,17 @@ def test_restored_run_continues_bit_for_bit() -> None:
     assert torch.equal(straight.observe().critic, resumed.observe().critic)
 
 
+def test_arms_against_the_trunk_are_no_fall_and_the_ground_is(small_env: HumanoidEnv) -> None:
+    run_still(small_env, 1)
+    links = small_env.robot.contact_links
+    force = torch.zeros_like(small_env.readings.link_force)
+    force[:3, links.index("torso_link")] = 30.0
+    force[1, links.index("left_elbow_link")] = 30.0
+    force[2, links.index("left_knee_link")] = 30.0
+    small_env.readings = dataclasses.replace(small_env.readings, link_force=force)
+    assert small_env._fallen().tolist()[:4] == [True, False, True, False]
+
+
 def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv) -> None:
     small_env.age[:] = 10
     small_env.simulation.qpos[2, 3:7] = [np.cos(0.6), 0.0, np.sin(0.6), 0.0]  # pitched by 1.2 rad
