@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import CommandConfig, DistillationConfig, EnvConfig
-from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Calibration, Distiller, disturbance
+from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Calibration, Distiller, SwingHeights, disturbance
 from hugwbc.learned.networks import ActorCritic
 from hugwbc.learned.train import SNAPSHOT_NAME
 from hugwbc.robot import load_robot
@@ -80,24 +80,35 @@ def test_a_policy_that_turns_too_slowly_and_stands_too_low_is_asked_for_more() -
     for _ in range(200):
         command = torch.rand(400, 8, generator=rng) * 2.0 - 1.0
         asked = calibration.commands(command, gait)
-        executed = asked[:, [0, 1, 2, 5, 6, 7]]
+        executed = asked[:, [0, 1, 2, 5, 6, 7, 4]]
         executed[:, 2] = 0.8 * executed[:, 2]
         executed[:, 3] = executed[:, 3] - 0.03
         calibration.update(command, executed, gait)
-    expected_gain, expected_offset = torch.ones(6), torch.zeros(6)
+    expected_gain, expected_offset = torch.ones(7), torch.zeros(7)
     expected_gain[2], expected_offset[3] = 1.25, 0.03
     torch.testing.assert_close(calibration.gain[Gait.WALKING], expected_gain, atol=0.01, rtol=0.0)
     torch.testing.assert_close(calibration.offset[Gait.WALKING], expected_offset, atol=0.01, rtol=0.0)
-    torch.testing.assert_close(calibration.gain[Gait.STANDING], torch.ones(6))
+    torch.testing.assert_close(calibration.gain[Gait.STANDING], torch.ones(7))
     assert calibration.as_dict()["walking"]["h"][1] == pytest.approx(0.03, abs=0.01)
 
 
 def test_a_command_that_is_always_the_same_moves_the_offset_only() -> None:
     calibration = Calibration()
     gait = torch.full((10,), int(Gait.JUMPING))
-    calibration.update(torch.zeros(10, 8), torch.full((10, 6), 0.2), gait)
-    torch.testing.assert_close(calibration.gain, torch.ones(len(Gait), 6))
-    torch.testing.assert_close(calibration.offset[Gait.JUMPING], torch.full((6,), -0.01))
+    executed = torch.full((10, 7), 0.2)
+    executed[:, 6] = torch.nan
+    calibration.update(torch.zeros(10, 8), executed, gait)
+    torch.testing.assert_close(calibration.gain, torch.ones(len(Gait), 7))
+    torch.testing.assert_close(calibration.offset[Gait.JUMPING], torch.tensor([-0.01] * 6 + [0.0]))
+
+
+def test_the_swing_height_is_that_of_the_last_whole_stride() -> None:
+    swings = SwingHeights(2)
+    left = [0.0, 0.1, 0.2, 0.0, 0.0, 0.05, 0.3, 0.0]
+    for step, height in enumerate(left):
+        clearance = torch.tensor([[height, 0.1], [0.0, 0.0]])
+        swings.update(torch.tensor([step / 4 % 1.0, step / 16]), clearance)
+    assert swings.last[0].item() == pytest.approx(0.15) and swings.last[1].isnan()
 
 
 def test_a_student_becomes_its_teacher(tmp_path: pathlib.Path) -> None:
