@@ -24,7 +24,7 @@ from hugwbc.learned import checkpoint, observations
 from hugwbc.learned.config import DistillationConfig
 from hugwbc.learned.contract import versions
 from hugwbc.learned.env import HumanoidEnv, Observation
-from hugwbc.learned.imitation import Memory
+from hugwbc.learned.imitation import Memory, fit_actor
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.readings import Readings
 from hugwbc.learned.train import save_product
@@ -180,7 +180,7 @@ class Distiller:
         swing = torch.where(env.gait == int(Gait.STANDING), torch.nan, self._swings.last)
         others = torch.stack((r.yaw_rate, r.height, r.pitch, r.q[:, env.robot.waist], swing), 1)
         executed = torch.cat((r.velocity[:, :2], others), 1)
-        settled = env.age % env.config.command.resample_steps * env.dt >= _SETTLED
+        settled = env.command_time >= _SETTLED
         for name in self.teachers.keys() - set(self.config.calibrated):
             settled &= ~_of(env.gait, name)
         self.calibration.update(env.command[settled], executed[settled], env.gait[settled])
@@ -212,20 +212,20 @@ class Distiller:
         env = self.env
         observation = env.observe()
         with torch.no_grad():
-            own, _ = self.network.actor(observation.history, observation.command)
             label = self.label(observation)
         weight = torch.ones(env.count, ACTION_SIZE)
         # Arms under takeover do not follow the action: whatever a teacher says about them is untested.
         weight[env.intervention.active.nonzero(), self._arms] = 0.0
         self.memory.add(observation, label, weight)
         self.samples += env.count
-        if self._calibrating:
-            result = env.step(label)
-        else:
-            noise = torch.randn(own.shape, generator=self._generator) * self.config.exploration
-            result = env.step(own + noise)
+        result = env.step(label if self._calibrating else self._explore(observation))
         self._swings.update(env.phase, env.readings.clearance)
         return int(result.done.sum()) - len(result.timed_out)
+
+    @torch.no_grad()
+    def _explore(self, observation: Observation) -> torch.Tensor:
+        own, _ = self.network.actor(observation.history, observation.command)
+        return own + torch.randn(own.shape, generator=self._generator) * self.config.exploration
 
     def label(self, observation: Observation) -> torch.Tensor:
         """What each robot's teacher would do, shape (n, 19)."""
@@ -249,19 +249,7 @@ class Distiller:
         c, actor = self.config, self.network.actor
         for group in self._optimiser.param_groups:
             group["lr"] = c.learning_rate * max(0.05, 1.0 - self.progress)
-        sums = {"imitation_loss": 0.0, "estimation_loss": 0.0}
-        for _ in range(c.updates):
-            batch = self.memory.sample(c.batch)
-            mean, estimate = actor(batch["history"], batch["command"])
-            l_imitation = (batch["weight"] * (mean - batch["action"]).square()).mean()
-            l_estimation = (estimate - batch["estimate"]).square().mean()
-            self._optimiser.zero_grad()
-            (l_imitation + c.estimation_weight * l_estimation).backward()
-            torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
-            self._optimiser.step()
-            sums["imitation_loss"] += float(l_imitation.detach()) / c.updates
-            sums["estimation_loss"] += float(l_estimation.detach()) / c.updates
-        return sums
+        return fit_actor(actor, self._optimiser, self.memory, c, torch.nn.functional.mse_loss)
 
 
 def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:

@@ -247,11 +247,16 @@ class HumanoidEnv:
         left, right = (self.readings.foot_force.square().sum(2) > CONTACT_THRESHOLD**2).unbind(1)
         return ((self.gait == Gait.HOPPING_LEFT) & right) | ((self.gait == Gait.HOPPING_RIGHT) & left)
 
+    @property
+    def command_time(self) -> torch.Tensor:
+        """Time since each robot's command was drawn [s], shape (n,)."""
+        return self.age % self.config.command.resample_steps * self.dt
+
     def _dropped_foot(self) -> torch.Tensor:
         """Whether a hop ends because its held foot came down; there is time to lift it after a new command."""
         if self.config.held_foot_grace == 0.0:
             return torch.zeros(self.count, dtype=torch.bool)
-        settled = self.age % self.config.command.resample_steps * self.dt >= self.config.held_foot_grace
+        settled = self.command_time >= self.config.held_foot_grace
         return settled & self._held_foot_down()
 
     def _bar_phase(self) -> torch.Tensor:

@@ -19,11 +19,11 @@ from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.gait import Gait
 from hugwbc.learned import observations as obs
-from hugwbc.learned.config import ImitationConfig
+from hugwbc.learned.config import DistillationConfig, ImitationConfig
 from hugwbc.learned.contract import versions
 from hugwbc.learned.curriculum import Curriculum
 from hugwbc.learned.env import HumanoidEnv, Observation
-from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.networks import ACTION_SIZE, Actor, ActorCritic
 from hugwbc.learned.train import save_product
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
@@ -111,6 +111,37 @@ class Memory:
         ):
             batch[name][:half] = mirror(batch[name][:half])
         return batch
+
+
+def fit_actor(
+    actor: Actor,
+    optimiser: torch.optim.Optimizer,
+    memory: Memory,
+    config: ImitationConfig | DistillationConfig,
+    loss: Callable[..., torch.Tensor],
+) -> dict[str, float]:
+    """Gradient steps on random labels; returns the mean losses.
+
+    Args:
+        actor: the student.
+        optimiser: of the actor's parameters.
+        memory: the labels.
+        config: with the number of steps, the batch's size and the weight of the estimation.
+        loss: of each joint's error, such as `torch.nn.functional.mse_loss`; takes `reduction="none"`.
+    """
+    sums = {"imitation_loss": 0.0, "estimation_loss": 0.0}
+    for _ in range(config.updates):
+        batch = memory.sample(config.batch)
+        mean, estimate = actor(batch["history"], batch["command"])
+        l_imitation = (batch["weight"] * loss(mean, batch["action"], reduction="none")).mean()
+        l_estimation = (estimate - batch["estimate"]).square().mean()
+        optimiser.zero_grad()
+        (l_imitation + config.estimation_weight * l_estimation).backward()
+        torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
+        optimiser.step()
+        sums["imitation_loss"] += float(l_imitation.detach()) / config.updates
+        sums["estimation_loss"] += float(l_estimation.detach()) / config.updates
+    return sums
 
 
 class Imitator:
@@ -232,17 +263,4 @@ class Imitator:
         rate = c.learning_rate * max(0.1, 1.0 - self.progress)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
-        sums = {"imitation_loss": 0.0, "estimation_loss": 0.0}
-        for _ in range(c.updates):
-            batch = self.memory.sample(c.batch)
-            mean, estimate = actor(batch["history"], batch["command"])
-            errors = torch.nn.functional.smooth_l1_loss(mean, batch["action"], reduction="none")
-            l_imitation = (batch["weight"] * errors).mean()
-            l_estimation = (estimate - batch["estimate"]).square().mean()
-            self._optimiser.zero_grad()
-            (l_imitation + c.estimation_weight * l_estimation).backward()
-            torch.nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
-            self._optimiser.step()
-            sums["imitation_loss"] += float(l_imitation.detach()) / c.updates
-            sums["estimation_loss"] += float(l_estimation.detach()) / c.updates
-        return sums
+        return fit_actor(actor, self._optimiser, self.memory, c, torch.nn.functional.smooth_l1_loss)
