@@ -233,5 +233,7 @@ def run(words: Sequence[str]) -> int:
         with options.execution:
             result = protocol.run(spec.build, config, on_episode)
     say(protocol.describe(result), options.json)
-    write_json(options.json, dataclasses.asdict(result))
+    content = dataclasses.asdict(result)
+    rows = content.pop("rows")
+    write_json(options.json, {**content, "rows": rows})  # the summary before what may be thousands of lines
     return 0

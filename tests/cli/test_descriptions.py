@@ -8,7 +8,11 @@ from hugwbc.evaluation.protocols.disturbance import DIRECTIONS
 from hugwbc.evaluation.protocols.heatmap import OrthogonalRange
 from hugwbc.evaluation.protocols.robustness import RobustnessLevel
 
-SETTINGS = {"seed": 0, "duration": 10.0, "settle": 1.0, "conditions": Conditions(), "rows": ()}
+STANDING = {
+    **{"controller": "qp", "gait": "standing", "seed": 0, "duration": 10.0, "settle": 1.0},
+    **{"conditions": Conditions(), "rows": ()},
+}
+WALKING = {**STANDING, "gait": "walking"}
 KINDS = ("none", "noise", "motion")
 
 
@@ -20,10 +24,14 @@ def lines(text: str) -> dict[str, list[str]]:
 
 def test_interventions_stand_beside_the_paper():
     result = protocols.InterventionResult(
-        "qp", "standing", "noise", 3, {"none": 0, "noise": 1, "motion": 0},
-        {kind: {"E_h": 0.05, "E_p": None} for kind in KINDS}, {"none": None, "noise": 0.125, "motion": 0.2},
-        {"none": {"E_h": 0.1, "E_p": 0.2}, "noise": {"E_h": 0.025}, "motion": {}}, **SETTINGS,
-    )  # fmt: skip
+        training="noise",
+        episodes=3,
+        falls={"none": 0, "noise": 1, "motion": 0},
+        errors={kind: {"E_h": 0.05, "E_p": None} for kind in KINDS},
+        arm_error={"none": None, "noise": 0.125, "motion": 0.2},
+        paper={"none": {"E_h": 0.1, "E_p": 0.2}, "noise": {"E_h": 0.025}, "motion": {}},
+        **STANDING,
+    )
     none, noise, motion = descriptions.describe_intervention(result).split("arms: ")[1:]
     assert lines(none)["E_h"] == ["0.0500", "0.1000", "0.500"] and lines(none)["E_p"] == ["-", "0.2000", "-"]
     assert lines(noise)["E_h"][-1] == "2.000" and lines(motion)["E_h"] == ["0.0500", "-", "-"]
@@ -33,9 +41,14 @@ def test_interventions_stand_beside_the_paper():
 def test_foot_displacement_says_what_is_creep():
     table = {kind: {"h": 0.02, "p": None} for kind in KINDS}
     result = protocols.FootDisplacementResult(
-        "qp", "noise", 2, dict.fromkeys(KINDS, 1), table, {kind: {"h": 0.015, "p": None} for kind in KINDS},
-        {kind: {"h": 0.01, "p": 0.1} for kind in KINDS}, **SETTINGS,
-    )  # fmt: skip
+        training="noise",
+        episodes=2,
+        falls=dict.fromkeys(KINDS, 1),
+        displacement=table,
+        creep={kind: {"h": 0.015, "p": None} for kind in KINDS},
+        paper={kind: {"h": 0.01, "p": 0.1} for kind in KINDS},
+        **STANDING,
+    )
     text = descriptions.describe_foot_displacement(result)
     assert lines(text)["noise, h"] == ["0.0200", "0.0100", "2.000", "0.0150"]
     assert "in 9 s; falls: none 1 of 2, noise 1 of 2" in text
@@ -47,7 +60,11 @@ def test_forces_are_listed_by_direction(refused):
         kind: {str(d): factor * 10.0 + d for d in DIRECTIONS} for kind, factor in (("constant", 1), ("second", 2))
     }
     result = protocols.DisturbanceResult(
-        "qp", "standing", 16, forces, {"constant": {"0": refused}, "second": {}}, 500, **SETTINGS
+        rollouts=16,
+        tolerated=forces,
+        refused={"constant": {"0": refused}, "second": {}},
+        episodes=500,
+        **STANDING,
     )
     text = descriptions.describe_disturbance(result)
     assert lines(text)["90 deg, left"] == ["100", "110"] and lines(text)["45 deg"] == ["55", "65"]
@@ -57,7 +74,10 @@ def test_forces_are_listed_by_direction(refused):
 def test_orthogonal_ranges_stand_where_row_and_column_meet():
     ranges = (OrthogonalRange("h", "p", 0.0, 0.2, 0.5, 2.0), OrthogonalRange("p", "h", None, None, 0.0, None))
     values = {"h": [-0.3, 0.0], "p": [0.0, 0.4]}
-    result = protocols.HeatmapResult("qp", "standing", 2, values, {"h": 0.01, "p": None}, (), ranges, 8, 1, **SETTINGS)
+    single = {"h": 0.01, "p": None}
+    result = protocols.HeatmapResult(
+        points=2, values=values, single=single, maps=(), orthogonality=ranges, episodes=8, falls=1, **STANDING
+    )
     found = lines(descriptions.describe_heatmap(result))
     assert found["h"] == ["0.010", "0 to 0.2"] and found["p"] == ["-", "-"]
 
@@ -65,7 +85,7 @@ def test_orthogonal_ranges_stand_where_row_and_column_meet():
 def test_robustness_names_factor_value_and_unit():
     levels = [("nominal", 0.0, 1.0), ("terrain_roughness", 0.02, 1.5), ("gain", 0.9, None)]
     result = protocols.RobustnessResult(
-        "qp", "walking", 8, tuple(RobustnessLevel(f, v, 1, 8, {}, ratio) for f, v, ratio in levels), **SETTINGS
+        samples=8, levels=tuple(RobustnessLevel(f, v, 1, 8, {}, ratio) for f, v, ratio in levels), **WALKING
     )
     found = lines(descriptions.describe_robustness(result))
     assert found["nominal"] == ["1 of 8", "1.000"]
@@ -73,11 +93,15 @@ def test_robustness_names_factor_value_and_unit():
 
 
 def test_ramps_tours_and_efforts():
-    ramp = protocols.RampResult("qp", "walking", 5, {"p": 1, "w": 0}, {"E_p": 0.05, "E_w": None},
-                                {"E_p": 0.1, "E_w": 0.2}, **SETTINGS)  # fmt: skip
+    errors, paper = {"E_p": 0.05, "E_w": None}, {"E_p": 0.1, "E_w": 0.2}
+    ramp = protocols.RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, paper=paper, **WALKING)
     text = descriptions.describe_ramp(ramp)
     assert lines(text)["E_p"] == ["0.0500", "0.1000", "0.500"] and "falls: p 1 of 5, w 0 of 5 runs" in text
-    tour = protocols.TourResult("qp", "walking", 885.4, 4, 0.75, 0.5, 0.125, None, 51.25, **SETTINGS)
+    tour = protocols.TourResult(
+        **{"strongest_blow": 885.4, "episodes": 4, "falls": 1, "completed": 0.75, "reached": 0.5},
+        **{"position_error": 0.125, "yaw_error": None, "survived_s": 51.25},
+        **WALKING,
+    )
     text = descriptions.describe_tour(tour)
     assert lines(text)["tours completed [%]"] == ["75"] and lines(text)["waypoints reached [%]"] == ["50"]
     assert lines(text)["survived [s]"] == ["51.2 of 10"] and "blows of up to 885 N" in text

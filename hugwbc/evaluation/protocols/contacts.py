@@ -7,10 +7,8 @@ import numpy as np
 
 from hugwbc import gait as gaits
 from hugwbc.commands import default_command
-from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, run_episodes
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedResult, CountedSettings, Run, run_episodes
 from hugwbc.evaluation.rollout import RECORD_PERIOD
 from hugwbc.gait import Gait
 
@@ -18,7 +16,7 @@ _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 
 
 @dataclasses.dataclass(frozen=True)
-class ContactsConfig(GaitSettings):
+class ContactsConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -31,11 +29,6 @@ class ContactsConfig(GaitSettings):
     v_x: float = 0.5
     duration: float = 6.0
     settle: float = 3.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.episodes < 1:
-            raise ConfigError(f"episodes is {self.episodes}; give 1 or more")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,28 +56,9 @@ class ContactsEpisode:
     failures: int
 
 
-@dataclasses.dataclass(frozen=True)
-class ContactsResult:
-    """Outcome of the protocol.
-
-    Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        episodes: how many.
-        falls: in how many the robot fell.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
-    """
-
-    controller: str
-    gait: str
-    episodes: int
-    falls: int
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[ContactsEpisode, ...]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContactsResult(CountedResult[ContactsEpisode]):
+    """Outcome of the protocol."""
 
 
 def clock_phases(gait: Gait, frequency: float, offset: float, samples: int) -> np.ndarray:
@@ -115,17 +89,7 @@ def run_contacts(
     speeds = [0.0 if command.gait is Gait.STANDING else config.v_x for command in commands]
     plans = [EpisodePlan(dataclasses.replace(c, v_x=v)) for c, v in zip(commands, speeds, strict=True)]
     rows = run_episodes(factory, plans, ContactsJudge(config.settle), config, on_episode)
-    return ContactsResult(
-        controller=factory().name,
-        gait=config.gait_label,
-        episodes=len(rows),
-        falls=sum(row.fell for row in rows),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
-    )
+    return ContactsResult.of(factory, config, rows)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,9 +14,8 @@ import numpy as np
 
 from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, run_episodes
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, ProtocolResult, Run, run_episodes
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.gait import Gait
 from hugwbc.sim import Force
@@ -90,32 +89,21 @@ class DisturbanceEpisode:
     survived_s: float
 
 
-@dataclasses.dataclass(frozen=True)
-class DisturbanceResult:
-    """Outcome of the protocol; the tables are by kind, then by direction in degrees.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DisturbanceResult(ProtocolResult[DisturbanceEpisode]):
+    """Outcome of the protocol, beside what any has; the tables are by kind, then by direction in degrees.
 
     Attributes:
-        controller: name.
-        gait: label.
         rollouts: of a force.
         tolerated: largest force with at least 98 % survival [N].
         refused: smallest force with less [N]; None where the limit was tolerated.
         episodes: how many were needed.
-        seed, duration, settle, conditions: as configured.
-        rows: the rollouts.
     """
 
-    controller: str
-    gait: str
     rollouts: int
     tolerated: dict[str, dict[str, float]]
     refused: dict[str, dict[str, float | None]]
     episodes: int
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[DisturbanceEpisode, ...]
 
 
 def disturbance_plan(config: DisturbanceConfig, kind: str, direction: int, force: float, draw: int) -> EpisodePlan:
@@ -134,7 +122,8 @@ def disturbance_plan(config: DisturbanceConfig, kind: str, direction: int, force
     vector = (force * math.cos(angle), force * math.sin(angle), 0.0)
     start = config.settle + float(rng.uniform(0.0, _START_SPREAD))
     push = Force(vector, start, KINDS[kind], frame="heading")
-    return EpisodePlan(default_command(config.gait), (push,), conditions, draw, label=f"{kind} {direction} {force!r}")
+    command = default_command(config.alternating[draw % 2])
+    return EpisodePlan(command, (push,), conditions, draw, label=f"{kind} {direction} {force!r}")
 
 
 def run_disturbance(
@@ -161,18 +150,14 @@ def run_disturbance(
         rows += found
         for (kind, direction), search in open_ones.items():
             search.record([not row.fell for row in found if (row.kind, row.direction) == (kind, direction)])
-    return DisturbanceResult(
-        controller=factory().name,
-        gait=config.gait.label,
+    return DisturbanceResult.of(
+        factory,
+        config,
+        rows,
         rollouts=config.rollouts,
         tolerated={kind: {str(d): searches[kind, d].tolerated for d in DIRECTIONS} for kind in KINDS},
         refused={kind: {str(d): searches[kind, d].refused for d in DIRECTIONS} for kind in KINDS},
         episodes=len(rows),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

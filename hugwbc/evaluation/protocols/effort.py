@@ -10,9 +10,15 @@ from collections.abc import Callable
 from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import effort, metrics
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    GaitSettings,
+    Run,
+    known,
+    run_episodes,
+)
 from hugwbc.gait import Gait
 from hugwbc.sim.scene import robot_mass
 
@@ -83,28 +89,15 @@ class EffortEpisode:
     survived_s: float
 
 
-@dataclasses.dataclass(frozen=True)
-class EffortResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EffortResult(CountedResult[EffortEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label.
         mass: of the robot with its payload [kg].
-        falls: in how many episodes the robot fell.
-        seed, duration, settle, conditions: as configured.
-        rows: one for each speed.
     """
 
-    controller: str
-    gait: str
     mass: float
-    falls: int
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[EffortEpisode, ...]
 
 
 def run_effort(
@@ -117,20 +110,16 @@ def run_effort(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    start = default_command(config.gait)
-    plans = [EpisodePlan(dataclasses.replace(start, v_x=speed), timed=True) for speed in config.admitted]
+    starts = [default_command(config.alternating[index % 2]) for index in range(config.episodes)]
+    commands = [dataclasses.replace(start, v_x=v) for start, v in zip(starts, config.admitted, strict=True)]
+    plans = [EpisodePlan(command, timed=True) for command in commands]
     mass = robot_mass() + config.conditions.payload
     rows = run_episodes(factory, plans, EffortJudge(config.settle, mass), config, on_episode)
-    return EffortResult(
-        controller=factory().name,
-        gait=config.gait.label,
+    return EffortResult.of(
+        factory,
+        config,
+        rows,
         mass=mass,
-        falls=sum(row.fell for row in rows),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

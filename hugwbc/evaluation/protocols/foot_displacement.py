@@ -9,11 +9,11 @@ they are left out, and counted.
 import dataclasses
 from collections.abc import Callable
 
-from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.conditions import INTERVENTIONS, Conditions
-from hugwbc.evaluation.paper import TRAININGS, foot_displacement
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, mean, run_episodes
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.paper import foot_displacement
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, ProtocolResult, mean, run_episodes
 from hugwbc.evaluation.protocols.intervention import (
+    InterventionConfig,
     InterventionEpisode,
     InterventionJudge,
     by_intervention,
@@ -24,63 +24,45 @@ from hugwbc.gait import Gait
 
 
 @dataclasses.dataclass(frozen=True)
-class FootDisplacementConfig(GaitSettings):
-    """Settings of the protocol, beside those of any.
+class FootDisplacementConfig(InterventionConfig):
+    """Settings of the protocol: those of the tracking errors under intervention.
 
     Attributes:
         gait: standing, nothing else.
         episodes: in all, split evenly over the interventions, and each share over h, p and w.
         duration: of an episode: the paper's 20 s, and the settling time [s].
-        training: which of the paper's policies stands beside, one of `paper.TRAININGS`.
     """
 
     gait: Gait = Gait.STANDING
     episodes: int = 36
     _: dataclasses.KW_ONLY
     duration: float = 21.0
-    training: str = "noise"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        least = len(INTERVENTIONS) * len(sampled_commands(Gait.STANDING))
         if self.gait is not Gait.STANDING:
             raise ConfigError(f"foot displacement is that of a standing robot; the gait is {self.gait.label}")
-        if self.episodes < least:
-            raise ConfigError(f"episodes is {self.episodes}; give at least {least}: 3 interventions and 3 commands")
-        if self.training not in TRAININGS:
-            raise UnknownNameError("training", self.training, TRAININGS)
-        if self.conditions.intervention != "none":
-            raise ConfigError("this protocol runs every intervention; leave that of the conditions at none")
 
 
-@dataclasses.dataclass(frozen=True)
-class FootDisplacementResult:
-    """Outcome of the protocol; the tables are by intervention, then by command.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FootDisplacementResult(ProtocolResult[InterventionEpisode]):
+    """Outcome of the protocol, beside what any has; the tables are by intervention, then by command.
 
     Attributes:
-        controller: name.
         training: how the paper's policy in `paper` was trained.
         episodes: how many of each intervention.
         falls: in how many of them the robot fell.
         displacement: mean length of both feet's paths in the episodes without a fall [m].
         creep: the part of it that is creep of feet that stand firm [m].
         paper: the paper's displacement [m].
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
     training: str
     episodes: int
     falls: dict[str, int]
     displacement: dict[str, dict[str, float | None]]
     creep: dict[str, dict[str, float | None]]
     paper: dict[str, dict[str, float]]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[InterventionEpisode, ...]
 
 
 def run_foot_displacement(
@@ -95,23 +77,19 @@ def run_foot_displacement(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    samples = config.episodes // len(INTERVENTIONS)
-    plans = intervention_plans(config, samples)
+    plans = intervention_plans(config, config.samples)
     rows = run_episodes(factory, plans, InterventionJudge(config.settle), config, on_episode)
     parts = by_intervention(rows)
-    return FootDisplacementResult(
-        controller=factory().name,
+    return FootDisplacementResult.of(
+        factory,
+        config,
+        rows,
         training=config.training,
-        episodes=samples,
+        episodes=config.samples,
         falls={kind: sum(row.fell for row in part) for kind, part in parts.items()},
         displacement={kind: _means(part, "foot_travel") for kind, part in parts.items()},
         creep={kind: _means(part, "foot_creep") for kind, part in parts.items()},
         paper={kind: dict(foot_displacement(kind, config.training)) for kind in parts},
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

@@ -13,9 +13,16 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    GaitSettings,
+    Run,
+    known,
+    mean,
+    run_episodes,
+)
 from hugwbc.evaluation.protocols.single_command import episode_error, sampled_commands
 
 ORTHOGONAL = 1.5  # times the single-command error
@@ -107,38 +114,23 @@ class OrthogonalRange:
     worst: float | None
 
 
-@dataclasses.dataclass(frozen=True)
-class HeatmapResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HeatmapResult(CountedResult[HeatmapEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
         points: values of each command.
         values: of each command, by name.
         single: error of each command scanned alone, averaged over its values.
         maps: one for each pair.
         orthogonality: one for each ordered pair.
-        episodes: how many.
-        falls: in how many the robot fell.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
     points: int
     values: dict[str, list[float]]
     single: dict[str, float | None]
     maps: tuple[HeatMap, ...]
     orthogonality: tuple[OrthogonalRange, ...]
-    episodes: int
-    falls: int
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[HeatmapEpisode, ...]
 
 
 def heatmap_plans(config: HeatmapConfig) -> list[EpisodePlan]:
@@ -181,21 +173,15 @@ def run_heatmap(
     maps = tuple(
         heat_map(first, second, list(itertools.islice(paired, points**2)), points) for first, second in config.pairs
     )
-    return HeatmapResult(
-        controller=factory().name,
-        gait=config.gait_label,
+    return HeatmapResult.of(
+        factory,
+        config,
+        rows,
         points=points,
         values={name: config.values(name) for name in names},
         single=single,
         maps=maps,
         orthogonality=tuple(orthogonality(config, single, maps)),
-        episodes=len(rows),
-        falls=sum(row.fell for row in rows),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

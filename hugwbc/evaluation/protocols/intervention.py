@@ -8,17 +8,25 @@ from collections.abc import Callable, Sequence
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.conditions import INTERVENTIONS, Conditions
+from hugwbc.evaluation.conditions import INTERVENTIONS
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedSettings,
+    GaitSettings,
+    ProtocolResult,
+    Run,
+    mean,
+    run_episodes,
+)
 from hugwbc.evaluation.protocols.single_command import Episode, judged, sampled_commands, stratified_samples
 
 ERROR_OF = {name: f"E_{name.replace('_', '')}" for name in COMMAND_NAMES}  # the paper's names; v_x at all speeds
 
 
 @dataclasses.dataclass(frozen=True)
-class InterventionConfig(GaitSettings):
+class InterventionConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -31,16 +39,16 @@ class InterventionConfig(GaitSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        least = len(INTERVENTIONS) * len(sampled_commands(self.gait))
-        if self.episodes < least:
-            raise ConfigError(
-                f"episodes is {self.episodes}; the {self.gait.label} gait needs at least {least}: {len(INTERVENTIONS)} "
-                "interventions, and one episode per command"
-            )
         if self.training not in TRAININGS:
             raise UnknownNameError("training", self.training, TRAININGS)
         if self.conditions.intervention != "none":
             raise ConfigError("this protocol runs every intervention; leave that of the conditions at none")
+
+    @property
+    def least(self) -> tuple[int, str]:
+        """One for each command of the gait under each intervention."""
+        commands = len(sampled_commands(self.gait))
+        return len(INTERVENTIONS) * commands, f"{len(INTERVENTIONS)} interventions and {commands} commands"
 
     @property
     def samples(self) -> int:
@@ -59,36 +67,25 @@ class InterventionEpisode(Episode):
     intervention: str
 
 
-@dataclasses.dataclass(frozen=True)
-class InterventionResult:
-    """Outcome of the protocol; the tables are by intervention, then by the paper's name of an error.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class InterventionResult(ProtocolResult[InterventionEpisode]):
+    """Outcome of the protocol, beside what any has; the tables are by intervention, then by the paper's error name.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
         training: how the paper's policy in `paper` was trained.
         episodes: how many of each intervention.
         falls: in how many of them the robot fell.
         errors: mean of the episodes' errors.
         arm_error: mean distance of the arm joints to their external targets [rad].
         paper: the paper's errors.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
     training: str
     episodes: int
     falls: dict[str, int]
     errors: dict[str, dict[str, float | None]]
     arm_error: dict[str, float | None]
     paper: dict[str, dict[str, float]]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[InterventionEpisode, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,9 +144,10 @@ def run_intervention(
     plans = intervention_plans(config, config.samples)
     rows = run_episodes(factory, plans, InterventionJudge(config.settle), config, on_episode)
     parts = by_intervention(rows)
-    return InterventionResult(
-        controller=factory().name,
-        gait=config.gait_label,
+    return InterventionResult.of(
+        factory,
+        config,
+        rows,
         training=config.training,
         episodes=config.samples,
         falls={kind: sum(row.fell for row in part) for kind, part in parts.items()},
@@ -162,9 +160,4 @@ def run_intervention(
         },
         arm_error={kind: mean(row.arm_error for row in part) for kind, part in parts.items()},
         paper={kind: dict(intervention_errors(config.gait, kind, config.training)) for kind in parts},
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )

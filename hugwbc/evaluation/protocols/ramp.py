@@ -11,11 +11,18 @@ import numpy as np
 
 from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import TRACKED, tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.plans import EpisodePlan, Knot, Schedule
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedSettings,
+    ProtocolResult,
+    Run,
+    known,
+    mean,
+    run_episodes,
+)
 
 RAMPED = ("p", "w")
 _START, _APPROACH = 1.0, 2.0  # [s] at the default command, and from there to the minimum
@@ -23,7 +30,7 @@ _CURVE_POINTS = 21
 
 
 @dataclasses.dataclass(frozen=True)
-class RampConfig(GaitSettings):
+class RampConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -39,8 +46,6 @@ class RampConfig(GaitSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.episodes < 1:
-            raise ConfigError(f"episodes is {self.episodes}; give 1 or more")
         if self.settle < _START + _APPROACH:
             raise ConfigError(f"the ramp begins at settle = {self.settle} s; give {_START + _APPROACH} s or more")
         if self.gait.hops:
@@ -70,32 +75,21 @@ class RampEpisode:
     gain: float
 
 
-@dataclasses.dataclass(frozen=True)
-class RampResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RampResult(ProtocolResult[RampEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label.
         episodes: runs of each command.
         falls: in how many runs the robot fell, by command.
         errors: mean of the runs' errors, E_p and E_w [rad].
         paper: the paper's, on the real robot.
-        seed, duration, settle, conditions: as configured.
-        rows: the runs.
     """
 
-    controller: str
-    gait: str
     episodes: int
     falls: dict[str, int]
     errors: dict[str, float | None]
     paper: dict[str, float]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[RampEpisode, ...]
 
 
 def ramp_schedule(config: RampConfig, name: str) -> Schedule:
@@ -132,18 +126,14 @@ def run_ramp(
     ]
     rows = run_episodes(factory, plans, RampJudge(config.settle), config, on_episode)
     parts = {name: [row for row in rows if row.command == name] for name in RAMPED}
-    return RampResult(
-        controller=factory().name,
-        gait=config.gait_label,
+    return RampResult.of(
+        factory,
+        config,
+        rows,
         episodes=config.episodes,
         falls={name: sum(row.fell for row in part) for name, part in parts.items()},
         errors={f"E_{name}": mean(row.error for row in part) for name, part in parts.items()},
         paper=dict(real_robot_errors(config.gait)),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

@@ -11,18 +11,23 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    CountedSettings,
+    Run,
+    known,
+    run_episodes,
+)
 from hugwbc.gait import Gait
 
 PARTS = ("low", "middle", "high")  # thirds of a command's range
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomCommandsConfig(GaitSettings):
+class RandomCommandsConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -30,11 +35,6 @@ class RandomCommandsConfig(GaitSettings):
     """
 
     episodes: int = 64
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.episodes < 1:
-            raise ConfigError(f"episodes is {self.episodes}; give 1 or more")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,33 +73,18 @@ class Combination:
     falls: int
 
 
-@dataclasses.dataclass(frozen=True)
-class RandomCommandsResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RandomCommandsResult(CountedResult[RandomEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        episodes: how many.
-        falls: in how many the robot fell.
         fall_rate: falls / episodes.
         combinations: thirds of single commands and of pairs with falls, those with the most falls first, then those
             with the highest rate.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
-    episodes: int
-    falls: int
     fall_rate: float
     combinations: tuple[Combination, ...]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[RandomEpisode, ...]
 
 
 def sample_episodes(config: RandomCommandsConfig) -> list[Command]:
@@ -122,19 +107,12 @@ def run_random_commands(
     """
     plans = [EpisodePlan(command) for command in sample_episodes(config)]
     rows = run_episodes(factory, plans, _Judge(config.settle), config, on_episode)
-    falls = sum(row.fell for row in rows)
-    return RandomCommandsResult(
-        controller=factory().name,
-        gait=config.gait_label,
-        episodes=len(rows),
-        falls=falls,
-        fall_rate=falls / len(rows),
+    return RandomCommandsResult.of(
+        factory,
+        config,
+        rows,
+        fall_rate=sum(row.fell for row in rows) / len(rows),
         combinations=failing_combinations(rows, config.gait),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

@@ -8,10 +8,16 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    GaitSettings,
+    ProtocolResult,
+    Run,
+    mean,
+    run_episodes,
+)
 from hugwbc.evaluation.protocols.single_command import Episode, judged, sampled_commands, stratified_samples
 
 NOMINAL = "nominal"
@@ -85,28 +91,17 @@ class RobustnessLevel:
     ratio: float | None
 
 
-@dataclasses.dataclass(frozen=True)
-class RobustnessResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobustnessResult(ProtocolResult[RobustnessEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
         samples: episodes of each value.
         levels: the unchanged robot first.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
     samples: int
     levels: tuple[RobustnessLevel, ...]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[RobustnessEpisode, ...]
 
 
 def grid_levels() -> list[tuple[str, float]]:
@@ -138,16 +133,12 @@ def run_robustness(
         ]
     rows = run_episodes(factory, plans, RobustnessJudge(config.settle), config, on_episode)
     parts = [rows[start : start + config.samples] for start in range(0, len(rows), config.samples)]
-    return RobustnessResult(
-        controller=factory().name,
-        gait=config.gait_label,
+    return RobustnessResult.of(
+        factory,
+        config,
+        rows,
         samples=config.samples,
         levels=tuple(robustness_level(part, parts[0]) for part in parts),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

@@ -11,12 +11,19 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    CountedSettings,
+    GaitSettings,
+    Run,
+    known,
+    mean,
+    run_episodes,
+)
 from hugwbc.evaluation.rollout import Trace
 from hugwbc.gait import Gait
 
@@ -24,7 +31,7 @@ SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted apar
 
 
 @dataclasses.dataclass(frozen=True)
-class SingleCommandConfig(GaitSettings):
+class SingleCommandConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -33,13 +40,10 @@ class SingleCommandConfig(GaitSettings):
 
     episodes: int = 32
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        least = len(sampled_commands(self.gait))
-        if self.episodes < least:
-            raise ConfigError(
-                f"episodes is {self.episodes}; the {self.gait.label} gait needs at least {least}, one per command"
-            )
+    @property
+    def least(self) -> tuple[int, str]:
+        """One for each command of the gait."""
+        return len(sampled_commands(self.gait)), f"one per command of the {self.gait.label} gait"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,15 +79,11 @@ class Episode:
     failures: int
 
 
-@dataclasses.dataclass(frozen=True)
-class SingleCommandResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SingleCommandResult(CountedResult[Episode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        episodes: how many.
-        falls: in how many the robot fell.
         episodes_slow: episodes with a commanded horizontal speed of at most 0.6 m/s.
         falls_slow: in how many of these the robot fell.
         fall_rate_slow: falls_slow / episodes_slow.
@@ -92,14 +92,8 @@ class SingleCommandResult:
         foot_travel: mean over the episodes, standing only [m].
         held_foot_contact: mean over the episodes, hopping only.
         paper: the paper's errors under the same intervention, for the names that it reports.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
-    episodes: int
-    falls: int
     episodes_slow: int
     falls_slow: int
     fall_rate_slow: float
@@ -108,11 +102,6 @@ class SingleCommandResult:
     foot_travel: float | None
     held_foot_contact: float | None
     paper: dict[str, float]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[Episode, ...]
 
 
 def sampled_commands(gait: Gait) -> tuple[str, ...]:
@@ -157,11 +146,10 @@ def run_single_command(
     rows = run_episodes(factory, plans, SingleCommandJudge(config.settle), config, on_episode)
     slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
     falls_slow = sum(row.fell for row in slow)
-    return SingleCommandResult(
-        controller=factory().name,
-        gait=config.gait_label,
-        episodes=len(rows),
-        falls=sum(row.fell for row in rows),
+    return SingleCommandResult.of(
+        factory,
+        config,
+        rows,
         episodes_slow=len(slow),
         falls_slow=falls_slow,
         fall_rate_slow=falls_slow / len(slow) if slow else 0.0,
@@ -170,11 +158,6 @@ def run_single_command(
         foot_travel=mean(row.foot_travel for row in rows),
         held_foot_contact=mean(row.held_foot_contact for row in rows),
         paper=dict(single_command_errors(config.gait, config.conditions.intervention)),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

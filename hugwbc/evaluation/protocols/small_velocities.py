@@ -12,10 +12,17 @@ import numpy as np
 
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import TRACKED
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, known, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    CountedSettings,
+    Run,
+    known,
+    mean,
+    run_episodes,
+)
 from hugwbc.gait import Gait
 
 SMALL = (0.1, 0.3)  # [m/s]
@@ -23,7 +30,7 @@ DIRECTIONS = ("forward", "backward", "left", "right")
 
 
 @dataclasses.dataclass(frozen=True)
-class SmallVelocitiesConfig(GaitSettings):
+class SmallVelocitiesConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -34,10 +41,13 @@ class SmallVelocitiesConfig(GaitSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.episodes < len(DIRECTIONS):
-            raise ConfigError(f"episodes is {self.episodes}; give at least {len(DIRECTIONS)}, one per direction")
         if self.gait is Gait.STANDING:
             raise ConfigError("standing has no velocities; choose another gait")
+
+    @property
+    def least(self) -> tuple[int, str]:
+        """One for each direction."""
+        return len(DIRECTIONS), "one per direction"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,30 +72,15 @@ class SmallVelocityEpisode:
     failures: int
 
 
-@dataclasses.dataclass(frozen=True)
-class SmallVelocitiesResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SmallVelocitiesResult(CountedResult[SmallVelocityEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        episodes: how many.
-        falls: in how many the robot fell.
         executed: mean executed part by direction: 1 followed, 0 ignored.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
     """
 
-    controller: str
-    gait: str
-    episodes: int
-    falls: int
     executed: dict[str, float | None]
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[SmallVelocityEpisode, ...]
 
 
 def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
@@ -116,17 +111,11 @@ def run_small_velocities(
     """
     plans = [EpisodePlan(command) for command in sample_episodes(config)]
     rows = run_episodes(factory, plans, _Judge(config.settle), config, on_episode)
-    return SmallVelocitiesResult(
-        controller=factory().name,
-        gait=config.gait_label,
-        episodes=len(rows),
-        falls=sum(row.fell for row in rows),
+    return SmallVelocitiesResult.of(
+        factory,
+        config,
+        rows,
         executed={name: mean(row.executed for row in rows if row.direction == name) for name in DIRECTIONS},
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

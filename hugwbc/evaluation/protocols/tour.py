@@ -14,10 +14,16 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.navigation import Tour, Waypoint
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, Run, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    ControllerFactory,
+    CountedResult,
+    CountedSettings,
+    Run,
+    mean,
+    run_episodes,
+)
 from hugwbc.gait import Gait
 from hugwbc.sim import Force
 from hugwbc.sim.scene import robot_mass
@@ -34,7 +40,7 @@ _LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6  # of a leg [m]; of the heading 
 
 
 @dataclasses.dataclass(frozen=True)
-class TourConfig(GaitSettings):
+class TourConfig(CountedSettings):
     """Settings of the protocol, beside those of any of one gait.
 
     Attributes:
@@ -53,8 +59,8 @@ class TourConfig(GaitSettings):
         super().__post_init__()
         if self.gait is Gait.STANDING:
             raise ConfigError("a tour needs a gait that moves; choose another than standing")
-        if self.episodes < 1 or not 0.0 <= self.blow < math.inf:
-            raise ConfigError(f"{self.episodes} tours with blows of {self.blow} N; give 1 or more, and 0 N or more")
+        if not 0.0 <= self.blow < math.inf:
+            raise ConfigError(f"the strongest blow is {self.blow} N; give a finite force, 0 N for none")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,38 +84,25 @@ class TourEpisode:
     failures: int
 
 
-@dataclasses.dataclass(frozen=True)
-class TourResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TourResult(CountedResult[TourEpisode]):
+    """Outcome of the protocol, beside what any has.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
         strongest_blow: on this robot, scaled by the masses [N].
-        episodes: tours.
         completed: share of the tours without a fall.
         reached: share of the waypoints.
         position_error: mean over the tours [m].
         yaw_error: mean over the tours [rad].
         survived_s: mean over the tours [s].
-        seed, duration, settle, conditions: as configured.
-        rows: the tours.
     """
 
-    controller: str
-    gait: str
     strongest_blow: float
-    episodes: int
     completed: float
     reached: float
     position_error: float | None
     yaw_error: float | None
     survived_s: float
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[TourEpisode, ...]
 
 
 def strongest_blow(config: TourConfig) -> float:
@@ -152,21 +145,16 @@ def run_tour(
     """
     plans = [tour_plan(config, number) for number in range(config.episodes)]
     rows = run_episodes(factory, plans, TourJudge(), config, on_episode)
-    return TourResult(
-        controller=factory().name,
-        gait=config.gait_label,
+    return TourResult.of(
+        factory,
+        config,
+        rows,
         strongest_blow=strongest_blow(config),
-        episodes=len(rows),
         completed=sum(not row.fell for row in rows) / len(rows),
         reached=sum(row.reached for row in rows) / (WAYPOINTS * len(rows)),
         position_error=mean(row.position_error for row in rows),
         yaw_error=mean(row.yaw_error for row in rows),
         survived_s=float(np.mean([row.survived_s for row in rows])),
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
     )
 
 

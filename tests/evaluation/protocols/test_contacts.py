@@ -31,5 +31,5 @@ def test_run_keeps_contacts_after_the_settling_time():
     (row,) = result.rows
     assert len(row.left) == len(row.right) == 10 and set(row.left) <= {0, 1}
     assert row.gait == "standing" and not row.fell
-    with pytest.raises(ConfigError, match="episodes is 0"):
+    with pytest.raises(ConfigError, match="episodes is 0; give 1 or more"):
         ContactsConfig(Gait.STANDING, episodes=0)

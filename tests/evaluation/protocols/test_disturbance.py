@@ -27,6 +27,9 @@ def test_a_rollout_has_the_same_robot_at_every_force():
     assert other.conditions != weak.conditions and other.forces[0].start != force.start
     assert other.forces[0].duration is None
     np.testing.assert_allclose(other.forces[0].vector, [-50.0 / math.sqrt(2.0)] * 2 + [0.0])
+    both = DisturbanceConfig(Gait.HOPPING_LEFT, both_legs=True)
+    hops = [disturbance_plan(both, "second", 90, 50.0, draw).command.gait for draw in (2, 3)]
+    assert hops == [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT]
 
 
 def test_the_tables_have_the_threshold_of_each_direction(monkeypatch):

@@ -10,21 +10,23 @@ from hugwbc.evaluation.protocols import EffortConfig, run_effort
 
 
 class Recorder(HoldController):
-    """Stands on stiff legs and remembers the commanded speeds."""
+    """Stands on stiff legs and remembers the commanded speeds and gaits."""
 
-    speeds: set[float]
+    commanded: set[tuple[float, Gait]]
 
     def act(self, state, command: Command, upper_body):
-        self.speeds.add(command.v_x)
+        self.commanded.add((command.v_x, command.gait))
         return super().act(state, command, upper_body)
 
 
 def test_every_speed_of_the_gait_has_a_row():
     controller = Recorder()
-    controller.speeds = set()
-    config = EffortConfig(Gait.HOPPING_LEFT, duration=0.3, settle=0.1, conditions=Conditions(payload=2.0))
+    controller.commanded = set()
+    config = EffortConfig(Gait.HOPPING_LEFT, True, duration=0.3, settle=0.1, conditions=Conditions(payload=2.0))
     result = run_effort(lambda: controller, config)
-    assert controller.speeds == {0.0, 0.25, 0.5} == {row.v_x for row in result.rows}
+    left, right = Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
+    assert controller.commanded == {(0.0, left), (0.25, right), (0.5, left)} and result.gait == "hopping"
+    assert [row.v_x for row in result.rows] == [0.0, 0.25, 0.5] and result.falls < result.episodes == 3
     assert result.mass == pytest.approx(51.65 + 2.0, abs=0.01)
     for row in result.rows:
         assert row.power is not None and row.power > 0.0 and row.cost_of_transport is None

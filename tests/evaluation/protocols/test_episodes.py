@@ -12,7 +12,15 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import EpisodeSettings, Run, _batch_size, run_episodes
+from hugwbc.evaluation.protocols.episodes import (
+    CountedResult,
+    EpisodeSettings,
+    GaitSettings,
+    ProtocolResult,
+    Run,
+    _batch_size,
+    run_episodes,
+)
 from hugwbc.evaluation.store import ResultStore
 
 PLANS = [EpisodePlan(Command(w=w, gait=Gait.STANDING)) for w in (0.1, 0.2, 0.3, 0.4)]
@@ -143,6 +151,30 @@ def _places(rows: list[Ending]) -> list[float]:
 def test_batches_are_as_large_as_memory_and_workers_allow(count, workers, duration, size):
     settings = EpisodeSettings(duration=duration, execution=Execution(workers))
     assert _batch_size(count, settings) == size
+
+
+@dataclasses.dataclass(frozen=True)
+class Fallen:
+    """Whether an episode ended in a fall."""
+
+    fell: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Counted(CountedResult[Fallen]):
+    """A result with a field of its own."""
+
+    own: int
+
+
+def test_a_result_says_what_its_settings_were_and_counts_falls():
+    config = GaitSettings(Gait.HOPPING_LEFT, True, seed=3, duration=5.0, settle=2.0, conditions=Conditions(noise=True))
+    rows = [Fallen(True), Fallen(False), Fallen(True)]
+    assert Counted.of(FACTORY, config, rows, own=7) == Counted(
+        **{"controller": "hold", "gait": "hopping", "seed": 3, "duration": 5.0, "settle": 2.0},
+        **{"conditions": Conditions(noise=True), "rows": tuple(rows), "episodes": 3, "falls": 2, "own": 7},
+    )
+    assert ProtocolResult.of(FACTORY, config, PLANS).rows == tuple(PLANS)
 
 
 @pytest.mark.slow

@@ -43,5 +43,5 @@ def test_a_qp_that_stands_still_does_not_move_its_feet():
 def test_bad_settings_are_refused():
     with pytest.raises(ConfigError, match="the gait is walking"):
         FootDisplacementConfig(Gait.WALKING)
-    with pytest.raises(ConfigError, match="give at least 9"):
+    with pytest.raises(ConfigError, match="give 9 or more: 3 interventions and 3 commands"):
         FootDisplacementConfig(episodes=8)

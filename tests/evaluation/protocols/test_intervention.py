@@ -50,7 +50,7 @@ def test_prescribed_errors_come_out(synthetic_trace, speed):
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(ConfigError, match="needs at least 24"):
+    with pytest.raises(ConfigError, match="give 24 or more: 3 interventions and 8 commands"):
         InterventionConfig(Gait.WALKING, episodes=23)
     with pytest.raises(ConfigError, match="runs every intervention"):
         InterventionConfig(Gait.WALKING, conditions=NOISE)

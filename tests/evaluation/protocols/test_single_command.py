@@ -117,7 +117,7 @@ def test_two_workers_give_the_result_of_one():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 7}, "needs at least 8"),
+        ({"episodes": 7}, "give 8 or more: one per command of the walking gait"),
         ({"duration": 0.5}, "give 0 <= settle < duration"),
         ({"duration": float("nan")}, "give 0 <= settle < duration"),
         ({"seed": -1}, "give 0 or more"),

@@ -51,7 +51,7 @@ def test_a_robot_that_ignores_the_command_executes_nothing_of_it():
 
 def test_bad_settings_are_refused():
     make = functools.partial(SmallVelocitiesConfig, duration=5.0)
-    with pytest.raises(ConfigError, match="give at least 4"):
+    with pytest.raises(ConfigError, match="give 4 or more: one per direction"):
         make(Gait.WALKING, episodes=3)
     with pytest.raises(ConfigError, match="standing has no velocities"):
         make(Gait.STANDING)

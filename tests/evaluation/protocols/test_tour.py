@@ -83,5 +83,5 @@ def test_the_commands_follow_the_robot():
 def test_bad_settings_are_refused():
     with pytest.raises(ConfigError, match="needs a gait that moves"):
         TourConfig(Gait.STANDING)
-    with pytest.raises(ConfigError, match="give 1 or more, and 0 N or more"):
+    with pytest.raises(ConfigError, match="give a finite force, 0 N for none"):
         TourConfig(blow=-1.0)
