@@ -1,6 +1,6 @@
 """One network from several: each gait from the policy that does it best, on the student's own states.
 
-As in `hugwbc.learned.imitation`, the student drives and its teachers name their actions (DAgger); the teachers are
+As in imitation the student drives and its teachers name their actions (`hugwbc.learned.dagger`); the teachers are
 policies, so that a label costs next to nothing. Standing can have two: one that is accurate while little moves, and one
 that catches the robot when much does. The label goes smoothly from one to the other.
 
@@ -9,11 +9,8 @@ the teachers drive, at the beginning, they are calibrated: a gain and an offset 
 what they execute is what was asked for. The student learns their actions under the original commands.
 """
 
-import dataclasses
-import json
 import pathlib
-import time
-from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -22,12 +19,10 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint, observations
 from hugwbc.learned.config import DistillationConfig
-from hugwbc.learned.contract import versions
-from hugwbc.learned.env import HumanoidEnv, Observation
-from hugwbc.learned.imitation import Memory, fit_actor
+from hugwbc.learned.dagger import Dagger
+from hugwbc.learned.env import Observation
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.readings import Readings
-from hugwbc.learned.train import save_product
 
 # A standing robot is caught rather than held from about this speed, angular velocity or roll on, or a mixture.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
@@ -42,9 +37,6 @@ _RATES = torch.tensor([0.05] * 6 + [0.15])
 # them with a quarter of the slope, but in a straight line to far outside of the range.
 _LEAST_GAIN, _LARGEST_GAIN = torch.tensor([0.7] * 7), torch.tensor([1.4] * 6 + [4.0])
 _LEAST_OFFSET, _LARGEST_OFFSET = torch.tensor([-0.1] * 6 + [-0.6]), torch.tensor([0.1] * 7)
-_INTERVAL = 10  # control steps between two rounds of fitting
-
-Report = Callable[[dict[str, float]], None]
 
 
 def disturbance(readings: Readings) -> torch.Tensor:
@@ -132,44 +124,38 @@ class SwingHeights:
         self._phase = phase.clone()
 
 
-class Distiller:
+class Distiller(Dagger[DistillationConfig]):
     """Collects the teachers' actions and fits the student.
 
     Attributes:
-        env: the robots.
-        network: the student; its critic stays as it starts.
-        memory: the labels.
-        samples: labels so far.
         calibration: of the teachers.
     """
+
+    interval = 10
+    least_rate = 0.05
 
     def __init__(self, config: DistillationConfig) -> None:
         """Load the teachers and set up robots and student.
 
         Raises:
-            ConfigError: if a gait that is drawn has no teacher.
+            ConfigError: if a gait that is drawn has no teacher, or the labels do not fit into memory.
             PolicyFileError: if a snapshot cannot be read.
         """
-        torch.set_num_threads(config.threads)
-        torch.manual_seed(config.seed)
-        self.config = config
         self.teachers = {name: _load(path)[0].actor for name, path in config.teachers().items()}
-        self.network, self._metadata = _load(config.start_from)
-        self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
-        self.env.curriculum.alpha = config.noise_level
-        self.env.curriculum.max_speed = config.max_speed
-        self.samples = 0
+        network, self._metadata = _load(config.start_from)
+        super().__init__(config, network, config.memory)
         self.calibration = Calibration()
         self._swings = SwingHeights(config.env.count)
-        self._generator = torch.Generator().manual_seed(config.seed)
-        self.memory = Memory(config.memory, self._generator)
-        self._optimiser = torch.optim.Adam(self.network.actor.parameters(), lr=config.learning_rate)
         self._arms = torch.as_tensor(self.env.robot.arms)
 
-    @property
-    def progress(self) -> float:
-        """Part of the work that is done."""
-        return self.samples / self.config.samples
+    def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
+        """What the policy and the snapshot say of their training: the student's past, and this."""
+        own = {"labels": self.samples, "calibration": self.calibration.as_dict()}
+        return self._metadata | {"distillation": own | record}
+
+    def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
+        """Squared error."""
+        return torch.nn.functional.mse_loss(action, label, reduction="none")
 
     @property
     def _calibrating(self) -> bool:
@@ -185,30 +171,8 @@ class Distiller:
             settled &= ~_of(env.gait, name)
         self.calibration.update(env.command[settled], executed[settled], env.gait[settled])
 
-    def run(self, report: Report) -> None:
-        """Collect and fit until there are `config.samples` labels; writes a policy and a snapshot to train from."""
-        begin = time.monotonic()
-        while self.samples < self.config.samples:
-            falls = sum(self.collect() for _ in range(_INTERVAL))
-            if self._calibrating:
-                self._calibrate()
-            figures = {
-                "samples": float(self.samples),
-                "falls": float(falls),
-                "steps": float(_INTERVAL * self.env.count),
-            }
-            report(figures | self.fit())
-        record = {
-            "labels": self.samples,
-            "calibration": self.calibration.as_dict(),
-            "seconds": time.monotonic() - begin,
-            "versions": versions(),
-            "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
-        }
-        save_product(self.config.out, self.network, self.config.env, self._metadata | {"distillation": record})
-
     def collect(self) -> int:
-        """One control step of all robots; returns how many fell."""
+        """One control step of all robots, and its labels; returns how many fell."""
         env = self.env
         observation = env.observe()
         with torch.no_grad():
@@ -216,16 +180,10 @@ class Distiller:
         weight = torch.ones(env.count, ACTION_SIZE)
         # Arms under takeover do not follow the action: whatever a teacher says about them is untested.
         weight[env.intervention.active.nonzero(), self._arms] = 0.0
-        self.memory.add(observation, label, weight)
-        self.samples += env.count
-        result = env.step(label if self._calibrating else self._explore(observation))
+        self._store(observation, label, weight)
+        result = env.step(label if self._calibrating else self._own_action(observation) + self._exploration())
         self._swings.update(env.phase, env.readings.clearance)
         return int(result.done.sum()) - len(result.timed_out)
-
-    @torch.no_grad()
-    def _explore(self, observation: Observation) -> torch.Tensor:
-        own, _ = self.network.actor(observation.history, observation.command)
-        return own + torch.randn(own.shape, generator=self._generator) * self.config.exploration
 
     def label(self, observation: Observation) -> torch.Tensor:
         """What each robot's teacher would do, shape (n, 19)."""
@@ -245,11 +203,10 @@ class Distiller:
         return label
 
     def fit(self) -> dict[str, float]:
-        """Gradient steps on random labels; returns the mean losses."""
-        c, actor = self.config, self.network.actor
-        for group in self._optimiser.param_groups:
-            group["lr"] = c.learning_rate * max(0.05, 1.0 - self.progress)
-        return fit_actor(actor, self._optimiser, self.memory, c, torch.nn.functional.mse_loss)
+        """Calibrate the teachers while they drive, and take gradient steps; returns the mean losses."""
+        if self._calibrating:
+            self._calibrate()
+        return super().fit()
 
 
 def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:

@@ -8,10 +8,8 @@ import torch
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
-from hugwbc.learned import observations as obs
 from hugwbc.learned.config import CommandConfig, EnvConfig, ImitationConfig, TrainConfig
-from hugwbc.learned.env import Observation
-from hugwbc.learned.imitation import Imitator, Memory, equivalent_targets
+from hugwbc.learned.imitation import Imitator, equivalent_targets
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.train import SNAPSHOT_NAME, Trainer
 from hugwbc.robot import load_robot
@@ -52,31 +50,6 @@ def test_targets_give_the_torque_that_the_command_asks_for() -> None:
         q, dq = rng.normal(size=(2, 19))
         asked = command.tau + command.kp * (command.q - q) + command.kd * (command.dq - dq)
         np.testing.assert_allclose(ROBOT.kp * (target - q) - 2.0 * ROBOT.kd * dq, asked, atol=1e-9)
-
-
-def test_half_of_a_batch_is_mirrored() -> None:
-    torch.manual_seed(0)
-    memory = Memory(3, torch.Generator().manual_seed(0))
-    rows = [torch.randn(2, size) for size in (315, 13, 321, 6, 19)]
-    history, command, critic, estimate, action = rows
-    weight = torch.rand(2, 19)
-    for _ in range(2):  # wraps round
-        memory.add(Observation(history, command, critic, estimate), action, weight)
-    assert memory.size == 3
-    batch = memory.sample(64)
-    for i in range(64):
-        mirrored = i < 32
-        seen = obs.mirror_action(batch["action"][i : i + 1]) if mirrored else batch["action"][i : i + 1]
-        row = int((action - seen).abs().sum(1).argmin())
-        torch.testing.assert_close(seen[0], action[row])
-        back = obs.mirror_history(batch["history"][i : i + 1]) if mirrored else batch["history"][i : i + 1]
-        torch.testing.assert_close(back[0], history[row])
-        expected = estimate[row].clone()
-        if mirrored:
-            expected = expected[[0, 1, 2, 4, 3, 5]]
-            expected[1] *= -1.0
-        torch.testing.assert_close(batch["estimate"][i], expected)
-        assert batch["weight"][i].min() >= 0.0
 
 
 def test_a_student_learns_what_the_teacher_does(tmp_path: pathlib.Path) -> None:
