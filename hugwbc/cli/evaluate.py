@@ -228,7 +228,8 @@ def run(words: Sequence[str]) -> int:
         def on_episode(_: object) -> None:
             nonlocal done
             done += 1
-            advance(done / config.episodes)
+            read = 0 if options.execution.store is None else options.execution.store.restored
+            advance(done / config.episodes, min(done, read) / config.episodes)
 
         with options.execution:
             result = protocol.run(spec.build, config, on_episode)

@@ -7,8 +7,8 @@ import pathlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Protocol, TypeVar
 
 import tyro
 
@@ -85,11 +85,19 @@ def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
+class Advance(Protocol):
+    """What to call with the fraction done, and with what of it was there before and took no time."""
+
+    def __call__(self, fraction: float, read: float = 0.0, /) -> None:
+        """Tell how far the work is."""
+        ...
+
+
 @contextlib.contextmanager
-def progress(label: str) -> Iterator[Callable[[float], None]]:
+def progress(label: str) -> Iterator[Advance]:
     """Show the progress of something that takes longer than two seconds, on standard error.
 
-    A bar on a terminal, plain lines elsewhere. Yields a function to call with the fraction done.
+    A bar on a terminal, plain lines elsewhere, with the time left at the speed so far.
     """
     show = _bar if sys.stderr.isatty() else _lines
     with show(label) as advance:
@@ -97,24 +105,25 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
 
 
 @contextlib.contextmanager
-def _bar(label: str) -> Iterator[Callable[[float], None]]:
+def _bar(label: str) -> Iterator[Advance]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
     from rich.text import Text
 
     class TimeLeft(ProgressColumn):
         def render(self, task: Task) -> Text:
-            return Text(_left(task.elapsed or 0.0, task.completed))
+            return Text(_left(task.elapsed or 0.0, task.completed, task.fields["read"]))
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
     with Progress(*columns, TimeLeft(), console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(label, total=1.0)
-        yield lambda fraction: bars.update(task, completed=fraction)
+        task = bars.add_task(label, total=1.0, read=0.0)
+        yield lambda fraction, read=0.0: bars.update(task, completed=fraction, read=read)
 
 
-def _left(elapsed: float, fraction: float) -> str:
-    """The time left at the speed so far [s], for people; nothing before anything is done."""
-    return f"about {_duration(elapsed * (1.0 - fraction) / fraction)} left" if fraction > 0.0 else ""
+def _left(elapsed: float, fraction: float, read: float = 0.0) -> str:
+    """The time left at the speed so far [s], for people; nothing before anything is done that was not there before."""
+    done = fraction - read
+    return f"about {_duration(elapsed * (1.0 - fraction) / done)} left" if done > 1e-9 else ""
 
 
 def _duration(seconds: float) -> str:
@@ -124,20 +133,24 @@ def _duration(seconds: float) -> str:
 
 
 @contextlib.contextmanager
-def _lines(label: str) -> Iterator[Callable[[float], None]]:
+def _lines(label: str) -> Iterator[Advance]:
     start = time.monotonic()
-    latest, over = [0.0], threading.Event()
+    latest, over = (0.0, 0.0), threading.Event()
 
     def tell() -> None:
         # Not in `advance`: work may be done in bursts, of which the first call is not yet the whole.
         told = 0.0
         while not over.wait(_LINE_INTERVAL):
-            if (fraction := latest[0]) > told:
-                told, left = fraction, _left(time.monotonic() - start, fraction)
-                print(f"{label}: {100.0 * fraction:.0f} %, {left}", file=sys.stderr, flush=True)
+            fraction, read = latest
+            if fraction > told:
+                told, left = fraction, _left(time.monotonic() - start, fraction, read)
+                words = [f"{100.0 * fraction:.{0 if fraction > 0.1 else 1}f} %"]
+                words += [f"{100.0 * read:.1f} % of it from earlier runs"] if read else []
+                print(f"{label}: {', '.join([*words, left]).rstrip(', ')}", file=sys.stderr, flush=True)
 
-    def advance(fraction: float) -> None:
-        latest[0] = fraction
+    def advance(fraction: float, read: float = 0.0, /) -> None:
+        nonlocal latest
+        latest = fraction, read
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()

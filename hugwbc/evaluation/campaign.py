@@ -13,7 +13,7 @@ from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.identity import code_identity, digest, to_json
-from hugwbc.evaluation.store import set_aside
+from hugwbc.evaluation.store import ResultStore, set_aside
 
 FORMAT = "hugwbc result"
 VERSION = 1
@@ -68,52 +68,84 @@ class CellResult:
 
 
 def run_cells(
-    cells: Sequence[Cell], execution: Execution, on_progress: Callable[[float], None] | None = None
+    cells: Sequence[Cell], execution: Execution, on_progress: Callable[[float, float], None] | None = None
 ) -> list[CellResult]:
     """Run the cells that are not finished yet, one after the other, and read the others.
 
     Args:
         cells: what to run.
         execution: where episodes run; finished episodes and cells are kept in its store, if it has one.
-        on_progress: called with the fraction done after each episode.
+        on_progress: called after each episode with the fraction done, and with what of it was only read.
 
     Raises:
         ResultFileError: if there is a file in the way that is foreign or of another version.
     """
-    total, done = sum(cell.work for cell in cells), 0.0
+    progress = _Progress(on_progress or (lambda fraction, read: None), sum(cell.work for cell in cells), execution)
     results = []
     for cell in cells:
-        report = on_progress and _Progress(on_progress, done / total, cell.work / total / cell.config.episodes)
-        results.append(CellResult(cell.protocol, cell.spec.label, _result(cell, execution, report)))
-        done += cell.work
-        if on_progress is not None:
-            on_progress(done / total)
+        path, identity = _place(cell, execution.store)
+        if path is not None and path.exists():
+            result = read_result(path, identity)
+            progress.end(cell, read=True)
+        else:
+            result = _run(cell, execution, path, identity, progress.begin(cell))
+            progress.end(cell)
+        results.append(CellResult(cell.protocol, cell.spec.label, result))
     return results
 
 
-@dataclasses.dataclass
 class _Progress:
-    """Turns finished episodes of a cell into the fraction done of all cells."""
+    """Turns finished cells and episodes into fractions of all work."""
 
-    tell: Callable[[float], None]
-    fraction: float
-    share: float
+    def __init__(self, tell: Callable[[float, float], None], total: float, execution: Execution) -> None:
+        self._tell, self._total, self._store = tell, total, execution.store
+        self._done = self._read = 0.0  # simulated seconds, of cells that are finished
 
-    def __call__(self, row: object) -> None:
-        self.fraction += self.share
-        self.tell(min(self.fraction, 1.0))
+    def begin(self, cell: Cell) -> Callable[[object], None]:
+        """What to call after each episode of a cell."""
+        share = cell.work / cell.config.episodes
+        before, episodes = self._restored, 0
+
+        def on_episode(_: object) -> None:
+            nonlocal episodes
+            episodes += 1
+            self._report(share * episodes, share * min(self._restored - before, episodes))
+
+        return on_episode
+
+    def end(self, cell: Cell, *, read: bool = False) -> None:
+        """A cell is finished; `read` if its result was there."""
+        self._done += cell.work
+        self._read += cell.work if read else 0.0
+        self._report()
+
+    @property
+    def _restored(self) -> int:
+        return 0 if self._store is None else self._store.restored
+
+    def _report(self, done: float = 0.0, read: float = 0.0) -> None:
+        self._tell(min((self._done + done) / self._total, 1.0), (self._read + read) / self._total)
 
 
-def _result(cell: Cell, execution: Execution, on_episode: Callable[[object], None] | None) -> dict[str, Any]:
-    path, identity = None, {}
-    if execution.store is not None:
-        identity = cell.identity()
-        path = execution.store.folder / FOLDER / f"{cell.protocol}-{cell.spec.label}-{digest(identity)[:16]}.json"
-        path = path.with_name(path.name.replace(" ", "_"))
-        if execution.store.first_use(path):
-            set_aside(path)
-        if path.exists():
-            return read_result(path, identity)
+def _place(cell: Cell, store: ResultStore | None) -> tuple[pathlib.Path | None, dict[str, Any]]:
+    """The file of a cell's result and its identity, nothing without a store; a fresh one sets aside what was there."""
+    if store is None:
+        return None, {}
+    identity = cell.identity()
+    name = f"{cell.protocol}-{cell.spec.label}-{digest(identity)[:16]}.json".replace(" ", "_")
+    path = store.folder / FOLDER / name
+    if store.first_use(path):
+        set_aside(path)
+    return path, identity
+
+
+def _run(
+    cell: Cell,
+    execution: Execution,
+    path: pathlib.Path | None,
+    identity: dict[str, Any],
+    on_episode: Callable[[object], None],
+) -> dict[str, Any]:
     config = cell.config
     if any(field.name == "execution" for field in dataclasses.fields(config)):
         config = dataclasses.replace(config, execution=execution)

@@ -2,6 +2,8 @@
 
 import concurrent.futures
 import multiprocessing
+import os
+import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -109,12 +111,24 @@ class Execution:
     def _started(self) -> concurrent.futures.Executor:
         if self._executor is None and self.cluster is None:
             context = multiprocessing.get_context("spawn")
-            self._executor = concurrent.futures.ProcessPoolExecutor(self.workers, mp_context=context)
+            self._executor = concurrent.futures.ProcessPoolExecutor(self.workers, context, _end_with_parent)
         elif self._executor is None:
             self._client, self._broken = connect(str(self.cluster))
             self._executor = self._client.get_executor(pure=False)
         assert self._executor is not None
         return self._executor
+
+
+def _end_with_parent() -> None:
+    """In a worker: end when the process that it works for is gone; after a SIGKILL it would wait for jobs for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:

@@ -119,6 +119,7 @@ class ResultStore:
 
     Attributes:
         folder: where they are; made with the first row.
+        restored: episodes that were read from files instead of run.
     """
 
     def __init__(self, folder: str | pathlib.Path = DEFAULT_FOLDER, *, fresh: bool = False) -> None:
@@ -129,6 +130,7 @@ class ResultStore:
             fresh: leave earlier results out: a file that exists when its cell is opened is kept under another name.
         """
         self.folder = pathlib.Path(folder)
+        self.restored = 0
         self._fresh = fresh
         self._seen: set[pathlib.Path] = set()
         self._open: dict[pathlib.Path, EpisodeFile] = {}

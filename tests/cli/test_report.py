@@ -1,5 +1,8 @@
 import csv
 import json
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -67,6 +70,60 @@ def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, sh
     assert main([*words, "--results", str(tmp_path / "results")]) == 0
     assert len(calls) == 3 + 2, "four episodes, of which two were finished before"
     assert (tmp_path / "out" / "figures.csv").read_text() == figures
+
+
+# The full profile with all its protocols, gaits and commands; few and short episodes. The times that effort measures
+# differ from run to run: left out.
+REDUCED = """
+import dataclasses, sys
+from hugwbc.cli import main
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.report import profiles
+
+SIZES = {"points": 2, "samples": 8, "rollouts": 1, "first": 50.0, "limit": 50.0, "resolution": 0.9}
+LENGTHS = {"disturbance": (0.1, 2.0), "ramp": (3.0, 3.2)}
+full = profiles.PROFILES["full"]
+
+def reduced(settings):
+    for name, config, run in full(settings):
+        names = {field.name for field in dataclasses.fields(config)}
+        sizes = {size: value for size, value in SIZES.items() if size in names}
+        if "episodes" in names:
+            sizes["episodes"] = config.least[0]
+        settle, duration = LENGTHS.get(name, (0.1, 0.3))
+        changes = dict(sizes, settle=settle, duration=duration, conditions=Conditions(timestep=0.005))
+        if name != "effort":
+            yield name, dataclasses.replace(config, **changes), run
+
+profiles.PROFILES["full"] = reduced
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+def test_the_full_profile_goes_on_after_a_kill_with_identical_numbers(tmp_path):
+    def start(name: str) -> subprocess.Popen:
+        places = ["--out", str(tmp_path / f"{name} page"), "--results", str(tmp_path / name)]
+        words = ["report", "--profile", "full", "--controllers", "learned", "--workers", "2", *places]
+        return subprocess.Popen([sys.executable, "-c", REDUCED, *words], stdout=subprocess.DEVNULL)
+
+    def cells() -> dict:
+        return {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cut" / "cells").glob("*.json")}
+
+    assert start("whole").wait() == 0
+    process = start("cut")
+    while len(cells()) < 12 and process.poll() is None:
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    kept, whole = cells(), {path.name for path in (tmp_path / "whole" / "cells").iterdir()}
+    assert 12 <= len(kept) < len(whole) and kept.keys() < whole
+    assert start("cut").wait() == 0
+    assert cells().keys() == whole and kept.items() <= cells().items(), "finished cells are only read"
+    for file in ("report.html", "report.md", "figures.csv"):
+        assert (tmp_path / "cut page" / file).read_bytes() == (tmp_path / "whole page" / file).read_bytes()
+    for name in whole:
+        assert (tmp_path / "cut" / "cells" / name).read_bytes() == (tmp_path / "whole" / "cells" / name).read_bytes()
 
 
 @pytest.mark.slow

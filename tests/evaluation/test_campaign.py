@@ -33,17 +33,32 @@ def cells():
 
 def test_finished_cells_are_read_and_the_others_run(tmp_path, cells):
     cells, runs = cells
-    fractions = []
+    told = []
     alone = run_cells(cells, Execution())
     first = run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
-    assert run_cells(cells, Execution(store=ResultStore(tmp_path)), fractions.append) == alone
+    assert run_cells(cells, Execution(store=ResultStore(tmp_path)), lambda *told_now: told.append(told_now)) == alone
     assert runs == [Gait.WALKING, Gait.HOPPING_LEFT, Gait.WALKING, Gait.HOPPING_LEFT]
     # The hops take twice as long; the walk was there.
-    assert fractions == pytest.approx([1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0, 1.0])
+    assert [done for done, _ in told] == pytest.approx([1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0, 1.0])
+    assert [read for _, read in told] == pytest.approx([1 / 3] * 6)
     direct = json.loads(json.dumps(dataclasses.asdict(run_small_velocities(HOLD.build, WALK))))
     assert first == alone[:1] == [CellResult("small-velocities", "hold", direct)]
     run_cells(cells, Execution(store=ResultStore(tmp_path, fresh=True)))
     assert len(runs) == 6 and len(list(tmp_path.rglob("*.old"))) == 4
+
+
+def test_episodes_that_are_only_read_are_told_from_those_that_are_run(tmp_path, cells):
+    (cell, _), _ = cells
+    told = []
+
+    def stop_after_two(done: float, read: float) -> None:
+        if done >= 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_cells([cell], Execution(store=ResultStore(tmp_path)), stop_after_two)
+    run_cells([cell], Execution(store=ResultStore(tmp_path)), lambda *told_now: told.append(told_now))
+    assert told[:4] == [(0.25, 0.25), (0.5, 0.5), (0.75, 0.5), (1.0, 0.5)]
 
 
 @pytest.mark.parametrize(

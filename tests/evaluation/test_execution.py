@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -39,6 +41,17 @@ def test_a_worker_that_dies_is_an_error_with_a_remedy_and_the_next_jobs_get_new_
         with pytest.raises(WorkerError, match="run the same again"):
             list(execution.run(_die_at_three, [1, 2, 3, 4]))
         assert sorted(execution.run(_die_at_three, [1, 2])) == [1, 2]
+
+
+def test_workers_end_when_the_process_that_they_work_for_is_killed():
+    script = (
+        "import time; from hugwbc.evaluation.execution import Execution; execution = Execution(2);"
+        "print(list(execution.run(abs, [-1, -2])), flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() in ("[1, 2]\n", "[2, 1]\n")
+        process.kill()
+        process.communicate(timeout=20)  # the workers have the same standard output: it ends when the last of them does
 
 
 def test_each_thread_has_its_own_controller():

@@ -253,6 +253,7 @@ class _Cell(Generic[Row]):
     ) -> None:
         controller = controller_identity(factory)
         module = judge_module(judge)
+        self._store = store
         self._row_type = row_type(judge)
         self._file = store.cell(
             f"{module.rpartition('.')[2]}-{controller['name']}",
@@ -270,7 +271,9 @@ class _Cell(Generic[Row]):
     def stored(self, plans: Sequence[EpisodePlan]) -> dict[int, Row]:
         """The rows that are there, by index."""
         keys = {index: _key(index, plan) for index, plan in enumerate(plans)}
-        return {index: self._restore(self._file[key]) for index, key in keys.items() if key in self._file}
+        rows = {index: self._restore(self._file[key]) for index, key in keys.items() if key in self._file}
+        self._store.restored += len(rows)
+        return rows
 
     def keep(self, index: int, plan: EpisodePlan, row: Row) -> None:
         """Add a row."""

@@ -45,7 +45,7 @@ def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:
         config = protocols.InterventionConfig(gait, episodes=episodes, duration=5.0, **settings)
         yield "intervention", config, protocols.run_intervention
     yield "foot-displacement", protocols.FootDisplacementConfig(episodes=9, **settings), protocols.run_foot_displacement
-    # Jumping has as many pairs as walking: left to the full profile.
+    # Jumping has as many pairs as walking: left to the full profile, as is hopping.
     for gait, points in ((Gait.STANDING, 3), (Gait.WALKING, 2)):
         config = protocols.HeatmapConfig(gait, points=points, duration=2.5, **settings)
         yield "heatmap", config, protocols.run_heatmap
@@ -70,8 +70,8 @@ def _full(settings: Mapping[str, Any]) -> Iterator[Part]:
         yield "intervention", config, protocols.run_intervention
     config = protocols.FootDisplacementConfig(episodes=3 * 96, **settings)
     yield "foot-displacement", config, protocols.run_foot_displacement
-    for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING):
-        yield "heatmap", protocols.HeatmapConfig(gait, points=7, **settings), protocols.run_heatmap
+    for gait in _GAITS:
+        yield "heatmap", protocols.HeatmapConfig(gait, gait.hops, points=7, **settings), protocols.run_heatmap
     config = protocols.DisturbanceConfig(rollouts=4096, **settings)
     yield "disturbance", config, protocols.run_disturbance
     yield from _ramps(5, settings)
