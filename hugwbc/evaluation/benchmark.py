@@ -218,7 +218,8 @@ def ik_tick(calls: int) -> dict[str, float]:
     script, dt = load_script("loco_manipulation"), 0.02
     source = UpperBodySource(gravity_compensation=True)
     state: RobotState = Simulation().state()
-    return percentiles(_times(lambda i: source.update(state, script.hands_at(2.0 + i * dt % 10.0), dt), calls))
+    targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
+    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
 
 
 def _times(call: Callable[[int], object], count: int) -> np.ndarray:

@@ -31,7 +31,7 @@ class ArmIKConfig:
         damping: lambda where the hands are on target [m^2/rad^2].
         tolerance: distance within which a hand counts as on target [m].
         detour_gain: how much nearer another posture must bring a stalled hand for the arm to go there [m].
-        detour_speed: joint speed on the way to that posture [rad/s].
+        detour_speed: highest joint speed on the way to that posture [rad/s]; its hand is no faster than `hand_speed`.
     """
 
     limit_margin: float = 0.02
@@ -50,7 +50,7 @@ class ArmIKConfig:
     damping: float = 1e-3
     tolerance: float = 0.005
     detour_gain: float = 0.02
-    detour_speed: float = 2.0
+    detour_speed: float = 4.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

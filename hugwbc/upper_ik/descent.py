@@ -1,6 +1,7 @@
 """One step of velocity-level inverse kinematics of both arms, with placo."""
 
 import dataclasses
+import math
 
 import numpy as np
 import placo
@@ -129,9 +130,12 @@ class Descent:
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
         # Near something to touch only as fast as the arm can still stop.
-        room = np.maximum(self.clearance() - self.config.collision_margin, 0.0)
-        stopping = np.sqrt(2.0 * self.config.collision_deceleration * room)
-        self._safe_speed = np.minimum(np.maximum(stopping, self.config.touch_speed), self.config.hand_speed)
+        self._safe_speed = [self._stoppable(clearance) for clearance in self.clearance()]
+
+    def _stoppable(self, clearance: float) -> float:
+        room = max(clearance - self.config.collision_margin, 0.0)
+        stopping = math.sqrt(2.0 * self.config.collision_deceleration * room)
+        return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
         """Positions of both hands [m], shape (2, 3), at arm positions (8,) and a body (19,); forgets its own."""
@@ -150,29 +154,42 @@ class Descent:
         self.placo.update_kinematics()
         self.hands = np.array([self.placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
 
-    def step(self, goal: Goal, dt: float) -> None:
-        """Go one step of `dt` [s] towards the goal.
+    def descend(self, goal: Goal, dt: float, count: int) -> None:
+        """Go `count` steps of `dt` [s] towards the goal.
 
         Raises:
-            RuntimeError: if placo cannot solve it.
+            RuntimeError: if placo cannot solve one.
         """
+        self._solver.dt = dt
         error = goal.points - self.hands
-        distance = lengths(error)
-        brake = np.minimum(np.sqrt(2.0 * self.config.hand_deceleration * distance), self._safe_speed)
-        step = np.minimum(distance, (brake + goal.speed) * dt)
-        aim = self.hands + error * (step / np.maximum(distance, 1e-9))[:, None]
+        self.residual = distance = lengths(error)
+        steps = [0.0, 0.0]
+        for _ in range(count):
+            distance = self.residual
+            steps = self._step(goal, error, dt)
+            error = goal.points - self.hands
+            self.residual = lengths(error)
+        nearer = STALL * np.array(steps)
+        self.stalled = (distance - self.residual < nearer) & (self.residual > self.config.tolerance)
+
+    def _step(self, goal: Goal, error: np.ndarray, dt: float) -> list[float]:
+        """One step at the hands' errors (2, 3); how far the hands were to go in it [m]."""
+        steps, parts = [], []
+        for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
+            brake = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), safe)
+            steps.append(min(distance, (brake + speed) * dt))
+            parts.append([steps[-1] / max(distance, 1e-9)])
+        aim = self.hands + error * np.array(parts)
         for task, point in zip(self._hand_tasks, aim, strict=True):
             task.target_world = point
         self._point(goal, dt)
         self._hold_together(aim if goal.together else None)
-        self._damping_task.set_weight(self.config.damping + float(step.max()))
-        self._solver.dt = dt
+        self._damping_task.set_weight(self.config.damping + max(steps))
         self._solve()
         # The solver meets its limits to rounding only.
         self.q = np.minimum(np.maximum(self.placo.state.q[self._columns], self.lower), self.upper)
         self._locate_hands()
-        self.residual = lengths(goal.points - self.hands)
-        self.stalled = (distance - self.residual < STALL * step) & (self.residual > self.config.tolerance)
+        return steps
 
     def _solve(self) -> None:
         try:

@@ -69,4 +69,6 @@ class ArmDamping:
         At most `LARGEST_OFFSET`, and nothing where a number is bad.
         """
         offset = self.time * (dq_arm - state.dq[self._arms])
-        return np.clip(offset, -LARGEST_OFFSET, LARGEST_OFFSET) if np.isfinite(offset).all() else np.zeros(8)
+        if not np.isfinite(offset).all():
+            return np.zeros(8)
+        return np.minimum(np.maximum(offset, -LARGEST_OFFSET), LARGEST_OFFSET)

@@ -34,22 +34,25 @@ class JointLimiter:
     def follow(self, goal: np.ndarray, goal_dq: np.ndarray, dt: float) -> np.ndarray:
         """One tick of `dt` [s] towards positions that move at `goal_dq`; the new positions. All of shape (n,)."""
         behind = goal - self.q - goal_dq * dt
-        catch_up = np.copysign(self._stopping_speed(np.abs(behind), dt), behind)
-        return self._move(goal_dq + catch_up, dt)
+        speed = self._stopping_speed(np.concatenate((np.abs(behind), *self._room())), dt).reshape(3, -1)
+        return self._move(goal_dq + np.copysign(speed[0], behind), speed[1], speed[2], dt)
 
     def stop(self, dt: float) -> np.ndarray:
         """One tick of `dt` [s] of braking; the new positions, shape (n,)."""
-        return self._move(np.zeros_like(self.q), dt)
+        up, down = self._stopping_speed(np.stack(self._room()), dt)
+        return self._move(np.zeros_like(self.q), up, down, dt)
 
-    def _move(self, wanted: np.ndarray, dt: float) -> np.ndarray:
+    def _room(self) -> tuple[np.ndarray, np.ndarray]:
+        """Up and down to the position limits; outside them, where a takeover may start, only the way back is open."""
+        return np.maximum(self.upper - self.q, 0.0), np.maximum(self.q - self.lower, 0.0)
+
+    def _move(self, wanted: np.ndarray, up: np.ndarray, down: np.ndarray, dt: float) -> np.ndarray:
+        """Go at the wanted speeds as far as the limits and the highest speeds up and down allow; all of shape (n,)."""
         change = self.acceleration_limit * dt
         dq = np.minimum(np.maximum(wanted, self.dq - change), self.dq + change)
-        # Outside the limits, where a takeover may start, there is no way further out, only back.
-        room = np.maximum(np.concatenate((self.upper - self.q, self.q - self.lower)), 0.0)
-        fastest = self._stopping_speed(room, dt)
-        up = np.minimum(self.velocity_limit, fastest[: self.q.size])
-        down = np.minimum(self.velocity_limit, fastest[self.q.size :])
-        self.dq = np.minimum(np.maximum(dq, -down), up)
+        self.dq = np.minimum(
+            np.maximum(dq, -np.minimum(self.velocity_limit, down)), np.minimum(self.velocity_limit, up)
+        )
         self.q = self.q + self.dq * dt
         return self.q.copy()
 

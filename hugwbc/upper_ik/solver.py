@@ -12,12 +12,12 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
+from hugwbc.upper_ik.detour import Detours
 from hugwbc.upper_ik.limiter import JointLimiter
 from hugwbc.upper_ik.scout import Scout
 
+FAR = 0.1  # [m]; a hand that is as far from its target looks ahead whether the direct way will bring it there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
-ARRIVED = 0.02  # [rad]; end of a detour
-PROBE_STEP = 0.1  # [s] between two looks ahead on a detour
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,8 +44,9 @@ class ArmIK:
     """Tracks hand targets with an arm configuration of its own, which it integrates from call to call.
 
     The measured arms are read at `reset` only: feeding them back would make the sag of soft joints drift into the
-    targets. A hand goes to its target directly (see `Descent`); where that ends short of it, a search for a better
-    posture goes on in the background (see `Scout`), and the arm moves there if it finds one and the way is clear.
+    targets. A hand goes to its target directly (see `Descent`). If it is far from it or gets no nearer, a search for
+    a better posture goes on in the background (see `Scout`), and the arm goes there (see `Detours`) if the direct way
+    ends short of what was found.
 
     Attributes:
         rejected: how many calls had unusable numbers (a target or the waist angle that is not finite, a target in the
@@ -65,6 +66,7 @@ class ArmIK:
         self.failures = 0
         self._descent = Descent(self.config)
         self._scout = Scout(self.config)
+        self._detours = Detours(self.config, self._descent)
         self.lower, self.upper = self._descent.lower, self._descent.upper
         self.velocity_limit = self._descent.velocity_limit
         self.acceleration_limit = self.config.acceleration
@@ -84,14 +86,19 @@ class ArmIK:
         """How many steps could not be solved with collision avoidance, and were without."""
         return self._descent.without_collisions
 
+    @property
+    def detours(self) -> int:
+        """How many detours to better postures were begun."""
+        return self._detours.count
+
     def reset(self, q: np.ndarray) -> None:
         """Continue at rest from arm positions (8,) [rad], moved into the limits; what is not finite is ignored."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
         self._residual = np.full(2, np.nan)
         self._reachable = np.ones(2, dtype=bool)
-        self._detour = np.zeros(2, dtype=bool)
-        self._blocked = np.zeros(2, dtype=bool)
+        self._detours.reset()
         self._last_points: np.ndarray | None = None
+        self._jumped = np.zeros(2, dtype=bool)
         for arm in range(2):
             self._scout.rest(arm)
 
@@ -115,7 +122,7 @@ class ArmIK:
             Distances of the surfaces, negative inside something [m], shape (2,).
         """
         self._descent.forward(q, self._body)
-        return self._descent.clearance()
+        return np.array(self._descent.clearance())
 
     def solve(self, targets: HandTargets, state: RobotState, dt: float) -> IKSolution:
         """Advance the arm configuration by one tick towards the targets. Never raises on bad numbers: holds, counts.
@@ -148,53 +155,40 @@ class ArmIK:
         if last is None:
             return np.zeros(2)
         speed = lengths(points - last) / dt
-        return np.where(speed <= self.config.hand_speed, speed, 0.0)
+        self._jumped = speed > self.config.hand_speed
+        return np.where(self._jumped, 0.0, speed)
 
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
         self._descent.place(self._limiter.q, self._body)
-        for _ in range(count):
-            self._descent.step(goal, dt / count)
+        self._descent.descend(goal, dt / count, count)
         self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
         return self._descent.q
 
     def _go_round(self, q: np.ndarray, goal: Goal, dt: float) -> np.ndarray:
         """The arm positions `q` of the direct way, or those of a detour for an arm that is stuck on it."""
-        seeking = ~self._reachable | self._detour
+        detours = self._detours
+        # A detour of one hand would drop what both hold.
+        seeking = (~self._reachable | detours.active | (self._residual > FAR)) & (not goal.together)
+        for arm in range(2):
+            if self._jumped[arm] or not seeking[arm]:
+                self._scout.rest(arm)
+                detours.forget(arm)
         if not seeking.any():
             return q
-        for arm in range(2):
-            if not seeking[arm]:
-                self._scout.rest(arm)
-            elif not self._detour[arm]:
-                self._scout.search(arm, goal.points)
+        for arm in np.flatnonzero(seeking & ~detours.active):
+            self._scout.search(arm, goal.points, self._limiter.q, self._body)
         self._scout.advance(goal.points, self._body)
-        better = self._scout.done & (self._scout.residual < self._residual - self.config.detour_gain)
-        self._blocked &= self._scout.done
-        for arm in np.flatnonzero(~self._reachable & ~self._detour & ~self._blocked & better):
-            self._detour[arm] = self._way_is_clear(int(arm))
-            self._blocked[arm] = not self._detour[arm]
-        if not self._detour.any():
+        expected = np.where(self._reachable, self._scout.direct, self._residual)
+        better = self._scout.done & (self._scout.residual < expected - self.config.detour_gain)
+        for arm in np.flatnonzero(better & ~detours.active):
+            detours.look(arm, self._limiter.q, self._scout.q, self._body)
+        if not detours.active.any():
             return q
-        reach = np.minimum(self.config.detour_speed, self.velocity_limit) * dt
-        joints = np.repeat(self._detour, 4)
-        start = self._limiter.q
-        q = np.where(joints, start + np.clip(self._scout.q - start, -reach, reach), q)
+        self._reachable = self._reachable | detours.active
+        q = detours.follow(self._limiter.q, q, self._scout.q, self._body, dt)
         self._residual = lengths(goal.points - self._descent.forward(q, self._body))
-        self._reachable = self._reachable | self._detour
-        self._detour &= np.abs(self._scout.q - q).reshape(2, 4).max(axis=1) > ARRIVED
         return q
-
-    def _way_is_clear(self, arm: int) -> bool:
-        """Whether an arm can go to the posture that was found for it without touching anything on the way."""
-        joints = slice(4 * arm, 4 * arm + 4)
-        q, speed = self._limiter.q.copy(), min(self.config.detour_speed, float(self.velocity_limit[joints].min()))
-        least = min(0.0, self.clearance(q)[arm])
-        while np.abs(self._scout.q[joints] - q[joints]).max() > ARRIVED:
-            q[joints] += np.clip(self._scout.q[joints] - q[joints], -speed * PROBE_STEP, speed * PROBE_STEP)
-            if self.clearance(q)[arm] < least:
-                return False
-        return True
 
     def _hold(self, dt: float) -> IKSolution:
         if 0.0 < dt < np.inf:
