@@ -60,6 +60,7 @@ class CommandFilter:
         self._frequency: float | None = None
         self._posture = [h, p, w]
         self._rate = [0.0, 0.0, 0.0]
+        self._reached: tuple[bool, Gait] | None = None  # where nothing moves any more: the arguments it holds for
 
     def update(
         self, command: Command, dt: float, *, stepping: bool = False, running: Gait = Gait.STANDING
@@ -75,7 +76,21 @@ class CommandFilter:
         if command is not self._given:
             self._given = command
             self._valid = self._clamp(command)
-        command, report = self._valid
+        elif self._reached == (stepping, running):
+            return self._result
+        before = self._state
+        self._result = self._advance(*self._valid, dt, stepping, running)
+        self._reached = (stepping, running) if self._state == before else None
+        return self._result
+
+    @property
+    def _state(self) -> tuple[object, ...]:
+        return self._velocity, self._frequency, *self._posture, *self._rate
+
+    def _advance(
+        self, command: Command, report: tuple[str, ...], dt: float, stepping: bool, running: Gait
+    ) -> tuple[SmoothCommand, tuple[str, ...]]:
+        """`update` for a valid command, with what there is to report of it."""
         gait = command.gait
         stepping = stepping or gait is not Gait.STANDING
         params = self._params
@@ -125,9 +140,12 @@ class CommandFilter:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""
         for axis, (fastest, quickest) in enumerate(self._limits):
             gap, rate = target[axis] - self._posture[axis], self._rate[axis]
+            change = quickest * dt
+            if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it can get there now, and stop next time
+                self._posture[axis], self._rate[axis] = target[axis], gap / dt
+                continue
             # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its tangent.
             speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
-            change = quickest * dt
             self._rate[axis] = rate + min(max(math.copysign(speed, gap) - rate, -change), change)
             self._posture[axis] += self._rate[axis] * dt
 

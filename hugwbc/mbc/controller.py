@@ -52,7 +52,8 @@ class WholeBodyController:
         self.dynamics = dynamics or Dynamics()
         self._robot = load_robot()
         self._nominal_arms = self._robot.nominal[self._robot.arms]
-        self._torque_limit = self._robot.torque_limit * self.params.torque_fraction
+        self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
+        self._lowest_torque = -self._highest_torque
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
         for gains in (self._kp, self._kd):  # every command has the same ones
             gains.setflags(write=False)
@@ -176,13 +177,12 @@ class WholeBodyController:
         """
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
-        limit = self._torque_limit
         return JointCommand(
             q=state.q + half * state.dq,
             dq=state.dq + half * acceleration,
             kp=self._kp,
             kd=self._kd,
-            tau=np.minimum(np.maximum(solution.torque, -limit), limit),
+            tau=np.minimum(np.maximum(solution.torque, self._lowest_torque), self._highest_torque),
         )
 
     def _fall_back(self, state: RobotState, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:

@@ -69,7 +69,6 @@ class Dynamics(Kinematics):
         """Compute everything at a state. A missing position or velocity counts as 0."""
         super().update(state)
         self._frames: dict[str, FrameMotion] = {}
-        self._points: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def _compute(self) -> None:
         model, data = self.model, self.data
@@ -98,22 +97,26 @@ class Dynamics(Kinematics):
         forces = None if self._state is None else self._state.foot_force
         return None if forces is None else float(forces[foot, 2])
 
-    def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Position of a frame's origin [m], shape (3,), and its Jacobian in world axes, shape (3, nv).
+    def point(self, name: str) -> np.ndarray:
+        """Position of a frame's origin [m], shape (3,).
 
         With `edge` above zero, heel and toe are on that edge of the sole which is lower.
         """
-        found = self._points.get(name)
-        if found is None:
-            index = self.frame_id(name)
-            jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
-            found = self.data.oMf[index].translation.copy(), jacobian[:3]
-            if self.edge > 0.0 and name.endswith(_SOLE_ENDS):
-                lateral = self.data.oMf[index].rotation[:, 1]
-                offset = -self.edge * min(max(lateral[2] / _EDGE_ROLL, -1.0), 1.0) * lateral
-                found = found[0] + offset, jacobian[:3] - pin.skew(offset) @ jacobian[3:]
-            self._points[name] = found
-        return found
+        origin, offset = self.position(name), self._edge_offset(name)
+        return origin if offset is None else origin + offset
+
+    def point_jacobian(self, name: str) -> np.ndarray:
+        """Jacobian of `point` in world axes, shape (3, nv)."""
+        index, offset = self.frame_id(name), self._edge_offset(name)
+        jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
+        return jacobian[:3] if offset is None else jacobian[:3] - pin.skew(offset) @ jacobian[3:]
+
+    def _edge_offset(self, name: str) -> np.ndarray | None:
+        """From the sole's centre line to its lower edge, world axes [m], shape (3,); None where a point has no edge."""
+        if self.edge == 0.0 or not name.endswith(_SOLE_ENDS):
+            return None
+        lateral = self.rotation(name)[:, 1]
+        return -self.edge * min(max(lateral[2] / _EDGE_ROLL, -1.0), 1.0) * lateral
 
     def frame(self, name: str) -> FrameMotion:
         """A frame and its motion; computed once per update.

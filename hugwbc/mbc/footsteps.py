@@ -134,13 +134,13 @@ def plan_step(
     forward, landing = cmath.exp(1j * heading), cmath.exp(1j * (heading + yaw_rate * remaining))
     width = max(params.step_width, params.min_foot_distance + abs(speed.imag) * step_time)
     # Sagittal feedback: where the divergent component should be now, had this step begun on the periodic gait.
-    begun = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, 1 - swing)
-    reference = begun.real * math.exp(pendulum.omega * (step_time - remaining))
+    # Along the heading the periodic gait's offset is the same on both feet.
+    offset = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
+    reference = offset.real * math.exp(pendulum.omega * (step_time - remaining))
     deviation = (dcm / forward).real - reference
     shift = params.cop_gain * deviation
     cop = (_clip(pivot_ahead + shift, -params.cop_reach, params.cop_reach) - pivot_ahead) * forward
 
-    offset = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
     # The divergent component moves away from the centre of pressure as e^{omega t}.
     wanted = (cop + (dcm - cop) * math.exp(pendulum.omega * remaining)) / landing - offset
     outward = 1.0 if swing == 0 else -1.0

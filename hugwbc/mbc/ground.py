@@ -69,7 +69,7 @@ class Ground:
         """
         if not self.resting[foot]:
             return
-        self._stances.append(np.array([dynamics.point(f"{SIDES[foot]}_{end}")[0] for end in ("heel", "toe")]))
+        self._stances.append(np.array([dynamics.point(f"{SIDES[foot]}_{end}") for end in ("heel", "toe")]))
         points = np.concatenate(self._stances)
         points = points - points.mean(axis=0)
         across = points[:, :2]

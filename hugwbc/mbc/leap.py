@@ -151,8 +151,8 @@ class Leap:
         )
 
     def _stance(self, dynamics: Dynamics, plan: GaitPlan, to_heading: np.ndarray, time_left: float) -> Stance:
-        points = [dynamics.point(CONTACT_POINTS[2 * foot + end])[0] for foot in plan.legs for end in (0, 1)]
-        ankles = [dynamics.point(f"{SIDES[foot]}_ankle_link")[0] for foot in plan.legs]
+        points = [dynamics.point(CONTACT_POINTS[2 * foot + end]) for foot in plan.legs for end in (0, 1)]
+        ankles = [dynamics.point(f"{SIDES[foot]}_ankle_link") for foot in plan.legs]
         lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in plan.legs]
         return Stance(
             np.array(points) @ to_heading.T,
@@ -165,11 +165,11 @@ class Leap:
         """Give the plan's forces of this moment to the tasks, with what they do to the body."""
         assert self._plan is not None
         planned = self._plan.at(self._age) @ from_heading.T
+        points = [2 * foot + end for foot in plan.legs for end in (0, 1)]
         self.forces = np.zeros((len(CONTACT_POINTS), 3))
-        self.momentum_rate = np.zeros(3)
-        for k, point in enumerate(2 * foot + end for foot in plan.legs for end in (0, 1)):
-            self.forces[point] = planned[k]
-            self.momentum_rate += np.cross(dynamics.point(CONTACT_POINTS[point])[0] - dynamics.com, planned[k])
+        self.forces[points] = planned
+        arms = np.array([dynamics.point(CONTACT_POINTS[point]) for point in points]) - dynamics.com
+        self.momentum_rate = np.cross(arms, planned).sum(axis=0)
         self.motion.feedforward = planned.sum(axis=0) / dynamics.mass - [0.0, 0.0, GRAVITY]
 
     def foothold(

@@ -187,11 +187,14 @@ class Locomotion:
         pushes = []
         for foot, (carries, rests) in enumerate(zip(self.contact.tolist(), self.ground.resting.tolist(), strict=True)):
             carries = carries and (foot != self.plan.swing or self._loaded)
-            heights = [float(dynamics.point(end)[0][2]) for end in _ENDS[foot]]
+            if rests or not carries:
+                pushes += [carries, carries]
+                continue
+            heights = [float(dynamics.point(end)[2]) for end in _ENDS[foot]]
             lowest = min(heights)
             if self.plan.legs:  # a landing presses one end into the ground: the other end is not in the air for that
                 lowest = max(lowest, self._ground)
-            pushes += [carries and (rests or height < lowest + _LEVEL_TOLERANCE) for height in heights]
+            pushes += [height < lowest + _LEVEL_TOLERANCE for height in heights]
         return np.array(pushes)
 
     def _update_references(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
@@ -417,7 +420,7 @@ class Locomotion:
 
     @staticmethod
     def _lowest(dynamics: Dynamics, foot: int) -> float:
-        return min(float(dynamics.point(end)[0][2]) for end in _ENDS[foot])
+        return min(float(dynamics.point(end)[2]) for end in _ENDS[foot])
 
     @staticmethod
     def _height(dynamics: Dynamics, foot: int) -> float:

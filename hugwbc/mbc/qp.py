@@ -101,6 +101,12 @@ class WholeBodyQp:
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
         self._left, self._speed = np.zeros((2, joints)), np.zeros((2, joints))
+        self._left_each, self._speed_each = tuple(self._left), tuple(self._speed)
+        self._joints_high, self._joints_low = self._box_high[self._joints], self._box_low[self._joints]
+        self._torques_high, self._torques_low = self._high[:joints], self._low[:joints]
+        self._motion_v = self._motion[:, :nv]
+        self._H_v, self._diagonal_v, self._diagonal_f = self._H[:nv, :nv], self._diagonal[:nv], self._diagonal[nv:]
+        self._g_v, self._g_f = self._g[:nv], self._g[nv:]
         self.reset()
 
     def _add_friction(self, first_row: int) -> None:
@@ -149,8 +155,7 @@ class WholeBodyQp:
         solved, x, iterations = self._run()
         if not solved:
             status = QpStatus.RELAXED
-            self._box_low[self._joints] = -_INFINITY
-            self._box_high[self._joints] = _INFINITY
+            self._joints_low[:], self._joints_high[:] = -_INFINITY, _INFINITY
             self.reset()
             solved, x, more = self._run()
             iterations += more
@@ -161,34 +166,36 @@ class WholeBodyQp:
             self.reset()
             status = QpStatus.FAILED
         forces = x[nv:].reshape(-1, 3)
-        forces[~contact] = 0.0  # but for the solver's tolerance they are
+        forces *= contact[:, None]  # but for the solver's tolerance, they are zero in the air
         return QpSolution(status, iterations, x[:nv], forces, torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
         jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
         jacobian = np.concatenate(jacobians)
-        lacking = np.concatenate(drifts) - np.concatenate(accelerations)
+        # One concatenation of many small arrays takes hardly longer than one of a third of them.
+        drift, acceleration, weight = np.concatenate((*drifts, *accelerations, *weights)).reshape(3, -1)
+        lacking = drift - acceleration
         np.minimum(np.maximum(lacking, -_LARGEST_DEMAND, out=lacking), _LARGEST_DEMAND, out=lacking)
-        weighted = jacobian * np.concatenate(weights)[:, None]
-        nv, params = self._nv, self._params
-        np.matmul(jacobian.T, weighted, out=self._H[:nv, :nv])
-        self._diagonal[:nv] += params.acceleration_regularisation
-        lacking.dot(weighted, out=self._g[:nv])
-        weight = params.force_regularisation if planned is None else params.planned_force_weight
-        self._diagonal[nv:] = weight
-        self._g[nv:] = 0.0
+        weighted = jacobian * weight[:, None]
+        params = self._params
+        np.matmul(jacobian.T, weighted, out=self._H_v)
+        self._diagonal_v += params.acceleration_regularisation
+        lacking.dot(weighted, out=self._g_v)
+        stiffness = params.force_regularisation if planned is None else params.planned_force_weight
+        self._diagonal_f[:] = stiffness
+        self._g_f[:] = 0.0
         if planned is not None:
-            self._g[nv:].reshape(-1, 3)[self._contact] = -weight * planned[self._contact]
+            self._g_f.reshape(-1, 3)[self._contact] = -stiffness * planned[self._contact]
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
         for columns, stands, name in zip(self._forces, self._contact, CONTACT_POINTS, strict=True):
             if stands:
-                np.negative(dynamics.point(name)[1].T, out=columns)
-        self._motion[:, : self._nv] = dynamics.M
-        bias, joints = dynamics.bias, len(self._highest_torque)
-        np.negative(bias[:_BASE], out=self._b)
-        np.subtract(self._lowest_torque, bias[_BASE:], out=self._low[:joints])
-        np.subtract(self._highest_torque, bias[_BASE:], out=self._high[:joints])
+                np.negative(dynamics.point_jacobian(name).T, out=columns)
+        self._motion_v[:] = dynamics.M
+        np.negative(dynamics.bias[:_BASE], out=self._b)
+        bias = dynamics.bias[_BASE:]
+        np.subtract(self._lowest_torque, bias, out=self._torques_low)
+        np.subtract(self._highest_torque, bias, out=self._torques_high)
 
     def _fill_contact(self, contact: np.ndarray) -> None:
         now = contact.tolist()
@@ -213,13 +220,14 @@ class WholeBodyQp:
         brake, horizon = self._params.joint_brake, self._params.joint_horizon
         q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
         # Distances to both limits, then the highest speeds towards them.
-        np.subtract(self._highest, q, out=left[0])
-        np.subtract(q, self._lowest, out=left[1])
+        np.subtract(self._highest, q, out=self._left_each[0])
+        np.subtract(q, self._lowest, out=self._left_each[1])
         np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
         np.minimum(speed, np.divide(left, horizon, out=left), out=speed)
         np.minimum(speed, self._fastest, out=speed)
-        np.divide(speed[0] - v, horizon, out=self._box_high[self._joints])
-        np.divide(speed[1] + v, -horizon, out=self._box_low[self._joints])
+        upwards, downwards = self._speed_each
+        np.divide(np.subtract(upwards, v, out=upwards), horizon, out=self._joints_high)
+        np.divide(np.add(downwards, v, out=downwards), -horizon, out=self._joints_low)
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:

@@ -34,6 +34,18 @@ def test_posture_arrives_within_its_rates_and_without_overshoot():
         assert rates[1:] == pytest.approx(speed, abs=1e-9)
 
 
+def test_a_posture_arrives_exactly_and_what_does_not_move_is_not_worked_out_again():
+    command_filter, command = CommandFilter(PARAMS), Command(h=-0.2, p=0.4, w=-1.0)
+    command_filter.reset(0.0, 0.0, 0.0)
+    ticks = [command_filter.update(command, DT) for _ in range(round(4.0 / DT))]
+    last = ticks[-1][0]
+    assert (last.h, last.p, last.w) == (-0.2, 0.4, -1.0)
+    assert (last.h_rate, last.p_rate, last.w_rate) == (0.0, 0.0, 0.0)
+    assert command_filter.update(command, DT) is ticks[-1]
+    assert command_filter.update(Command(h=-0.1), DT)[0].h > -0.2
+    assert command_filter.update(command, DT, stepping=True)[0].h != -0.2
+
+
 def test_velocities_ramp():
     history = _history(Command(v_x=2.0, v_y=-0.6, omega=1.0, gait=Gait.WALKING), 3.0)
     velocity = np.array([[*command.velocity, command.omega] for command in history])

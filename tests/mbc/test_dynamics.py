@@ -73,7 +73,7 @@ def _base_freedom(jacobian):
 def test_point_is_the_frame_without_its_velocity(random_state):
     dynamics = Dynamics()
     dynamics.update(random_state(np.random.default_rng(1)))
-    position, jacobian = dynamics.point("left_toe")
+    position, jacobian = dynamics.point("left_toe"), dynamics.point_jacobian("left_toe")
     frame = dynamics.frame("left_toe")
     assert np.array_equal(position, frame.position)
     assert np.array_equal(jacobian, frame.jacobian[:3])
@@ -90,7 +90,7 @@ def test_a_foot_that_rolls_stands_on_its_lower_edge(standing_state, roll):
         angular_velocity=np.array([1.0, 0.5, -0.3]),
     )
     dynamics.update(state)
-    position, jacobian = dynamics.point("left_heel")
+    position, jacobian = dynamics.point("left_heel"), dynamics.point_jacobian("left_heel")
     frame = dynamics.frame("left_heel")
     edge = frame.position + frame.rotation @ [0.0, -np.sign(roll) * 0.015, 0.0]
     assert position == pytest.approx(edge, abs=1e-12)

@@ -41,8 +41,8 @@ class PelvisOrientationTask:
         pelvis = dynamics.frame("pelvis")
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
-        # R_h^T R log(R^T R_d) is log((R_h^T R_d) (R_h^T R)^T), and the first factor is the pitch alone.
-        error = pin.log3(rotations.rotation_y(self.pitch).dot(to_heading.dot(pelvis.rotation).T))
+        # R log(R^T R_d) is log(R_d R^T).
+        error = to_heading.dot(pin.log3(rotations.rotation_zy(self.yaw, self.pitch).dot(pelvis.rotation.T)))
         acceleration = kp * error - kd * to_heading.dot(pelvis.velocity[3:])
         acceleration[1] += kd * self.pitch_rate
         acceleration[2] += kd * self.yaw_rate

@@ -37,17 +37,17 @@ class PostureTask:
         self.weight = np.ones(joints.size)
         self.speed = speed
         self._joints = joints
-        self._columns: slice | np.ndarray | None = None
+        self._in_q: slice | np.ndarray | None = None
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """One row per joint."""
-        if self._columns is None:
-            self._columns = in_place(dynamics.columns[self._joints])
-            self._jacobian = np.eye(dynamics.nv)[self._columns]
+        if self._in_q is None:
+            columns = dynamics.columns[self._joints]
+            self._in_q, self._in_v = in_place(columns + 1), in_place(columns)
+            self._jacobian = np.eye(dynamics.nv)[columns]
             self._drift = np.zeros(self._joints.size)
-        columns = self._columns
-        error = self.target - dynamics.q[1:][columns]
+        error = self.target - dynamics.q[self._in_q]
         wanted = self.rate + self.stiffness / self.damping * error
         closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
-        acceleration = self.feedforward + self.damping * (closing - dynamics.v[columns])
+        acceleration = self.feedforward + self.damping * (closing - dynamics.v[self._in_v])
         return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)
