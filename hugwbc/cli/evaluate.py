@@ -50,9 +50,9 @@ class EvaluateOptions:
     """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
     blow: float | None = None
     """The strongest in the tour protocol, on a G1 [N]; 0 for none."""
-    training: str = "noise"
+    training: str | None = None
     """Which of the paper's policies stands beside in the protocols of intervention: that trained with noise,
-    motion or none."""
+    motion or none; by default as the policy's own file says, and noise without one."""
     intervention: str = "none"
     """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
     motions: pathlib.Path | None = None
@@ -219,9 +219,10 @@ def run(words: Sequence[str]) -> int:
     check_writable(options.json)
     if options.protocol not in _PROTOCOLS:
         raise UnknownNameError("protocol", options.protocol, _PROTOCOLS)
-    protocol = _PROTOCOLS[options.protocol]
+    protocol, spec = _PROTOCOLS[options.protocol], ControllerSpec(options.controller, options.policy)
+    if options.training is None and options.protocol in ("intervention", "foot-displacement"):
+        options = dataclasses.replace(options, training=spec.training)
     config = protocol.config(options)
-    spec = ControllerSpec(options.controller, options.policy)
     done = 0
     with progress(f"{options.controller}, {options.protocol}: {config.episodes} episodes") as advance:
 
@@ -229,7 +230,7 @@ def run(words: Sequence[str]) -> int:
             nonlocal done
             done += 1
             read = 0 if options.execution.store is None else options.execution.store.restored
-            advance(done / config.episodes, min(done, read) / config.episodes)
+            advance(*(min(count / config.episodes, 1.0) for count in (done, min(done, read))))
 
         with options.execution:
             result = protocol.run(spec.build, config, on_episode)

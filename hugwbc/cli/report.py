@@ -23,6 +23,10 @@ class ReportOptions:
     controllers: tuple[str, ...] = ("learned", "qp")
     """Which controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine and
     unitree-h1=motion.pt; the first two are held against each other."""
+    ablation: tuple[str, ...] | None = None
+    """Further policies, by name or path, in the protocols of intervention alone: the paper's ablation of what moved
+    the arms in training, which a policy's file says. By default the shipped ones of a training that --controllers has
+    no policy of."""
     protocols: tuple[str, ...] = ()
     """Only these protocols; by default all of the profile."""
     seed: int = 0
@@ -52,10 +56,11 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.evaluation.report.sections import all_figures
 
     specs = [ControllerSpec.parse(words) for words in options.controllers]
-    labels = [spec.label for spec in specs]
-    if not specs or len(set(labels)) < len(labels):
-        raise ConfigError(f"controllers are {labels}; give at least one, each once")
-    cells = _wanted(profile_cells(options.profile, specs, seed=options.seed), options.protocols)
+    further = _further(specs, options.ablation)
+    labels, others = ([spec.label for spec in some] for some in (specs, further))
+    if not specs or len({*labels, *others}) < len(labels) + len(others):
+        raise ConfigError(f"controllers are {[*labels, *others]}; give at least one, each once")
+    cells = _wanted(profile_cells(options.profile, specs, further, seed=options.seed), options.protocols)
     store = ResultStore(options.results, fresh=options.fresh)
     with (
         progress(f"report, {options.profile}") as advance,
@@ -64,7 +69,7 @@ def run(words: Sequence[str]) -> int:
         results = run_cells(cells, execution, advance)
     total = sum(len(result.result["rows"]) for result in results)
     figures = all_figures(results)
-    report = Report(figures, results, labels, _notes(options, total), _training_file(specs))
+    report = Report(figures, results, labels, _notes(options, total, [*specs, *further]), _training_file(specs))
     (options.out / "report.html").write_text(report_page(report), encoding="utf-8")
     (options.out / "report.md").write_text(report_markdown(report), encoding="utf-8")
     (options.out / "figures.csv").write_text(figures_csv(figures), encoding="utf-8")
@@ -86,11 +91,25 @@ def _wanted(cells: Sequence["Cell"], protocols: Sequence[str]) -> list["Cell"]:
     return [cell for cell in cells if not protocols or cell.protocol in protocols]
 
 
-def _notes(options: ReportOptions, episodes: int) -> list[str]:
-    """How the report was made."""
+def _further(specs: Sequence["ControllerSpec"], ablation: tuple[str, ...] | None) -> list["ControllerSpec"]:
+    """The policies of the ablation that are not among the controllers: those given, or the shipped ones."""
+    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.learned.policy import shipped_policies
+
+    if ablation is not None:
+        return [ControllerSpec("learned", name) for name in ablation]
+    trainings = {spec.training for spec in specs}
+    shipped = [ControllerSpec("learned", name) for name in shipped_policies()]
+    return [spec for spec in shipped if spec.training not in trainings]
+
+
+def _notes(options: ReportOptions, episodes: int, specs: Sequence["ControllerSpec"]) -> list[str]:
+    """How the report was made, and what it lacks."""
+    from hugwbc.evaluation.report.ablation import TRAINED
     from hugwbc.learned.contract import versions
 
     words = [f"--profile {options.profile}", f"--controllers {' '.join(options.controllers)}", f"--seed {options.seed}"]
+    words += [f"--ablation {' '.join(options.ablation)}"] if options.ablation is not None else []
     words += [f"--protocols {' '.join(options.protocols)}"] if options.protocols else []
     made = ", ".join(f"{name} {version}" for name, version in versions().items())
     notes = [f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, with {made}."]
@@ -99,6 +118,10 @@ def _notes(options: ReportOptions, episodes: int) -> list[str]:
             "The quick profile has few and short episodes: its intervals are wide, and of very few episodes too "
             "narrow. `--profile full` has the paper's sizes."
         )
+    trainings = {spec.training for spec in specs}
+    missing = [words for training, words in TRAINED.items() if training not in trainings]
+    if missing:
+        notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
     return notes
 
 

@@ -100,6 +100,7 @@ class _Progress:
     def __init__(self, tell: Callable[[float, float], None], total: float, execution: Execution) -> None:
         self._tell, self._total, self._store = tell, total, execution.store
         self._done = self._read = 0.0  # simulated seconds, of cells that are finished
+        self._partly_read = 0.0  # of the cell under way
 
     def begin(self, cell: Cell) -> Callable[[object], None]:
         """What to call after each episode of a cell."""
@@ -109,22 +110,25 @@ class _Progress:
         def on_episode(_: object) -> None:
             nonlocal episodes
             episodes += 1
-            self._report(share * episodes, share * min(self._restored - before, episodes))
+            done = min(episodes, cell.config.episodes)  # of a search it is not known before
+            self._partly_read = share * min(self._restored - before, done)
+            self._report(share * done)
 
         return on_episode
 
     def end(self, cell: Cell, *, read: bool = False) -> None:
         """A cell is finished; `read` if its result was there."""
         self._done += cell.work
-        self._read += cell.work if read else 0.0
+        self._read += cell.work if read else self._partly_read
+        self._partly_read = 0.0
         self._report()
 
     @property
     def _restored(self) -> int:
         return 0 if self._store is None else self._store.restored
 
-    def _report(self, done: float = 0.0, read: float = 0.0) -> None:
-        self._tell(min((self._done + done) / self._total, 1.0), (self._read + read) / self._total)
+    def _report(self, done: float = 0.0) -> None:
+        self._tell(min((self._done + done) / self._total, 1.0), (self._read + self._partly_read) / self._total)
 
 
 def _place(cell: Cell, store: ResultStore | None) -> tuple[pathlib.Path | None, dict[str, Any]]:

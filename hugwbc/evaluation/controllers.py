@@ -146,6 +146,20 @@ class ControllerSpec:
         in_folder = path.is_dir() and (path / CONTRACT_FILE).is_file()
         return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
 
+    @property
+    def training(self) -> str | None:
+        """What moved the arms in the training, one of the paper's; None for what was not trained, or does not say.
+
+        Raises:
+            PolicyFileError: if a policy file is missing, truncated or foreign.
+        """
+        if self._is_foreign or (self.name in plugins() and self.name != "learned"):
+            return None
+        from hugwbc.learned.policy import trained_with
+
+        (path,) = self.files()
+        return trained_with(path)
+
     def identity(self) -> dict[str, Any]:
         """What the controller's behaviour depends on, as JSON: name, package, modules, digests of files.
 

@@ -5,6 +5,7 @@ import math
 from hugwbc.errors import ConfigError
 
 FIRST_TRIALS = 8  # of a load, before the first look at the outcome; then twice as many, and so on
+_FAR_TRIALS = 64  # at most, of most loads that are not beside the answer
 DOUBT = 0.001  # probability of outcomes as extreme as the one seen, below which a load is decided early
 
 
@@ -58,6 +59,12 @@ class SurvivalSearch:
         doublings = math.ceil(math.log2(self._limit / self._first))
         # Below `first`, bisection goes on until the bracket is narrower than `first` times the resolution.
         return 1 + doublings + math.ceil(math.log2(1.0 / self._resolution))
+
+    @property
+    def likely_trials(self) -> int:
+        """About how many trials it takes: all of them at two loads beside the answer, few at the others."""
+        loads = self.most_loads
+        return min(loads, 2) * self._trials + max(loads - 2, 0) * min(self._trials, _FAR_TRIALS)
 
     @property
     def done(self) -> bool:

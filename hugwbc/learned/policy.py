@@ -44,6 +44,20 @@ def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Pa
     return path / POLICY_FILE if path.is_dir() else path
 
 
+def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
+    """What moved the arms in a policy's training, as its record says: "noise", "motion" or "none"; None without one.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+        PolicyFileError: if the file is missing, truncated or foreign.
+    """
+    _, metadata = checkpoint.load_file(policy_file(name_or_path), "policy")
+    record: Any = metadata
+    for key in ("training", "config", "env", "intervention"):
+        record = record.get(key) if isinstance(record, dict) else None
+    return record if isinstance(record, str) else None
+
+
 def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
     """A controller from a shipped policy's name, a policy file, or a folder that holds one.
 

@@ -91,6 +91,13 @@ def test_labels_tell_policies_apart(tmp_path):
     assert ControllerSpec(str(tmp_path / "theirs.yaml")).label == "theirs"
 
 
+def test_the_training_is_what_the_policys_file_says(tmp_path):
+    assert ControllerSpec("learned").training == "noise" == ControllerSpec(str(policy_dir() / "h1")).training
+    assert ControllerSpec("qp").training is None
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").training is None
+
+
 def test_identity_is_that_of_the_files(tmp_path):
     default = ControllerSpec("learned").identity()
     shutil.copytree(policy_dir() / "h1", tmp_path / "copy")

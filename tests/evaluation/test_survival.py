@@ -49,6 +49,16 @@ def test_the_answer_is_that_of_all_trials():
     assert min(early) <= 16 and len(early) >= 5, "clear cases are decided early"
 
 
+@pytest.mark.parametrize("trials", [1, 16, 256, 4096])
+def test_the_likely_number_of_trials_is_about_right(trials):
+    rng, counts = np.random.default_rng(0), []
+    for median in (70.0, 110.0, 230.0):
+        thresholds = rng.normal(median, 0.1 * median, trials)
+        search = SurvivalSearch(trials=trials, first=50.0, limit=800.0)
+        counts.append(sum(count for _, count in run(search, lambda load, n, limits=thresholds: load <= limits[n])))
+    assert 0.5 < np.mean(counts) / search.likely_trials < 2.0
+
+
 def test_one_fall_of_few_is_too_many():
     search = SurvivalSearch(trials=49, first=50.0, limit=800.0)
     search.record([True] * 7 + [False])

@@ -32,7 +32,7 @@ def random_actor() -> Actor:
 @pytest.fixture
 def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
     path = tmp_path / "policy.safetensors"
-    save_policy(path, random_actor(), policy_contract(), {"steps": 7})
+    save_policy(path, random_actor(), policy_contract(), {"steps": 7, "config": {"env": {"intervention": "motion"}}})
     return path
 
 

@@ -64,8 +64,8 @@ class DisturbanceConfig(GaitSettings):
 
     @property
     def episodes(self) -> int:
-        """At most."""
-        return len(KINDS) * len(DIRECTIONS) * self.rollouts * self.search().most_loads
+        """About how many it takes: most forces are decided early."""
+        return len(KINDS) * len(DIRECTIONS) * self.search().likely_trials
 
 
 @dataclasses.dataclass(frozen=True)

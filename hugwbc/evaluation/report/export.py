@@ -8,7 +8,7 @@ from hugwbc.evaluation.report.figures import Figure
 
 COLUMNS = (
     *("table", "quantity", "unit", "controller", "source", "value", "low", "high", "samples"),
-    *("paper", "ratio", "ratio_low", "ratio_high", "against_paper"),
+    *("paper", "reference", "ratio", "ratio_low", "ratio_high", "against_paper"),
 )
 
 
@@ -20,8 +20,8 @@ def figures_csv(figures: Sequence[Figure]) -> str:
     for figure in figures:
         estimate = figure.estimate
         measured = (None, None, None) if estimate is None else (estimate.low, estimate.high, estimate.samples)
-        source = "published" if estimate is None else "measured"
+        source = "measured" if estimate else "published" if figure.controller else "paper alone"
         head = (figure.table, figure.quantity, figure.unit, figure.controller, source, figure.value, *measured)
-        row = (*head, figure.paper, *(figure.ratio or (None, None, None)), figure.verdict.value)
+        row = (*head, figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.verdict.value)
         writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
     return file.getvalue()

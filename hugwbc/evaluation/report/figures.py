@@ -2,10 +2,13 @@
 
 import dataclasses
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-from hugwbc.evaluation.report.statistics import Estimate
+from hugwbc.evaluation.report.statistics import Estimate, wilson_percentage
 from hugwbc.tables import Cell, Marked, Table
+
+FALLS = "falls"
 
 
 class Verdict(enum.Enum):
@@ -26,11 +29,12 @@ class Figure:
         table: title of its table.
         quantity: its row.
         unit: of value and paper.
-        controller: its column.
+        controller: its column; empty for what the paper prints and nothing was measured for.
         estimate: the number and its interval; None where it is published and not measured.
         paper: what the paper prints for HugWBC; None where it prints nothing.
         published: what somebody prints for this controller, which was not run here.
         higher_is_better: otherwise lower is.
+        reference: of which of the paper's policies `paper` is, where it prints several.
     """
 
     table: str
@@ -41,6 +45,7 @@ class Figure:
     paper: float | None = None
     published: float | None = None
     higher_is_better: bool = False
+    reference: str = ""
 
     @property
     def value(self) -> float | None:
@@ -64,6 +69,19 @@ class Figure:
         return _verdict(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
 
 
+def falls_figure(table: str, controller: str, rows: Iterable[Mapping[str, Any]], reference: str = "") -> Figure:
+    """In what part of some episodes the robot fell.
+
+    Args:
+        table: title of its table.
+        controller: its column.
+        rows: the episodes.
+        reference: as of the table's other figures.
+    """
+    estimate = wilson_percentage([row["fell"] for row in rows])
+    return Figure(table, FALLS, "% of episodes", controller, estimate, reference=reference)
+
+
 def against(figure: Figure, other: Figure) -> Verdict:
     """How a measured figure compares with another controller's: told apart where their intervals do not overlap."""
     mine, theirs = figure.estimate, other.estimate
@@ -84,27 +102,31 @@ def _verdict(excess: float, low: float | None, high: float | None, figure: Figur
 
 
 def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
-    """The figures of one table: quantities in rows, controllers in columns, the paper's figure before them.
+    """The figures of one table: quantities in rows, controllers in columns, the paper's figures before them.
 
     A measured cell has the value, its interval, and the ratio to the paper's; one that is worse than the paper's is
-    marked so, and one that is worse by less than its uncertainty as that.
+    marked so, and one that is worse by less than its uncertainty as that. Where the paper prints several policies, each
+    stands before the controllers that are held against it.
     """
-    quantities = list(dict.fromkeys(figure.quantity for figure in figures))
-    controllers = list(dict.fromkeys(figure.controller for figure in figures))
-    by_place = {(figure.quantity, figure.controller): figure for figure in figures}
-    has_paper = any(figure.paper is not None for figure in figures)
-    rows: list[list[Cell]] = []
-    for quantity in quantities:
-        some = next(figure for figure in figures if figure.quantity == quantity)
-        row: list[Cell] = [f"{quantity} [{some.unit}]" if some.unit else quantity]
-        if has_paper:
-            papers = [f.paper for f in figures if f.quantity == quantity and f.paper is not None]
-            row.append(papers[0] if papers else None)
-        row += [_cell(by_place.get((quantity, controller))) for controller in controllers]
-        rows.append(row)
-    published = {figure.controller for figure in figures if figure.estimate is None}
-    names = [f"{name} (published)" if name in published else name for name in controllers]
-    return Table(figures[0].table, ["", *(["HugWBC, paper"] if has_paper else []), *names], rows, note)
+    units = {figure.quantity: figure.unit for figure in figures}
+    columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
+    for reference in dict.fromkeys(figure.reference for figure in figures):
+        columns |= _columns([figure for figure in figures if figure.reference == reference], list(units))
+    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))), note)
+
+
+def _columns(figures: Sequence[Figure], quantities: Sequence[str]) -> dict[str, list[Cell]]:
+    """The columns of one of the paper's policies, by heading: its own, if it has figures, and the controllers'."""
+    columns: dict[str, list[Cell]] = {}
+    papers = {figure.quantity: figure.paper for figure in figures if figure.paper is not None}
+    if papers:
+        heading = ", ".join(filter(None, ("HugWBC, paper", figures[0].reference)))
+        columns[heading] = [papers.get(quantity) for quantity in quantities]
+    for controller in filter(None, dict.fromkeys(figure.controller for figure in figures)):
+        mine = {figure.quantity: figure for figure in figures if figure.controller == controller}
+        published = any(figure.estimate is None for figure in mine.values())
+        columns[f"{controller} (published)" if published else controller] = [_cell(mine.get(q)) for q in quantities]
+    return columns
 
 
 def _cell(figure: Figure | None) -> Cell:

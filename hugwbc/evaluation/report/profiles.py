@@ -4,6 +4,7 @@ The paper says how many rollouts its disturbance figure has (4096) and how long 
 not how many episodes stand behind its tables; `full` takes 256 a gait.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.campaign import Cell
 from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.report import ablation
 from hugwbc.gait import Gait
 
 Part = tuple[str, Any, Callable[..., Any]]
@@ -19,12 +21,18 @@ _GAITS = (Gait.STANDING, Gait.WALKING, Gait.JUMPING, _HOPPING)
 _QUICK_EPISODES = {Gait.STANDING: 6, Gait.WALKING: 16, Gait.JUMPING: 16, _HOPPING: 8}
 
 
-def profile_cells(profile: str, specs: Sequence[ControllerSpec], **settings: Any) -> list[Cell]:  # noqa: ANN401
+def profile_cells(
+    profile: str,
+    specs: Sequence[ControllerSpec],
+    further: Sequence[ControllerSpec] = (),
+    **settings: Any,  # noqa: ANN401
+) -> list[Cell]:
     """The cells of a profile; those of all controllers side by side, so that an early stop leaves pairs.
 
     Args:
         profile: one of `PROFILES`.
         specs: the controllers.
+        further: policies that have part in the protocols of the ablation alone.
         settings: of every protocol, such as the seed.
 
     Raises:
@@ -32,7 +40,16 @@ def profile_cells(profile: str, specs: Sequence[ControllerSpec], **settings: Any
     """
     if profile not in PROFILES:
         raise UnknownNameError("profile", profile, PROFILES)
-    return [Cell(name, spec, config, run) for name, config, run in PROFILES[profile](settings) for spec in specs]
+    return [
+        Cell(name, spec, _beside(spec, config) if name in ablation.PROTOCOLS else config, run)
+        for name, config, run in PROFILES[profile](settings)
+        for spec in (*specs, *(further if name in ablation.PROTOCOLS else ()))
+    ]
+
+
+def _beside(spec: ControllerSpec, config: protocols.InterventionConfig) -> protocols.InterventionConfig:
+    """Settings with the paper's policy that a controller is held against."""
+    return dataclasses.replace(config, training=spec.training or config.training)
 
 
 def _quick(settings: Mapping[str, Any]) -> Iterator[Part]:

@@ -2,20 +2,19 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from hugwbc.commands import COMMAND_UNITS
 from hugwbc.evaluation.campaign import CellResult
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, other_controllers
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
 from hugwbc.evaluation.protocols.tour import WAYPOINTS
-from hugwbc.evaluation.report.figures import Figure
+from hugwbc.evaluation.report import ablation
+from hugwbc.evaluation.report.figures import Figure, falls_figure
 from hugwbc.evaluation.report.statistics import Estimate, bootstrap_mean, wilson_percentage
 
-FALLS = "falls"
 FORCES = {"constant": "constant", "second": "for one second"}
 # Of a row of the effort protocol: name, unit, and factor to that unit.
 EFFORTS = {
@@ -28,7 +27,6 @@ EFFORTS = {
     "tick_p50_ms": ("time of a call, median", "ms", 1.0),
     "tick_p99_ms": ("time of a call, 99th percentile", "ms", 1.0),
 }
-ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,10 +44,6 @@ class Section:
     text: str
 
 
-def _falls(table: str, controller: str, rows: Iterable[Mapping[str, Any]]) -> Figure:
-    return Figure(table, FALLS, "% of episodes", controller, wilson_percentage([row["fell"] for row in rows]))
-
-
 def single_command_figures(measured: CellResult) -> list[Figure]:
     """Tracking errors of single commands; walking with the figures that the paper prints for other controllers."""
     result, name = measured.result, measured.controller
@@ -60,7 +54,7 @@ def single_command_figures(measured: CellResult) -> list[Figure]:
         paper = result["paper"].get(error)
         if errors or paper is not None:
             figures.append(Figure(table, error, ERROR_UNITS[error], name, bootstrap_mean(errors), paper))
-    return [*figures, _falls(table, name, result["rows"])]
+    return [*figures, falls_figure(table, name, result["rows"])]
 
 
 def published_figures() -> list[Figure]:
@@ -71,35 +65,6 @@ def published_figures() -> list[Figure]:
         for name, errors in other_controllers().items()
         for error, value in errors.items()
     ]
-
-
-def intervention_figures(measured: CellResult) -> list[Figure]:
-    """Tracking errors by what moves the arms, one table each."""
-    result, name, figures = measured.result, measured.controller, []
-    for arms, errors in result["errors"].items():
-        table = f"Intervention, {result['gait']}, {ARMS[arms]}"
-        rows = [row for row in result["rows"] if row["intervention"] == arms]
-        for error in errors:
-            command = next(c for c in COMMAND_UNITS if f"E_{c.replace('_', '')}" == error)
-            estimate = bootstrap_mean([row["error"] for row in rows if row["command"] == command])
-            paper = result["paper"][arms].get(error)
-            figures.append(Figure(table, error, COMMAND_UNITS[command], name, estimate, paper))
-        figures.append(_falls(table, name, rows))
-    return figures
-
-
-def foot_displacement_figures(measured: CellResult) -> list[Figure]:
-    """Length of both feet's paths of a standing robot by what moves the arms, in the episodes without a fall."""
-    result, name, figures = measured.result, measured.controller, []
-    for arms, travel in result["displacement"].items():
-        table = f"Foot displacement, {ARMS[arms]}"
-        rows = [row for row in result["rows"] if row["intervention"] == arms]
-        for command in travel:
-            kept = [row["foot_travel"] for row in rows if row["command"] == command and not row["fell"]]
-            paper = result["paper"][arms].get(command)
-            figures.append(Figure(table, f"{command} commanded", "m", name, bootstrap_mean(kept), paper))
-        figures.append(_falls(table, name, rows))
-    return figures
 
 
 def ramp_figures(measured: CellResult) -> list[Figure]:
@@ -117,7 +82,7 @@ def ramp_figures(measured: CellResult) -> list[Figure]:
         )
         for command in ("p", "w")
     ]
-    return [*figures, _falls(table, name, result["rows"])]
+    return [*figures, falls_figure(table, name, result["rows"])]
 
 
 def disturbance_figures(measured: CellResult) -> list[Figure]:
@@ -140,7 +105,7 @@ def heatmap_figures(measured: CellResult) -> list[Figure]:
         estimate = Estimate(sum(shares) / len(shares), None, None, len(shares))
         name = f"error of {command}"
         figures.append(Figure(table, name, "% of ranges", measured.controller, estimate, higher_is_better=True))
-    return [*figures, _falls(table, measured.controller, result["rows"])]
+    return [*figures, falls_figure(table, measured.controller, result["rows"])]
 
 
 def relative_maps(result: Mapping[str, Any]) -> dict[tuple[str, str], np.ndarray]:
@@ -209,8 +174,8 @@ def contacts_figures(measured: CellResult) -> list[Figure]:
 
 FIGURES: Mapping[str, Callable[[CellResult], list[Figure]]] = {
     "single-command": single_command_figures,
-    "intervention": intervention_figures,
-    "foot-displacement": foot_displacement_figures,
+    "intervention": ablation.intervention_figures,
+    "foot-displacement": ablation.foot_displacement_figures,
     "heatmap": heatmap_figures,
     "disturbance": disturbance_figures,
     "ramp": ramp_figures,
@@ -231,8 +196,10 @@ SECTIONS: Sequence[Section] = (
     Section(
         "Intervention",
         ("intervention",),
-        "The same while the arms are moved from outside. The paper's figures are those of its policy trained with the "
-        "noise curriculum; its motions are recorded from people, ours are generated or given.",
+        "The same while the arms are moved from outside. A policy stands beside the paper's that was trained with the "
+        "same: noise, motions or nothing; a controller that was not trained beside the one trained with noise. Where "
+        "there is no policy of ours, the paper's figures stand alone. The paper's motions are recorded from people, "
+        "ours are generated or given.",
     ),
     Section(
         "Foot displacement",
@@ -297,4 +264,4 @@ def all_figures(results: Sequence[CellResult]) -> list[Figure]:
                 figures += FIGURES[measured.protocol](measured)
         if section.protocols == ("single-command",) and figures:
             figures += published_figures()
-    return figures
+    return [*figures, *ablation.unmeasured_figures(results)]

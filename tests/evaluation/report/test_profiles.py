@@ -4,6 +4,9 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.report.profiles import profile_cells
 from hugwbc.evaluation.report.sections import FIGURES
+from hugwbc.learned.contract import policy_contract
+from hugwbc.learned.networks import Actor
+from hugwbc.learned.policy import save_policy
 
 SPECS = [ControllerSpec("learned"), ControllerSpec("qp")]
 
@@ -14,6 +17,23 @@ def test_a_profile_has_every_protocol_of_the_report_for_every_controller(profile
     assert {cell.protocol for cell in cells} == set(FIGURES)
     assert [cell.spec for cell in cells] == SPECS * (len(cells) // 2)
     assert {cell.config.seed for cell in cells} == {3}
+
+
+@pytest.fixture
+def motion_policy(tmp_path):
+    """A policy whose record says that motions moved the arms in its training."""
+    record = {"config": {"env": {"intervention": "motion"}}}
+    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), policy_contract(), record)
+    return ControllerSpec("learned", tmp_path / "mine")
+
+
+def test_policies_of_the_ablation_run_where_the_arms_are_moved_beside_the_papers_of_their_training(motion_policy):
+    cells = profile_cells("quick", SPECS, [motion_policy], seed=0)
+    theirs = [cell for cell in cells if cell.spec == motion_policy]
+    assert [cell.protocol for cell in theirs] == ["intervention"] * 3 + ["foot-displacement"]
+    assert {cell.config.training for cell in theirs} == {"motion"}
+    ours = [cell for cell in cells if cell.spec in SPECS and cell.protocol == "intervention"]
+    assert {cell.config.training for cell in ours} == {"noise"}
 
 
 def test_full_is_the_same_and_more():

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from hugwbc.evaluation.campaign import CellResult
-from hugwbc.evaluation.report.sections import FALLS, FIGURES, SECTIONS, all_figures, relative_maps
+from hugwbc.evaluation.report.figures import FALLS
+from hugwbc.evaluation.report.sections import FIGURES, SECTIONS, all_figures, relative_maps
 
 
 def row(**fields):
@@ -29,24 +30,6 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     hover = _by_quantity(figures, "HOVER")
     assert hover["E_h"].published == 0.27 and hover["E_h"].estimate is None and hover["E_h"].table == mine["E_h"].table
     assert "E_f" not in hover
-
-
-def test_intervention_and_displacement_are_a_table_for_each_kind_of_arms():
-    rows = [
-        row(intervention=arms, command="v_x", error=error, foot_travel=error, fell=fell)
-        for arms, error, fell in (("noise", 0.4, False), ("noise", 9.0, True), ("none", 0.1, False))
-    ]
-    tables = {arms: {"E_vx": 0.0} for arms in ("noise", "none")}
-    paper = {"noise": {"E_vx": 0.2, "v_x": 0.5}, "none": {}}
-    result = {"gait": "walking", "errors": tables, "paper": paper, "rows": rows}
-    noise, falls, free, _ = FIGURES["intervention"](CellResult("intervention", "qp", result))
-    assert noise.table == "Intervention, walking, arms moved by noise" and noise.unit == "m/s"
-    assert noise.value == pytest.approx(4.7) and noise.paper == 0.2 and falls.value == 50.0
-    assert free.value == 0.1 and free.paper is None
-    travel = {"displacement": {arms: {"v_x": 0.0} for arms in ("noise", "none")}, "paper": paper, "rows": rows}
-    noise, falls, *_ = FIGURES["foot-displacement"](CellResult("foot-displacement", "qp", travel))
-    assert noise.value == 0.4 and noise.paper == 0.5, "the path of a robot that fell says nothing"
-    assert falls.value == 50.0
 
 
 def test_ramp_and_contacts():
