@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
@@ -33,6 +33,8 @@ class CompareOptions:
     """Folder for summary.json, report.html, replay.html and the video."""
     video: bool = True
     """Write a video where the machine can render one."""
+    hide: tuple[Literal["hands", "steps", "forces", "balance", "phases"], ...] = ()
+    """Layers of marks that the video does not show; replay.html has switches for them."""
     json: pathlib.Path | None = None
     """Write the summary to this file as well; without a path, to standard output."""
 
@@ -108,18 +110,19 @@ def _write_files(options: CompareOptions, summary: Mapping[str, Any], traces: Se
     write_replay(out / "replay.html", traces, title=title)
     written = [out / "summary.json", out / "report.html", out / "replay.html"]
     if options.video:
-        written += _write_video(out / "compare.mp4", traces, options.json)
+        written += _write_video(options, traces)
     write_report(out / "report.html", title, traces, tables, subtitle=f"seed {summary['seed']}", links=links)
     return written
 
 
-def _write_video(path: pathlib.Path, traces: Sequence["Trace"], json_path: pathlib.Path | None) -> list[pathlib.Path]:
+def _write_video(options: CompareOptions, traces: Sequence["Trace"]) -> list[pathlib.Path]:
     """The video's path if the machine could render it; otherwise a line says why not."""
     from hugwbc.viz.video import write_video
 
+    path = options.out / "compare.mp4"
     with progress("video") as advance:
-        obstacle = write_video(path, traces, on_progress=advance)
+        obstacle = write_video(path, traces, hide=options.hide, on_progress=advance)
     if obstacle is None:
         return [path]
-    say(obstacle, json_path)
+    say(obstacle, options.json)
     return []

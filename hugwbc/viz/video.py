@@ -15,10 +15,12 @@ import imageio.v2 as imageio
 import mujoco
 import numpy as np
 
+from hugwbc.errors import UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
-from hugwbc.viz.overlays import TARGET_RADIUS
+from hugwbc.viz.overlays import LAYERS
 from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
+from hugwbc.viz.video_marks import GEOM_NUMBERS, mark_geoms
 
 FPS = 25
 WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder wants them
@@ -26,13 +28,18 @@ HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
 
 
 def write_video(
-    path: pathlib.Path, traces: Sequence[Trace], *, on_progress: Callable[[float], None] | None = None
+    path: pathlib.Path,
+    traces: Sequence[Trace],
+    *,
+    hide: Sequence[str] = (),
+    on_progress: Callable[[float], None] | None = None,
 ) -> str | None:
-    """Render the robots side by side, in the colours of `LABEL_COLOURS`.
+    """Render the robots side by side, in the colours of `LABEL_COLOURS`, with the marks around them.
 
     Args:
         path: of the MP4 file.
         traces: 1 to 4 runs.
+        hide: layers of marks that are not shown, of `overlays.LAYERS`.
         on_progress: called with the fraction done after each frame.
 
     Returns:
@@ -40,15 +47,30 @@ def write_video(
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
+        UnknownNameError: if there is no such layer.
     """
     check_traces(traces)
+    for name in hide:
+        if name not in LAYERS:
+            raise UnknownNameError("layer", name, LAYERS)
     end = max(float(trace.time[-1]) for trace in traces)
     samples = [frame_samples(trace.time, FPS, end) for trace in traces]
     frames = np.stack([trace.qpos[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
-    targets = np.stack([trace.hand_target_world[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
+    layers = [name for name in LAYERS if name not in hide]
+    marks = [
+        mark_geoms(trace, sample, label, lane, layers)
+        for trace, sample, label, lane in zip(traces, samples, LABEL_COLOURS, lanes(len(traces)), strict=False)
+    ]
+    geoms = [np.concatenate(rows) for rows in zip(*marks, strict=True)]
     with tempfile.TemporaryDirectory() as folder:
         data, log = pathlib.Path(folder) / "frames.npz", pathlib.Path(folder) / "log.txt"
-        np.savez(data, frames=frames, targets=targets, views=np.column_stack(camera_path(traces, FPS, end)))
+        np.savez(
+            data,
+            frames=frames,
+            views=np.column_stack(camera_path(traces, FPS, end)),
+            geoms=np.concatenate(geoms),
+            ends=np.cumsum([len(rows) for rows in geoms]),
+        )
         command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(path.resolve())]
         # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
         with log.open("w", encoding="utf-8") as errors:
@@ -101,29 +123,25 @@ def _stage(count: int) -> mujoco.MjModel:
     return stage.compile()
 
 
-def _add_targets(scene: mujoco.MjvScene, targets: np.ndarray) -> None:
-    """Add the hand targets of every robot, shape (robots, 2, 3), NaN where there is none, as balls."""
-    for robot, pair in enumerate(targets):
-        rgba = np.append(labelled_colour("lamp", (0.0, 0.0, 0.0), LABEL_COLOURS[robot]), 1.0).astype(np.float32)
-        for target in pair[np.all(np.isfinite(pair), axis=1)]:
-            size = np.full(3, TARGET_RADIUS)
-            ball = scene.geoms[scene.ngeom]
-            mujoco.mjv_initGeom(ball, mujoco.mjtGeom.mjGEOM_SPHERE, size, target, np.eye(3).ravel(), rgba)
-            scene.ngeom += 1
+def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
+    """Add geoms, rows as `video_marks.mark_geoms` makes them, as far as there is room."""
+    for row in rows[: scene.maxgeom - scene.ngeom]:
+        size, position, turn, rgba = row[1:4], row[4:7], row[7:16], row[16:].astype(np.float32)
+        mujoco.mjv_initGeom(scene.geoms[scene.ngeom], int(row[0]), size, position, turn, rgba)
+        scene.ngeom += 1
 
 
-def _render(frames: np.ndarray, targets: np.ndarray, views: np.ndarray, path: pathlib.Path) -> None:
+def _render(frames: np.ndarray, geoms: Sequence[np.ndarray], views: np.ndarray, path: pathlib.Path) -> None:
     """Render frames, writing the number of each finished one to standard output.
 
     Args:
         frames: qpos, shape (frames, robots, 26).
-        targets: hand targets in the world, shape (frames, robots, 2, 3).
+        geoms: of the marks in each frame, shapes (marks, `GEOM_NUMBERS`).
         views: point on the ground to look at and factor on the distance (see `camera_path`), shape (frames, 3).
         path: of the MP4 file.
     """
     count = frames.shape[1]
     frames[:, :, 1] += lanes(count)
-    targets[..., 1] += lanes(count)[:, None]
     model = _stage(count)
     data = mujoco.MjData(model)
     options = mujoco.MjvOption()
@@ -134,14 +152,14 @@ def _render(frames: np.ndarray, targets: np.ndarray, views: np.ndarray, path: pa
         mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
     ):
-        for number, (frame, pair, view) in enumerate(zip(frames, targets, views, strict=True), start=1):
+        for number, (frame, marks, view) in enumerate(zip(frames, geoms, views, strict=True), start=1):
             data.qpos[:] = frame.ravel()
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = [*view[:2], LOOK_AT_HEIGHT]
             camera.distance = view[2] * (2.2 + 0.7 * count)
             renderer.update_scene(data, camera, options)
-            _add_targets(renderer.scene, pair)
+            _add_geoms(renderer.scene, marks)
             for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
                 renderer.scene.flags[flag] = 0
             writer.append_data(renderer.render())
@@ -151,4 +169,5 @@ def _render(frames: np.ndarray, targets: np.ndarray, views: np.ndarray, path: pa
 
 if __name__ == "__main__":
     with np.load(sys.argv[1], allow_pickle=False) as recorded:
-        _render(recorded["frames"], recorded["targets"], recorded["views"], pathlib.Path(sys.argv[2]))
+        geoms = np.split(recorded["geoms"].reshape(-1, GEOM_NUMBERS), recorded["ends"][:-1])
+        _render(recorded["frames"], geoms, recorded["views"], pathlib.Path(sys.argv[2]))

@@ -7,6 +7,7 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
+from hugwbc.errors import UnknownNameError
 from hugwbc.viz import video
 
 
@@ -23,6 +24,12 @@ def test_video_is_written_or_says_why_not(make_run: Callable, tmp_path: pathlib.
     else:
         assert reason.startswith("no video: ")
         assert "\n" not in reason
+
+
+def test_an_unknown_layer_is_refused_before_anything_is_drawn(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    with pytest.raises(UnknownNameError, match="unknown layer 'force'"):
+        video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)], hide=["force"])
+    assert not (tmp_path / "runs.mp4").exists()
 
 
 def test_video_without_opengl_gives_a_reason(
