@@ -60,12 +60,12 @@ class BodyReach:
         self._robot = load_robot()
         self.failures = 0
         self.placo = upper_body(self._robot, on_column=True)
-        arm = self.config.arm
-        margin = arm.limit_margin
-        for index, name in zip(self._robot.arms, self._robot.arm_names, strict=True):
-            low, high = self._robot.lower[index] + margin, self._robot.upper[index] - margin
+        arm, arms = self.config.arm, self._robot.arms
+        self._arm_limits = self._robot.lower[arms] + arm.limit_margin, self._robot.upper[arms] - arm.limit_margin
+        speeds = self._robot.velocity_limit[arms] * arm.speed_fraction
+        for name, low, high, speed in zip(self._robot.arm_names, *self._arm_limits, speeds, strict=True):
             self.placo.set_joint_limits(name, float(low), float(high))
-            self.placo.set_velocity_limit(name, float(self._robot.velocity_limit[index] * arm.speed_fraction))
+            self.placo.set_velocity_limit(name, float(speed))
         for name, speed in zip(_BODY_JOINTS, self.config.speed, strict=True):
             self.placo.set_velocity_limit(name, speed)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
@@ -139,8 +139,7 @@ class BodyReach:
         self.values = values.copy()
         q = state.q[self._robot.arms]
         nominal = self._robot.nominal[self._robot.arms]
-        low, high = self._robot.lower[self._robot.arms] + 0.02, self._robot.upper[self._robot.arms] - 0.02
-        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), low, high))
+        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), *self._arm_limits))
 
     def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
         ranges = np.array([command_ranges(command.gait)[name].finishing for name in BODY_NAMES])

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.kinematics import pinocchio_model
+from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
@@ -26,9 +26,7 @@ class GravityCompensation:
         self._model = pinocchio_model()
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
-        self._columns = np.array(
-            [self._model.joints[self._model.getJointId(name)].idx_v for name in self.robot.joint_names]
-        )
+        self._columns = joint_columns(self._model, self.robot)
         self._arm_columns = self._columns[self.robot.arms]
         self._kp = self.robot.kp[self.robot.arms]
 

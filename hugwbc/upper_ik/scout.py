@@ -36,6 +36,7 @@ class Scout:
         self._descent = Descent(
             dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
         )
+        self._postures = posture_table()  # now: the first time it takes as long as many ticks of a control loop
         self._starts: list[list[np.ndarray]] = [[], []]
         self._searching = np.zeros(2, dtype=bool)
         self._goal = np.zeros((2, 3))
@@ -80,7 +81,7 @@ class Scout:
     def _go_on(self, arm: int, joints: slice, q: np.ndarray, waist: float) -> None:
         if self._best_residual[arm] == np.inf:
             self.direct[arm] = self.residual[arm]
-            starts = posture_table().candidates(arm, self._goal[arm], waist, q[joints], STARTS)
+            starts = self._postures.candidates(arm, self._goal[arm], waist, q[joints], STARTS)
             self._starts[arm] = list(starts)
         if self.residual[arm] < self._best_residual[arm]:
             self._best[arm], self._best_residual[arm] = self.q[joints], self.residual[arm]

@@ -1,6 +1,7 @@
 """A watch on the stream of hand targets: what is not usable is counted and ignored, the end of a stream is noticed."""
 
 import dataclasses
+import math
 
 from hugwbc.targets import HandTargets
 
@@ -10,7 +11,7 @@ class TargetCounts:
     """What arrived besides good targets, since `TargetWatch.reset`.
 
     Attributes:
-        bad: targets with a number that is not finite, or a shape that is no point.
+        bad: targets with a number that is not finite, their stamp included, or a shape that is no point.
         late: targets that were made before one that had already arrived.
         repeated: targets that had already arrived.
         dropped: targets that never arrived, by the gaps in their sequence.
@@ -28,7 +29,8 @@ class TargetWatch:
     """Passes on the newest good target until it is stale.
 
     A target without a stamp is new whenever it arrives: a script's is. One with a stamp (see `HandTargets`) is new only
-    if it is younger than the ones before.
+    if it is younger than the ones before. A stream that has become stale may go on with any other stamp, so that one
+    message from a wrong clock does not shut out all that follow.
 
     Attributes:
         counts: what arrived besides good targets.
@@ -73,12 +75,14 @@ class TargetWatch:
         return None if stale else self._newest
 
     def _is_new(self, hands: HandTargets) -> bool:
-        if not hands.is_usable:
+        if not hands.is_usable or (hands.stamp is not None and not math.isfinite(hands.stamp)):
             self._count("bad")
             return False
-        if hands.stamp is not None and self._stamp is not None and hands.stamp <= self._stamp:
-            self._count("repeated" if hands.stamp == self._stamp else "late")
-            return False
+        if hands.stamp is not None and self._stamp is not None:
+            repeated = hands.stamp == self._stamp
+            if repeated or (hands.stamp < self._stamp and not self._stale):
+                self._count("repeated" if repeated else "late")
+                return False
         if hands.sequence is not None:
             if self._sequence is not None:
                 self._count("dropped", max(0, hands.sequence - self._sequence - 1))

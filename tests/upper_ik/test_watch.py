@@ -49,6 +49,28 @@ def test_the_age_counts_from_when_a_target_was_made():
     assert watch.age == 0.0
 
 
+@pytest.mark.parametrize("stamp", [math.nan, math.inf])
+def test_a_stamp_that_is_not_finite_is_bad_and_shuts_out_nothing(stamp):
+    watch = TargetWatch(0.5)
+    assert watch.admit(message(1, stamp), 0.0, DT) is None
+    good = message(2, 0.1)
+    assert watch.admit(good, 0.1, DT) is good
+    assert watch.counts == TargetCounts(bad=1)
+
+
+def test_a_stream_goes_on_after_one_message_from_a_wrong_clock():
+    watch = TargetWatch(0.5)
+    watch.admit(message(1, 100.0), 0.0, DT)
+    numbers = []
+    for tick in range(1, 41):
+        followed = watch.admit(message(1 + tick, tick * DT), tick * DT, DT)
+        numbers.append(followed.sequence if followed else None)
+    # Late until the wrong one is stale, half a second later.
+    assert numbers[:24] == [1] * 24
+    assert numbers[26:] == list(range(28, 42))
+    assert watch.counts.stale == 1
+
+
 @pytest.mark.parametrize("shape", [(2,), (3, 1), ()])
 def test_numbers_that_stay_bad_are_no_update(shape):
     watch = TargetWatch(0.5)
