@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
@@ -46,7 +47,12 @@ class WholeBodyController:
             params: gains, weights and limits.
             period: time between two calls of `act` [s]; 0.002 to 0.01, and 0.02 with reduced tracking.
             dynamics: a robot model other than the shared one.
+
+        Raises:
+            ConfigError: if the period is not above 0.
         """
+        if not 0.0 < period < math.inf:
+            raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
         self.params = params or ControllerParams()
         self.period = period
         self.dynamics = dynamics or Dynamics()
@@ -115,7 +121,7 @@ class WholeBodyController:
         damped. `diagnostics` tells.
         """
         if not _usable(state):
-            return self._fall_back(state, None, ("the state is not finite",))
+            return self._fall_back(None, ("the state is not finite",))
         if not self._started:
             self._start(state)
         state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
@@ -130,7 +136,7 @@ class WholeBodyController:
         points = self._locomotion.contact_points(self.dynamics)
         solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
         if solution.status is QpStatus.FAILED:
-            return self._fall_back(state, solution, report)
+            return self._fall_back(solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED
         self._held = 0
         self._predictor.record(solution.acceleration)
@@ -185,7 +191,7 @@ class WholeBodyController:
             tau=np.minimum(np.maximum(solution.torque, self._lowest_torque), self._highest_torque),
         )
 
-    def _fall_back(self, state: RobotState, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
+    def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
         self._fallbacks += 1
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))

@@ -75,11 +75,11 @@ class SwingTrajectory:
             foothold: where the sole's centre is to land, world x and y [m], shape (2,).
             apex: sole height above the ground half way [m].
             ground: height of the ground [m].
-            landing: height of the ground at the foothold, if it is another [m].
-            overdue: time for which the foot should already have touched the ground [s].
             elapsed: since lift-off [s].
             remaining: until touch-down [s].
             dt: [s].
+            landing: height of the ground at the foothold, if it is another [m].
+            overdue: time for which the foot should already have touched the ground [s].
         """
         to_apex = 0.5 * (elapsed + remaining) - elapsed
         if to_apex > 0.0:

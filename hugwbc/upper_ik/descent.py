@@ -49,11 +49,12 @@ class Descent:
         softly to     the distance of every pair of links that could touch stays above a margin,
                       and, for hands that hold one thing, J_right dq - J_left dq = their relative error,
 
-    where e is the hand's error, cut to what the hand may go in one step, and lambda = damping + |e| (Sugihara's
-    error-damped Levenberg-Marquardt). Both together make the steps towards a target out of reach settle at the nearest
-    pose, where plain Gauss-Newton steps would overshoot and chatter across the stretched arm. A hand's speed is limited
-    so that it can stop at its target with a given deceleration. Every task is soft, so that the problem always has a
-    solution; should the solver fail nevertheless, the step is repeated without collision avoidance.
+    where e is the hand's error, cut to what the hand may go in one step, and lambda = damping + |e| (after Sugihara's
+    error-damped Levenberg-Marquardt, IEEE T-RO 2011, where it grows with the squared error). Both together make the
+    steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps would overshoot and
+    chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a given
+    deceleration. Every task is soft, so that the problem always has a solution; should the solver fail nevertheless,
+    the step is repeated without collision avoidance.
 
     Attributes:
         q: arm joint positions [rad], shape (8,).

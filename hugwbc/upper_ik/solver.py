@@ -52,7 +52,8 @@ class ArmIK:
         rejected: how many calls had unusable numbers (a target or the waist angle that is not finite, a target in the
             world frame without a known pelvis position, a time step that is not positive); each held the last
             configuration.
-        failures: how many calls the solver failed in; each held the last configuration.
+        failures: how many calls the solver failed in; each held the last configuration, or, if only the search for a
+            better posture failed, went on without it.
         lower, upper: joint position limits of the solution [rad], shape (8,).
         velocity_limit: joint speed limits of the solution [rad/s], shape (8,).
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
@@ -178,7 +179,14 @@ class ArmIK:
             return q
         for arm in np.flatnonzero(seeking & ~detours.active):
             self._scout.search(arm, goal.points, self._limiter.q, self._body)
-        self._scout.advance(goal.points, self._body)
+        try:
+            self._scout.advance(goal.points, self._body)
+        except RuntimeError:  # it costs the real arms no step, and the next search begins from where they are
+            self.failures += 1
+            for arm in range(2):
+                self._scout.rest(arm)
+                detours.forget(arm)
+            return q
         expected = np.where(self._reachable, self._scout.direct, self._residual)
         better = self._scout.done & (self._scout.residual < expected - self.config.detour_gain)
         for arm in np.flatnonzero(better & ~detours.active):

@@ -54,11 +54,14 @@ def test_it_stops_at_the_end_of_a_step_only_and_only_when_it_may():
 
 def test_remaining_time_counts_down_to_the_change_of_feet():
     plan = GaitPlan()
-    _run(plan, Gait.WALKING, 0.5)
-    before = plan.remaining
+    _run(plan, Gait.WALKING, 0.1)
+    before, swing = plan.remaining, plan.swing
     _run(plan, Gait.WALKING, 0.02)
-    assert before - plan.remaining == pytest.approx(0.02) or plan.remaining > before
-    assert 0.0 < plan.remaining <= plan.step_time
+    assert before - plan.remaining == pytest.approx(0.02)
+    _run(plan, Gait.WALKING, plan.remaining - DT)
+    assert 0.0 < plan.remaining <= 1.5 * DT and plan.swing == swing
+    _run(plan, Gait.WALKING, 2 * DT)
+    assert plan.swing == 1 - swing and plan.remaining == pytest.approx(plan.step_time, abs=2 * DT)
 
 
 @pytest.mark.parametrize("frequency", [1.5, 3.5])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Controller, Gait, UpperBody, load_robot, rotations
+from hugwbc.errors import ConfigError
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import Mode
@@ -26,6 +27,12 @@ def test_it_is_a_controller():
     assert isinstance(controller, Controller)
     assert controller.name == "qp"
     assert controller.period == 0.002
+
+
+@pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf])
+def test_a_period_that_is_no_time_is_refused(period):
+    with pytest.raises(ConfigError, match="give a finite time above 0"):
+        WholeBodyController(period=period)
 
 
 def test_standing_still_it_carries_the_weight(standing_state):

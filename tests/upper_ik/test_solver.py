@@ -149,6 +149,20 @@ def test_a_detour_ends_once(nominal_state):
     assert solution.residual[0] < np.linalg.norm(samples - targets.left, axis=1).min() + 0.02
 
 
+def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
+    def fail(*_):
+        raise RuntimeError
+
+    ik, searching = ArmIK(), ArmIK()
+    monkeypatch.setattr(ik._scout, "advance", fail)
+    far = HandTargets(np.array([0.25, 0.35, 0.6]), np.array([0.25, -0.35, 0.6]))
+    for _ in range(15):  # half a metre on a free way: the arm looks ahead and needs no detour
+        solution = ik.solve(far, nominal_state, DT)
+        assert solution.ok
+        assert solution.q == pytest.approx(searching.solve(far, nominal_state, DT).q)
+    assert ik.failures > 5 and searching.failures == searching.detours == 0
+
+
 INSIDE = [
     ([[0.0, 0.0, 0.25], [0.3, -0.25, 0.1]], "chest"),
     ([[0.03, 0.0, 0.58], [0.3, -0.25, 0.1]], "head"),
