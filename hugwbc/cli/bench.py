@@ -1,6 +1,7 @@
 """`hugwbc bench`: speed of training, controllers and IK."""
 
 import dataclasses
+import importlib.util
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -51,6 +52,8 @@ def run(words: Sequence[str]) -> int:
     for name in (*counts, "seconds", "spacing"):
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")
+    if options.side_by_side > 0 and not all(map(importlib.util.find_spec, ("qpsolvers", "daqp"))):
+        raise ConfigError("--side-by-side needs qpsolvers and DAQP; install them with: pip install 'hugwbc[dev]'")
     from hugwbc.evaluation import benchmark
     from hugwbc.evaluation.ik_benchmark import compare_solvers
     from hugwbc.learned.policy import load_policy

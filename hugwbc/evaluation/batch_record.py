@@ -47,7 +47,7 @@ class BatchRecord:
             t: [s].
             simulation: of all robots.
             rows: which are up, shape (m,).
-            commands: that their controllers received.
+            commands: as asked for, clamped.
             others: `phase` (m,) and `target` (m, 19), see `Trace`.
         """
         force = simulation.foot_force(rows)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+import hugwbc
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
@@ -172,10 +173,11 @@ class ControllerSpec:
         if missing:
             raise PolicyFileError(f"there is no policy file {missing[0]}; give the path of one")
         entry = plugins().get(self.name)
-        package = "hugwbc" if entry is None or entry.dist is None else entry.dist.name
+        dist = None if entry is None else entry.dist
+        package = f"hugwbc {hugwbc.__version__}" if dist is None else f"{dist.name} {dist.version}"
         return {
             "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
-            "package": f"{package} {importlib.metadata.version(package)}",
+            "package": package,
             "modules": [entry.value.partition(":")[0] if entry else "hugwbc.evaluation.controllers"],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
         }

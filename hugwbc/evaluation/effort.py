@@ -5,8 +5,8 @@ import numpy as np
 from hugwbc.evaluation.metrics import SETTLE_S, jitter
 from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace
 from hugwbc.robot import load_robot
+from hugwbc.state import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 SHORTEST_WAY = 0.1  # [m]; below, a cost of transport means nothing
 
 

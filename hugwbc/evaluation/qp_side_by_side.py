@@ -238,12 +238,9 @@ def solve_with_qpsolvers(qp: WholeBodyQp, solver: str) -> np.ndarray | None:
     import qpsolvers
 
     H, g, A, b, C, low, high, box_low, box_high = qp.problem
-    # Equal bounds and absent rows: the algorithms of qpsolvers want them apart.
-    fixed = box_low == box_high
+    # The algorithms of qpsolvers want no rows without a bound.
     eye = np.eye(g.size)
-    lower, upper = low > -1e19, high < 1e19
-    free_low, free_high = ~fixed & (box_low > -1e19), ~fixed & (box_high < 1e19)
-    rows = np.vstack((C[upper], -C[lower], eye[free_high], -eye[free_low]))
-    limits = np.concatenate((high[upper], -low[lower], box_high[free_high], -box_low[free_low]))
-    equal = np.vstack((A, eye[fixed]))
-    return qpsolvers.solve_qp(H, g, rows, limits, equal, np.concatenate((b, box_low[fixed])), solver=solver)
+    lower, upper, above, below = low > -1e19, high < 1e19, box_low > -1e19, box_high < 1e19
+    rows = np.vstack((C[upper], -C[lower], eye[below], -eye[above]))
+    limits = np.concatenate((high[upper], -low[lower], box_high[below], -box_low[above]))
+    return qpsolvers.solve_qp(H, g, rows, limits, A, b, solver=solver)

@@ -116,6 +116,15 @@ def test_identity_is_that_of_the_files(tmp_path):
     assert spec.identity() != before
 
 
+def test_a_source_tree_that_is_not_installed_has_an_identity(monkeypatch):
+    def nothing_installed(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    installed = ControllerSpec("learned").identity()
+    monkeypatch.setattr(importlib.metadata, "version", nothing_installed)
+    assert ControllerSpec("learned").identity() == installed
+
+
 def test_the_command_line_names_what_is_valid(capsys):
     assert main(["evaluate", "--controller", "lernt"]) == 2
     assert "Valid: learned, qp, hold, unitree-h1" in capsys.readouterr().err

@@ -65,7 +65,7 @@ class HandsEpisode:
     """One episode; all None where the robot fell before the settling time.
 
     Attributes:
-        hand_error_m: mean distance of both hands to their targets [m].
+        hand_error_m: mean distance of both hands to the targets that the inverse kinematics calls reachable [m].
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
         saturated_ticks: control steps with an arm joint at its torque limit.
@@ -89,8 +89,8 @@ class HandsResult:
         controller: name.
         gait: label.
         v_x: forward velocity [m/s].
-        hand_error_m: mean, p95, left, right of the distances of the hands to their targets [m], and the fraction of
-            targets that the inverse kinematics could reach.
+        hand_error_m: mean, p95, left, right of the distances of the hands to their targets [m], without the samples in
+            which the inverse kinematics calls a target out of reach; and the fraction of the other ones.
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
         fell: in how many episodes the robot fell.
         saturated_ticks: control steps with an arm joint at its torque limit.

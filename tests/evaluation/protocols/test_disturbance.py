@@ -33,7 +33,7 @@ def test_a_rollout_has_the_same_robot_at_every_force():
 
 
 def test_the_tables_have_the_threshold_of_each_direction(monkeypatch):
-    """A robot that survives 100 N from the front, 10 N more for each degree's cosine, and twice that for a second."""
+    """A robot that survives 300 N towards its front, 100 N towards its back, and twice that for a second."""
 
     def threshold(row: DisturbanceEpisode) -> float:
         return (200.0 + 100.0 * math.cos(math.radians(row.direction))) * (2.0 if row.kind == "second" else 1.0)
