@@ -43,7 +43,7 @@ def _dynamics(state, left, stance, horizontal, turning):
 
 
 def _after_stance(dynamics, foot, left, stance, wanted):
-    """Angular momentum at take-off, if the friction brings the velocity to the wanted one, by integration [kg m^2/s]."""
+    """Angular momentum at take-off, if friction brings the velocity to the wanted one, by integration [kg m^2/s]."""
     com, velocity, mass = dynamics.com.copy(), dynamics.com_velocity.copy(), dynamics.mass
     com += velocity * left - 0.5 * GRAVITY * left**2 * np.array([0.0, 0.0, 1.0])
     velocity[2] -= GRAVITY * left
