@@ -138,16 +138,30 @@ class CommandFilter:
 
     def _follow(self, target: tuple[float, float, float], dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""
-        for axis, (fastest, quickest) in enumerate(self._limits):
-            gap, rate = target[axis] - self._posture[axis], self._rate[axis]
-            change = quickest * dt
-            if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it can get there now, and stop next time
-                self._posture[axis], self._rate[axis] = target[axis], gap / dt
-                continue
-            # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its tangent.
-            speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
-            self._rate[axis] = rate + min(max(math.copysign(speed, gap) - rate, -change), change)
-            self._posture[axis] += self._rate[axis] * dt
+        for axis, limits in enumerate(self._limits):
+            self._posture[axis], self._rate[axis] = approach(
+                self._posture[axis], self._rate[axis], target[axis], limits, dt
+            )
+
+
+def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
+    """A value and its rate after a tick of moving to a target at a bounded rate and a bounded rate of the rate.
+
+    Args:
+        value: now.
+        rate: its rate now.
+        target: of the value.
+        limits: largest rate and largest rate of the rate.
+        dt: [s].
+    """
+    fastest, quickest = limits
+    gap, change = target - value, quickest * dt
+    if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it can get there now, and stop next time
+        return target, gap / dt
+    # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its tangent.
+    speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
+    rate += min(max(math.copysign(speed, gap) - rate, -change), change)
+    return value + rate * dt, rate
 
 
 def _towards(value: float, target: float, step: float) -> float:

@@ -52,6 +52,12 @@ class Pendulum(NamedTuple):
         lead = np.array([about_y / (height * omega), -about_x / (height * omega)])
         return cls(pivot[:2], dynamics.com[:2], omega, dynamics.com[:2] + lead)
 
+    def com_after(self, cop: np.ndarray, time: float) -> np.ndarray:
+        """Centre of mass after a time [s] over a centre of pressure, both in the world [m], shape (2,)."""
+        growth = math.exp(self.omega * time)
+        diverged = (self.dcm - cop) * growth
+        return cop + 0.5 * (diverged + (2.0 * self.com - self.dcm - cop) / growth)
+
 
 def nominal_offset(
     velocity: np.ndarray, yaw_rate: float, step_time: float, omega: float, width: float, side: int
@@ -94,12 +100,12 @@ class StepPlan(NamedTuple):
     Attributes:
         foothold: of the swing foot's pivot, world [m], shape (2,).
         cop: centre of pressure of the stance foot, world [m], shape (2,).
-        clipped: whether the foothold was out of reach.
+        missed: from the foothold within reach to the wanted one, forward and left of the foot [m]; 0 if they are one.
     """
 
     foothold: np.ndarray
     cop: np.ndarray
-    clipped: bool
+    missed: tuple[float, float]
 
 
 def plan_step(
@@ -150,7 +156,7 @@ def plan_step(
     return StepPlan(
         pendulum.pivot + np.array([step.real, step.imag]),
         pendulum.pivot + np.array([cop.real, cop.imag]),
-        x != wanted.real or y != wanted.imag,
+        (wanted.real - x, wanted.imag - y),
     )
 
 

@@ -34,6 +34,7 @@ class GaitPlan:
         frequency: stride frequency [Hz].
         swing: index of the foot in the air of a walk (0 left, 1 right), or None.
         elapsed: since the last change of mode or step [s].
+        delay: by which the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
 
     def __init__(self, gather_time: float = 0.0) -> None:
@@ -56,6 +57,11 @@ class GaitPlan:
         self._gather = 0.0
         self._last = False
         self._overdue = 0.0
+        self._keep_time()
+
+    def _keep_time(self) -> None:
+        self.delay = 0.0
+        self._pace = 1.0
 
     @property
     def step_time(self) -> float:
@@ -68,8 +74,18 @@ class GaitPlan:
         if self._overdue > 0.0:
             return 0.0
         if self.mode in (Mode.WALKING, Mode.LEAPING):
-            return self._gather + (0.5 - self.phase % 0.5) / self.frequency
+            return self._gather + (0.5 - self.phase % 0.5) / (self.frequency * self._pace)
         return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
+
+    @property
+    def duration(self) -> float:
+        """Time from the beginning to the end of the current step of a walk [s]: `step_time` and the delay."""
+        return self.step_time + self.delay
+
+    def retime(self, remaining: float) -> None:
+        """Let the current step of a walk end in a time above zero [s]: its clock runs faster or slower until then."""
+        self.delay += remaining - self.remaining
+        self._pace = (0.5 - self.phase % 0.5) / (self.frequency * remaining)
 
     @property
     def overdue(self) -> float:
@@ -138,7 +154,7 @@ class GaitPlan:
             self._gather = max(self._gather - dt, 0.0)
             return False
         half = self.phase >= 0.5
-        self.phase = float(advance_phase(self.phase, frequency, dt))
+        self.phase = float(advance_phase(self.phase, frequency * self._pace, dt))
         if (self.phase >= 0.5) is half and self._overdue == 0.0:
             return False
         if self.mode is Mode.WALKING and not landed and self._overdue < _LONGEST_WAIT * self.step_time:
@@ -146,6 +162,7 @@ class GaitPlan:
             return False
         self._overdue = 0.0
         self.elapsed = 0.0
+        self._keep_time()
         return self._end_of_step(gait, may_stop=may_stop)
 
     def _shift(self, gait: Gait, *, may_start: bool, first_swing: int) -> bool:
@@ -184,6 +201,7 @@ class GaitPlan:
         self._gather = 0.0
         self._last = False
         self._overdue = 0.0
+        self._keep_time()
         self._set_swing()
 
     def _set_swing(self) -> None:

@@ -1,5 +1,6 @@
 """From a smooth command to task targets and contacts: standing, shifting weight, walking and leaping."""
 
+import functools
 import math
 
 import numpy as np
@@ -7,14 +8,16 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.gait import Gait
 from hugwbc.mbc.command_filter import SmoothCommand
+from hugwbc.mbc.crouch import Crouch
 from hugwbc.mbc.dynamics import Dynamics
-from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
+from hugwbc.mbc.footsteps import Pendulum, StepPlan, nominal_offset, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.ground import Ground
 from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import balance_point, toe_down
+from hugwbc.mbc.step_timing import time_step
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import (
     AngularMomentumTask,
@@ -72,6 +75,7 @@ class Locomotion:
         self._trajectory = SwingTrajectory(params)
         self._trim = VelocityTrim(params)
         self._leap = Leap(params)
+        self._crouch = Crouch(params)
         self._swing_weights = {
             "flight": np.array(params.flight_swing_weight),
             "ground": np.array([*params.swing_weight, *params.swing_rotation_weight]),
@@ -106,6 +110,7 @@ class Locomotion:
         self._noted = False
         self.ground.reset()
         self._shifted = False
+        self._crouch.reset()
         self._catching = 0.0
         self._catching_swing = 0
         self._balance = self._params.balance_ahead
@@ -217,8 +222,9 @@ class Locomotion:
         else:
             turn = _clip(float(rotations.wrap_angle(self._feet_yaw(dynamics) - self._yaw)), _YAW_RETURN * dt)
         self._set_yaw(yaw + _clip(float(rotations.wrap_angle(self._yaw + turn - yaw)), _MAX_YAW_LEAD))
-        self.height.target = self._ground + dynamics.robot.nominal_height + command.h
-        self.height.rate = command.h_rate
+        self._crouch.advance(dt)
+        self.height.target = self._ground + dynamics.robot.nominal_height + command.h - self._crouch.depth
+        self.height.rate = command.h_rate - self._crouch.rate
         if self.plan.mode is Mode.WALKING:
             self.height.rate += float(self._to_heading.dot(self.ground.gradient).dot(command.velocity))
         self.orientation.yaw = self.com.heading = self._yaw
@@ -292,28 +298,20 @@ class Locomotion:
             self._landed = self._loaded = self._noted = False
             self._trim.end_step()
         pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics, self.ground.gradient)
-        step = plan_step(
-            self._params,
-            pendulum,
-            command.velocity + self._trim.value,
-            command.omega,
-            self._yaw,
-            self._balance,
-            swing,
-            plan.step_time,
-            plan.remaining,
-        )
-        self.clipped += step.clipped
+        step = self._plan_step(command, pendulum, swing)
+        self.clipped += any(step.missed)
         landing_yaw = self._yaw + command.omega * plan.remaining
         ahead = _SOLE_MIDDLE - self._balance
         self.foothold = step.foothold + np.array([ahead * math.cos(landing_yaw), ahead * math.sin(landing_yaw)])
         self.footholds[swing] = self.foothold
-        elapsed = plan.step_time - plan.remaining
-        if not self._noted and 2.0 * elapsed > plan.step_time:
+        elapsed = plan.duration - plan.remaining
+        if not self._noted and 2.0 * elapsed > plan.duration:
             self.ground.note(dynamics, stance)
             self._noted = True
         standing = dynamics.frame(_SOLES[stance]).position
         height = float(standing[2])
+        upright = self.height.target + self._crouch.depth - height
+        self._crouch.prepare(dynamics, pendulum, step, swing, plan.remaining, upright)
         self._trajectory.advance(
             self.foothold,
             command.l,
@@ -335,6 +333,30 @@ class Locomotion:
         self.travel.heading, self.travel.speed = self._yaw, float(command.velocity[0])
         self.travel.feedforward = pendulum.omega**2 * float(self._to_heading[0].dot(pendulum.com - step.cop))
 
+    def _plan_step(self, command: SmoothCommand, pendulum: Pendulum, swing: int) -> StepPlan:
+        """Where to step, and in a disturbed walk when; the gait's clock follows."""
+        plan = self.plan
+        plan_at = functools.partial(
+            plan_step,
+            self._params,
+            pendulum,
+            command.velocity + self._trim.value,
+            command.omega,
+            self._yaw,
+            self._balance,
+            swing,
+            plan.step_time,
+        )
+        remaining = plan.remaining
+        step = plan_at(remaining)
+        if self._params.step_timing <= 0.0 or remaining <= 0.0 or self._landed:
+            return step
+        elapsed = plan.duration - remaining
+        chosen, step = time_step(self._params, plan_at, step, self._trajectory, plan.step_time, elapsed, remaining)
+        if chosen != remaining:
+            plan.retime(chosen)
+        return step
+
     def _watch_landing(self, dynamics: Dynamics) -> None:
         """Notice that the swing foot of a walk stands, and that it carries.
 
@@ -343,7 +365,7 @@ class Locomotion:
         plan, params = self.plan, self._params
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        early = plan.step_time - plan.remaining <= params.early_contact_phase * plan.step_time
+        early = plan.duration - plan.remaining <= params.early_contact_phase * plan.duration
         if early or (self._landed and self._loaded):
             return
         standing, sole = (dynamics.frame(_SOLES[foot]).position for foot in (stance, swing))

@@ -82,6 +82,24 @@ class ControllerParams:
     """Largest distance of the centre of pressure from the ankle, along the foot [m]: what the ankle torque holds."""
     cop_gain: float = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 it converges."""
+    long_step: float = 0.4
+    """Distance from the stance foot of a foothold for which the pelvis comes down, as far as the legs need [m]."""
+    leg_length: float = 0.785
+    """Distance between hip and ankle that a leg is not to exceed then [m]; straight it is 0.8."""
+    crouch_rate: tuple[float, float] = (1.0, 6.0)
+    """Change of the pelvis's height for it [m/s], [m/s^2]."""
+    rise_rate: tuple[float, float] = (0.2, 2.0)
+    """The same on the way back: a foot that is far away still has to be lifted."""
+    max_crouch: float = 0.2
+    """Largest such change [m]."""
+    step_timing: float = 0.2
+    """Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time."""
+    step_timing_tolerance: float = 0.02
+    """Distance by which a foothold may be missed before that [m]."""
+    step_timing_weight: float = 0.005
+    """Cost of a change of the step's duration by its whole length, beside that of a missed foothold [m^2]."""
+    swing_acceleration: float = 120.0
+    """Largest acceleration along the ground of a swing that is hurried [m/s^2]."""
     landing_height: float = -0.001
     """Height below the ground at which a swing ends, so that it ends on it [m]."""
     landing_speed: float = 0.05

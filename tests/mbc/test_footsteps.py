@@ -63,7 +63,7 @@ def _plan(dcm, velocity=(0.0, 0.0), swing=0, remaining=0.1):
 
 def test_a_push_moves_the_foothold_by_what_it_grows_to():
     calm, pushed = _plan([0.0, 0.08]), _plan([0.0, 0.12])
-    assert not pushed.clipped
+    assert pushed.missed == (0.0, 0.0)
     growth = np.exp(OMEGA * 0.1)
     assert pushed.foothold - calm.foothold == pytest.approx([0.0, 0.04 * growth], abs=1e-9)
 
@@ -73,7 +73,7 @@ def test_footholds_stay_within_reach_and_never_cross():
     for dcm in ([5.0, 5.0], [-5.0, -5.0], [0.0, -5.0]):
         for swing, outward in ((0, 1.0), (1, -1.0)):
             plan = _plan(dcm, swing=swing)
-            assert plan.clipped
+            assert any(plan.missed)
             assert params.max_step[0] <= plan.foothold[0] <= params.max_step[1]
             assert params.min_foot_distance <= outward * plan.foothold[1] <= params.max_foot_distance
 
@@ -83,6 +83,16 @@ def test_the_centre_of_pressure_stays_under_the_foot():
         cop = _plan([x, 0.1]).cop
         assert abs(cop[0] + 0.02) == pytest.approx(ControllerParams().cop_reach)
         assert cop[1] == 0.0
+
+
+def test_the_centre_of_mass_follows_the_pendulum():
+    """Against an integration of c'' = omega^2 (c - p)."""
+    pendulum, cop = _pendulum([0.15, 0.05]), np.array([0.02, 0.0])
+    com, velocity = np.zeros(2), OMEGA * np.array([0.15, 0.05])
+    for _ in range(2000):
+        velocity = velocity + OMEGA**2 * (com - cop) * 1e-4
+        com = com + velocity * 1e-4
+    assert pendulum.com_after(cop, 0.2) == pytest.approx(com, abs=1e-4)
 
 
 def test_pendulum_velocity_of_pure_translation_is_the_velocity(standing_state):

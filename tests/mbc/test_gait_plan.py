@@ -64,6 +64,22 @@ def test_remaining_time_counts_down_to_the_change_of_feet():
     assert plan.swing == 1 - swing and plan.remaining == pytest.approx(plan.step_time, abs=2 * DT)
 
 
+@pytest.mark.parametrize("change", [-0.04, 0.06])
+def test_a_step_that_is_retimed_ends_then_and_the_next_one_takes_its_time(change):
+    plan = GaitPlan()
+    _run(plan, Gait.WALKING, 1.1)
+    wanted = plan.remaining + change
+    phase, swing = plan.phase, plan.swing
+    plan.retime(wanted)
+    assert (plan.phase, plan.swing) == (phase, swing), "the clock does not jump"
+    assert plan.remaining == pytest.approx(wanted)
+    assert plan.duration == pytest.approx(0.25 + change)
+    events = _run(plan, Gait.WALKING, 0.6)
+    assert events[0][0] == pytest.approx(wanted, abs=1.5 * DT)
+    assert np.diff([time for time, _ in events]) == pytest.approx(0.25, abs=1.5 * DT)
+    assert plan.duration == 0.25
+
+
 @pytest.mark.parametrize("frequency", [1.5, 3.5])
 def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(frequency):
     plan = GaitPlan(gather_time=0.3)

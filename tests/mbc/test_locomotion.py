@@ -229,6 +229,13 @@ def test_standing_it_steps_to_catch_itself_and_stands_again():
     assert run.table[run.table[:, 0] > 3.5, 7:].max() < 0.01
 
 
+@pytest.mark.parametrize("push", [(1.0, 0.0, 0.0), (0.0, -0.95, 0.0)])
+def test_walking_it_takes_the_long_and_the_early_steps_that_a_push_asks_for(push):
+    """The first needs a step of 0.75 m, for which the pelvis comes down; the second a foot that lands sooner."""
+    run = Run(Command(v_x=0.5, gait=WALKING), 3.0, push=push)
+    assert run.good
+
+
 def _survived_pushes(command, seed, count):
     """How many pushes of 0.6 m/s, direction after direction of eight and 2.2 to 2.7 s apart, it stays up after."""
     rng, period, survived = np.random.default_rng(seed), 0.002, 0
