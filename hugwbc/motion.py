@@ -88,15 +88,13 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     Raises:
         MotionFileError: if the file cannot be read, lacks a field or an arm joint, or holds what is no motion.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            fps, names, positions = (file[field] for field in _FIELDS)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise MotionFileError(
-            f"cannot read {path}: {error}. A motion file is an .npz with {', '.join(_FIELDS)}, without pickled objects"
-        ) from error
+    arrays = read_arrays(path)
+    absent = [field for field in _FIELDS if field not in arrays]
+    if absent:
+        raise MotionFileError(f"{path} lacks {', '.join(absent)}; a motion file is an .npz with {', '.join(_FIELDS)}")
+    fps, names, positions = (arrays[field] for field in _FIELDS)
     robot = load_robot()
-    found = [str(name) for name in np.ravel(names)]
+    found = unique_names(path, names)
     missing = [name for name in robot.arm_names if name not in found]
     if missing:
         raise MotionFileError(f"{path} lacks the joints {', '.join(missing)}; it must hold all of {robot.arm_names}")
@@ -111,6 +109,36 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
     return ArmMotion(pathlib.Path(path).stem, float(fps), arms)
+
+
+def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
+    """All arrays of an .npz file by name.
+
+    Raises:
+        MotionFileError: if it cannot be read, is no .npz, or holds pickled objects.
+    """
+    try:
+        with pathlib.Path(path).open("rb") as stream:
+            # NumPy takes what is no archive for a pickle, and advises to allow that.
+            if not zipfile.is_zipfile(stream):
+                raise MotionFileError(f"cannot read {path}: it is no .npz archive")
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise MotionFileError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
+
+
+def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
+    """Joint names as text.
+
+    Raises:
+        MotionFileError: if one is there twice.
+    """
+    found = [str(name) for name in np.ravel(names)]
+    twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
+    if twice:
+        raise MotionFileError(f"{path} names the joints {', '.join(twice)} more than once; keep one column of each")
+    return found
 
 
 def load_motions(folder: pathlib.Path) -> list[ArmMotion]:

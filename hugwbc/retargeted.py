@@ -6,13 +6,12 @@ writes motion files (see `hugwbc.motion`) with `ArmMotion.save`.
 
 import dataclasses
 import pathlib
-import zipfile
 from collections.abc import Mapping
 
 import numpy as np
 
 from hugwbc.errors import MotionFileError
-from hugwbc.motion import ArmMotion
+from hugwbc.motion import ArmMotion, read_arrays, unique_names
 from hugwbc.robot import load_robot
 
 _FPS = ("fps", "mocap_framerate", "mocap_frame_rate", "framerate")
@@ -50,11 +49,7 @@ def load_retargeted(path: pathlib.Path, mapping: Mapping[str, str] | None = None
         MotionFileError: if the file cannot be read, has no frame rate or none of the arm joints, holds what is not
             finite, or angles that must be degrees.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            fields = {name: file[name] for name in file.files}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise MotionFileError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
+    fields = read_arrays(path)
     rate = next((fields[name] for name in _FPS if name in fields), None)
     if rate is None or rate.size != 1 or rate.dtype.kind not in "fiu" or not 0.0 < float(rate) < np.inf:
         raise MotionFileError(f"{path} has no frame rate; give one number above 0 as {' or '.join(_FPS)}")
@@ -83,7 +78,7 @@ def _columns(path: pathlib.Path, fields: Mapping[str, np.ndarray]) -> dict[str, 
     positions = next((fields[name] for name in _POSITIONS if name in fields), None)
     if names is None or positions is None:
         return {name: array for name, array in fields.items() if array.ndim == 1 and array.dtype.kind in "fiu"}
-    found = [str(name) for name in np.ravel(names)]
+    found = unique_names(path, names)
     if positions.ndim != 2 or positions.shape[1] != len(found) or positions.dtype.kind not in "fiu":
         raise MotionFileError(
             f"{path} has positions of shape {positions.shape} for {len(found)} joint names; give frames x joints"

@@ -57,6 +57,7 @@ def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.
         ({"fps": np.array(0.0)}, "fps > 0"),
         ({"fps": np.array("30")}, "valid: at least 2 frames"),
         ({"joint_names": np.array(ARMS[:-1]), "positions": np.zeros((4, 7))}, "right_elbow_joint"),
+        ({"joint_names": np.array((*ARMS[:-1], ARMS[0]))}, "left_shoulder_pitch_joint more than once"),
         ({"positions": np.zeros((1, 8))}, "at least 2 frames"),
         ({"positions": np.zeros((4, 7))}, "at least 2 frames"),
         ({"positions": np.full((4, 8), np.nan)}, "not finite"),
@@ -70,9 +71,9 @@ def test_bad_files_are_refused(changes: dict, message: str, tmp_path: pathlib.Pa
 
 def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
     (tmp_path / "text.npz").write_text("no motion")
-    for path in (tmp_path / "none.npz", tmp_path / "text.npz"):
-        with pytest.raises(MotionFileError, match=r"A motion file is an \.npz"):
-            load_motion(path)
+    for name, reason in (("none", "No such file"), ("text", r"it is no \.npz archive$")):
+        with pytest.raises(MotionFileError, match=reason):
+            load_motion(tmp_path / f"{name}.npz")
     (tmp_path / "empty").mkdir()
     with pytest.raises(MotionFileError, match="holds no motion files"):
         load_motions(tmp_path / "empty")

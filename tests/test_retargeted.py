@@ -50,6 +50,7 @@ def test_angles_beyond_the_limits_are_clamped_and_counted(tmp_path):
         ({"fps": 30.0, "left_elbow": FRAMES[:1]}, "at least 2"),
         ({"fps": 30.0, "left_elbow": np.array([0.0, np.nan])}, "not finite"),
         ({"fps": 30.0, "joint_names": np.array(["a", "b"]), "positions": np.zeros((4, 3))}, "frames x joints"),
+        ({"fps": 30.0, "joint_names": np.array(["a", "a"]), "positions": np.zeros((4, 2))}, "joints a more than once"),
         ({"fps": 30.0, "left_elbow": np.array([None, 1], dtype=object)}, "without pickled objects"),
     ],
 )
