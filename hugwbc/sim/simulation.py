@@ -17,8 +17,8 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
-# The paper's early termination: trunk contact above 1 N, or inclinations beyond these; and a pelvis near the ground.
-FALL_PITCH, FALL_ROLL, FALL_HEIGHT, TRUNK_FORCE = 1.0, 0.8, 0.45, 1.0
+# A fall: inclinations beyond these, as in the paper's early termination, or a pelvis near the ground.
+FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
 ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
 _UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
 # MuJoCo's warnings of a state that it then resets.
