@@ -32,6 +32,19 @@ def test_every_solver_visits_the_same_targets_and_ours_keeps_the_limits(monkeypa
         compare_solvers(1)
 
 
+def test_ours_ends_nearer_to_its_targets_than_the_others_within_reach_and_beyond():
+    pytest.importorskip("mink")
+    pytest.importorskip("pink")
+    targets = sample_targets(16, seed=1)
+    ours, mink, pink = (
+        ik_benchmark._measure(make(), targets) for make in (ik_benchmark._ours, ik_benchmark._mink, ik_benchmark._pink)
+    )
+    assert ours.reached > 0.9 and ours.residual_m < 0.01
+    assert ours.residual_m <= min(mink.residual_m, pink.residual_m)
+    assert ours.excess_m <= min(mink.excess_m, pink.excess_m)
+    assert ours.limit_violations == ours.exceptions == 0
+
+
 def test_what_goes_wrong_is_counted(monkeypatch):
     monkeypatch.setattr(ik_benchmark, "TICKS", 10)
     robot = load_robot()
