@@ -114,7 +114,8 @@ _TEMPLATE = """<!DOCTYPE html>
   td.text { white-space: normal; min-width: 14em; }
   td.text, th.text { text-align: left; }
   th[scope="row"], th:first-child { text-align: left; font-weight: normal; }
-  thead th { font-weight: 600; }
+  thead th { font-weight: 600; white-space: normal; vertical-align: bottom; }
+  thead th:not(.text) { max-width: 9em; }
   td.worse { background: var(--worse); font-weight: 600; }
   td.unclear { background: var(--unclear); }
   td.published { font-style: italic; opacity: 0.85; }

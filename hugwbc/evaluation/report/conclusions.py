@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from hugwbc.evaluation.report.figures import Figure, Verdict, against
+from hugwbc.evaluation.report.figures import Figure, Verdict, against, times
 from hugwbc.tables import Table
 
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
@@ -30,7 +30,7 @@ def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
     )
     if worse:
         worst = sorted(worse, key=lambda figure: -_ratio(figure))[:_MOST_NAMED]
-        named = "; ".join(f"{f.quantity} ({f.table}) × {_ratio(f):.2g}" for f in worst)
+        named = "; ".join(f"{f.quantity} ({f.table}) {times(_ratio(f))}" for f in worst)
         line += f" Furthest behind: {named}."
     return [line]
 

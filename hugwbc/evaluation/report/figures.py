@@ -138,10 +138,15 @@ def _cell(figure: Figure | None) -> Cell:
     if figure.estimate.low is not None and figure.estimate.high is not None:
         parts.append(f"[{_number(figure.estimate.low, 2)}, {_number(figure.estimate.high, 2)}]")
     if figure.ratio is not None:
-        parts.append(f"× {figure.ratio[0]:.2g}")
+        parts.append(times(figure.ratio[0]))
     marks = {Verdict.WORSE: ("worse", "worse"), Verdict.UNCLEAR_WORSE: ("unclear", "worse?")}
     mark, word = marks.get(figure.verdict, ("", ""))
     return Marked(" ".join([*parts, word]).strip(), mark)
+
+
+def times(ratio: float) -> str:
+    """A ratio in words of a table, two digits without an exponent."""
+    return "× < 0.01" if 0.0 <= ratio < 0.01 else f"× {_number(ratio, 2)}"
 
 
 def _number(value: float, digits: int = 3) -> str:

@@ -1,6 +1,6 @@
 import pytest
 
-from hugwbc.evaluation.report.figures import Figure, Verdict, against, comparison_table
+from hugwbc.evaluation.report.figures import Figure, Verdict, against, comparison_table, times
 from hugwbc.evaluation.report.statistics import Estimate
 from hugwbc.tables import Marked
 
@@ -34,6 +34,13 @@ def test_ratio_scales_the_interval():
     assert figure(0.6, 0.3, 0.9).ratio is None
     assert figure(None, None, None, paper=0.3).ratio is None
     assert figure(0.6, 0.3, 0.9, paper=0.3).verdict is Verdict.UNCLEAR_WORSE, "the interval touches the paper's figure"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(1120.0, "1120"), (12.4, "12"), (1.04, "1"), (0.25, "0.25"), (1e-5, "< 0.01")]
+)
+def test_ratios_are_read_without_exponents(ratio, text):
+    assert times(ratio) == f"× {text}"
 
 
 def test_two_controllers_are_told_apart_where_their_intervals_do_not_overlap():
