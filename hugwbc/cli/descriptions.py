@@ -19,6 +19,8 @@ from hugwbc.evaluation.protocols import (
 )
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
+from hugwbc.evaluation.protocols.tour import blow_outcomes
+from hugwbc.evaluation.report.statistics import wilson_percentage
 
 LISTED_PAIRS = 10
 
@@ -192,9 +194,11 @@ def describe_effort(result: EffortResult) -> str:
 
 
 def describe_tour(result: TourResult) -> str:
-    """Completion and errors at the waypoints."""
+    """Completion, blows and errors at the waypoints."""
+    blows = [up for row in result.rows for up in blow_outcomes(row.blows, row.fell)]
     rows = [
-        ("tours completed [%]", f"{100.0 * result.completed:.0f}"),
+        ("tours completed [%]", _share([not row.fell for row in result.rows])),
+        (f"of {result.blows} blows survived [%]", _share(blows)),
         ("waypoints reached [%]", f"{100.0 * result.reached:.0f}"),
         ("position error [m]", result.position_error),
         ("yaw error [rad]", result.yaw_error),
@@ -202,7 +206,14 @@ def describe_tour(result: TourResult) -> str:
     ]
     table = format_table((f"{result.gait}, {result.episodes} tours", result.controller), rows)
     blow = f"blows of up to {result.strongest_blow:.0f} N for 0.08 s: those on a G1, scaled by mass"
+    blow += "; in brackets the 95 % score interval"
     return "\n".join([table, "", blow, *_failures(sum(row.failures for row in result.rows))])
+
+
+def _share(happened: list[bool]) -> str | None:
+    """In what part of some cases something happened [%], with its interval."""
+    share = wilson_percentage(happened)
+    return None if share.value is None else f"{share.value:.0f} [{share.low:.0f}, {share.high:.0f}]"
 
 
 def _figures(value: float | bool | None) -> object:

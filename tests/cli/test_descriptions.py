@@ -7,6 +7,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.protocols.disturbance import DIRECTIONS
 from hugwbc.evaluation.protocols.heatmap import OrthogonalRange
 from hugwbc.evaluation.protocols.robustness import RobustnessLevel
+from hugwbc.evaluation.protocols.tour import TourEpisode
 
 STANDING = {
     **{"controller": "qp", "gait": "standing", "seed": 0, "duration": 10.0, "settle": 1.0},
@@ -97,13 +98,15 @@ def test_ramps_tours_and_efforts():
     ramp = protocols.RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, paper=paper, **WALKING)
     text = descriptions.describe_ramp(ramp)
     assert lines(text)["E_p"] == ["0.0500", "0.1000", "0.500"] and "falls: p 1 of 5, w 0 of 5 runs" in text
+    rows = tuple(TourEpisode(6, 0.125, None, 12 - 8 * fell, fell, 60.0, 0) for fell in (False, False, False, True))
     tour = protocols.TourResult(
-        **{"strongest_blow": 885.4, "episodes": 4, "falls": 1, "completed": 0.75, "reached": 0.5},
-        **{"position_error": 0.125, "yaw_error": None, "survived_s": 51.25},
-        **WALKING,
+        **{"strongest_blow": 885.4, "episodes": 4, "falls": 1, "completed": 0.75, "reached": 0.5, "blows": 40},
+        **{"blows_survived": 0.975, "position_error": 0.125, "yaw_error": None, "survived_s": 51.25},
+        **(WALKING | {"rows": rows}),
     )
     text = descriptions.describe_tour(tour)
-    assert lines(text)["tours completed [%]"] == ["75"] and lines(text)["waypoints reached [%]"] == ["50"]
+    assert lines(text)["tours completed [%]"] == ["75 [30, 95]"] and lines(text)["waypoints reached [%]"] == ["50"]
+    assert lines(text)["of 40 blows survived [%]"] == ["98 [87, 100]"], "39 of them, by Wilson's interval"
     assert lines(text)["survived [s]"] == ["51.2 of 10"] and "blows of up to 885 N" in text
     from hugwbc.evaluation.controllers import HoldController
 

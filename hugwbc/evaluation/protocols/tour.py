@@ -71,6 +71,7 @@ class TourEpisode:
         reached: waypoints within 0.5 m at the end of their legs.
         position_error: mean distance to the waypoint at the end of the legs that the robot survived [m].
         yaw_error: mean angle to its yaw there [rad].
+        blows: that it was dealt before its end.
         fell: whether the robot fell.
         survived_s: [s].
         failures: exceptions of the controller that the safety filter caught.
@@ -79,6 +80,7 @@ class TourEpisode:
     reached: int
     position_error: float | None
     yaw_error: float | None
+    blows: int
     fell: bool
     survived_s: float
     failures: int
@@ -91,6 +93,8 @@ class TourResult(CountedResult[TourEpisode]):
     Attributes:
         strongest_blow: on this robot, scaled by the masses [N].
         completed: share of the tours without a fall.
+        blows: dealt in all.
+        blows_survived: share of the blows after which the robot was still up at the next one, or at the end.
         reached: share of the waypoints.
         position_error: mean over the tours [m].
         yaw_error: mean over the tours [rad].
@@ -99,6 +103,8 @@ class TourResult(CountedResult[TourEpisode]):
 
     strongest_blow: float
     completed: float
+    blows: int
+    blows_survived: float | None
     reached: float
     position_error: float | None
     yaw_error: float | None
@@ -151,11 +157,18 @@ def run_tour(
         rows,
         strongest_blow=strongest_blow(config),
         completed=sum(not row.fell for row in rows) / len(rows),
+        blows=sum(row.blows for row in rows),
+        blows_survived=mean(outcome for row in rows for outcome in blow_outcomes(row.blows, row.fell)),
         reached=sum(row.reached for row in rows) / (WAYPOINTS * len(rows)),
         position_error=mean(row.position_error for row in rows),
         yaw_error=mean(row.yaw_error for row in rows),
         survived_s=float(np.mean([row.survived_s for row in rows])),
     )
+
+
+def blow_outcomes(blows: int, fell: bool) -> list[bool]:
+    """For each blow of a tour, whether the robot was still up at the next one, or at the end."""
+    return [*[True] * (blows - 1), not fell][:blows]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,6 +191,7 @@ class TourJudge:
             reached=sum(distance <= REACHED for distance, _ in errors),
             position_error=mean(distance for distance, _ in errors),
             yaw_error=mean(angle for _, angle in errors),
+            blows=sum(any(force.vector) and force.start < trace.survived_s for force in run.plan.forces),
             fell=trace.fell,
             survived_s=trace.survived_s,
             failures=trace.safety.failures,

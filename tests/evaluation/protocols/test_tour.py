@@ -12,7 +12,7 @@ from hugwbc.evaluation.episode import joins_batch
 from hugwbc.evaluation.navigation import Tour
 from hugwbc.evaluation.protocols import TourConfig, run_tour
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.tour import STRUCK, TourJudge, strongest_blow, tour_plan
+from hugwbc.evaluation.protocols.tour import STRUCK, TourJudge, blow_outcomes, strongest_blow, tour_plan
 from hugwbc.sim import Disturber, Simulation
 
 CONFIG = TourConfig(seed=5)
@@ -51,11 +51,14 @@ def test_prescribed_errors_come_out(synthetic_trace):
         qpos[leg, 3:7] = rotations.from_yaw_pitch_roll(goal.yaw + 0.1, 0.0, 0.0)
     trace = dataclasses.replace(trace, qpos=qpos)
     row = TourJudge()(0, Run(plan, trace, 0.1))
+    assert blow_outcomes(row.blows, row.fell) == [True] * 12
     assert row.reached == 11 and row.yaw_error == pytest.approx(0.1)
     assert row.position_error == pytest.approx((11 * 0.3 + 0.8) / 12)
     fallen = dataclasses.replace(trace, fell=True, survived_s=42.0, time=trace.time[:2100], qpos=qpos[:2100])
     row = TourJudge()(0, Run(plan, fallen, 0.1))
     assert row.fell and row.reached == 7 and row.position_error == pytest.approx((7 * 0.3 + 0.8) / 8)
+    dealt = sum(force.start < 42.0 for force in plan.forces)
+    assert blow_outcomes(row.blows, row.fell) == [True] * (dealt - 1) + [False] and blow_outcomes(0, True) == []
     at_once = dataclasses.replace(trace, fell=True, survived_s=1.0, time=trace.time[:50], qpos=qpos[:50])
     assert TourJudge()(0, Run(plan, at_once, 0.1)).position_error is None
 
@@ -74,7 +77,7 @@ def test_the_commands_follow_the_robot():
     controller = Watching()
     controller.commands = []
     result = run_tour(lambda: controller, TourConfig(episodes=1, duration=2.4, blow=0.0, settle=0.1))
-    assert result.episodes == 1 and result.strongest_blow == 0.0 and 0.0 <= result.reached < 1.0
+    assert result.episodes == 1 and result.strongest_blow == 0.0 == result.blows and 0.0 <= result.reached < 1.0
     first_leg = controller.commands[:9]
     assert len({(c.v_x, c.v_y, c.omega) for c in first_leg}) > 1, "the baseline sways, and the command with it"
     assert not joins_batch(controller, CONFIG.conditions, tour_plan(CONFIG, 0))
