@@ -107,7 +107,8 @@ class CommandFilter:
 
         h = command.h
         if stepping:
-            h -= params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
+            lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
+            h -= lowering
             lowest = lowest_walking_height(params, speed, 0.5 / self._frequency, self._posture[1])
             if gait in _HOPS:
                 h = min(h, -params.hop_lowering)
@@ -115,7 +116,9 @@ class CommandFilter:
                 lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if gait in _HOPS else 2))
             if command.h < lowest - 0.005:
                 report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {lowest:.2f} m",)
-            h = max(h, lowest) if command.h < lowest else h
+            if command.h < lowest:
+                # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
+                h = max(h, lowest if gait in _LEAPS else lowest - lowering)
         self._follow((h, command.p, command.w), dt)
         height = self._posture[0]
         if gait in _LEAPS:

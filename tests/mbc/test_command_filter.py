@@ -99,3 +99,14 @@ def test_it_comes_to_rest_before_it_changes_gait():
     for _ in range(1000):
         smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, running=Gait.JUMPING)
     assert smooth.velocity == pytest.approx([0.5, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("v_x", [0.4, 1.8])
+def test_a_lower_command_never_walks_higher(v_x):
+    """Where the stance leg's room ends, the height stays: with what the speed lowers it by."""
+    heights = [
+        _history(Command(h=h, v_x=v_x, gait=Gait.WALKING), 2.5)[-1].h for h in (0.0, -0.02, -0.04, -0.06, -0.2, -0.3)
+    ]
+    assert np.all(np.diff(heights) <= 1e-6)
+    assert heights[-1] == pytest.approx(heights[-2], abs=1e-6)
+    assert heights[0] == pytest.approx(-PARAMS.speed_lowering * max(v_x - PARAMS.lowering_from, 0.0), abs=1e-6)
