@@ -14,6 +14,9 @@ from hugwbc import rotations
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 
+MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
+"""The commands that are measured at every moment, in the order of the columns of records."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Measured:

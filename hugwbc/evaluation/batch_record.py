@@ -82,7 +82,7 @@ class BatchRecord:
 
 
 def _measured(simulation: LockstepSimulation, rows: np.ndarray) -> np.ndarray:
-    """v_x, v_y, omega, h, p and w of some robots, as `Kinematics.measured` of one, shape (m, 6)."""
+    """`MEASURED_NAMES` of some robots, as `Kinematics.measured` of one, shape (m, 6)."""
     robot = load_robot()
     qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
     yaw = rotations.yaw_of(orientation)

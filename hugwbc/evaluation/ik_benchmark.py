@@ -21,10 +21,10 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
+from hugwbc.upper_ik.workspace import SHOULDER
 
 DT = 0.02  # [s]
 TICKS = 150  # for every target
-SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's centre in the pelvis frame [m]
 OUT_OF_REACH = (0.66, 1.0)  # [m] from the shoulder: the arm is 0.61 m long
 POSTURE_COST = 1e-3
 LM_DAMPING = 1e-3

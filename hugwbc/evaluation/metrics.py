@@ -13,14 +13,13 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace
 from hugwbc.gait import Gait
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.state import RobotState
 
 SETTLE_S = 1.0  # [s]
 CREEP_SPEED = 0.002  # [m/s] up to which a foot on the ground counts as standing firm
-TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # columns of Trace.measured
-_TRACKED_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
+_MEASURED_COLUMNS = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 
 
@@ -31,9 +30,9 @@ def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     """
     kept = trace.time >= settle
     if not kept.any():
-        return dict.fromkeys(TRACKED, float("nan"))
-    errors = np.abs(trace.command[kept][:, _TRACKED_COLUMNS] - trace.measured[kept])
-    return dict(zip(TRACKED, errors.mean(axis=0).tolist(), strict=True))
+        return dict.fromkeys(MEASURED_NAMES, float("nan"))
+    errors = np.abs(trace.command[kept][:, _MEASURED_COLUMNS] - trace.measured[kept])
+    return dict(zip(MEASURED_NAMES, errors.mean(axis=0).tolist(), strict=True))
 
 
 def stepping_feet(gait: Gait) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation.loop import CommandSource, ControlLoop, UpperBodySource, foot_contacts
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.moment import MOMENT_FIELDS
 from hugwbc.robot import SIDES
 from hugwbc.safety import SafetyReport
@@ -177,7 +177,7 @@ class _Recorder:
         row = {
             "time": t,
             "command": self.loop.safe.command.array(),
-            "measured": [getattr(measured, name) for name in ("v_x", "v_y", "omega", "h", "p", "w")],
+            "measured": [getattr(measured, name) for name in MEASURED_NAMES],
             "clearance": measured.clearance,
             **{name: getattr(moment, name) for name in MOMENT_FIELDS},
             "qvel": self.simulation.data.qvel.copy(),

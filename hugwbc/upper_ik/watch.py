@@ -63,7 +63,7 @@ class TargetWatch:
             now: time on the clock of the stamps [s].
             dt: time since the last tick [s].
         """
-        self.age += dt if 0.0 < dt < self.stale_time else 0.0
+        self.age += dt if 0.0 < dt < math.inf else 0.0
         if self._is_new(hands):
             self._newest = hands
             self._stamp = hands.stamp

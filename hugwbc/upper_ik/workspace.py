@@ -10,12 +10,12 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
-from hugwbc.upper_ik.postures import POSTURES
+from hugwbc.upper_ik.postures import SEEDS
 
 TOLERANCE = 0.03  # [m]
 SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle
 ARM_REACH = 0.66  # [m], no hand is farther from its shoulder's centre
-_SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's in the pelvis frame
+SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's centre in the pelvis frame [m]
 _STEPS = 60  # of 20 ms from one start; what has not come within the tolerance by then does not
 _DT = 0.02
 
@@ -73,12 +73,12 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
 def _reaches(reach: BodyReach, point: np.ndarray, body: bool) -> bool:
     ranges = np.array([command_ranges(Gait.STANDING)[name].finishing for name in BODY_NAMES])
     room = ARM_REACH + TOLERANCE + (np.abs(ranges[0]).max() + 0.4 if body else 0.0)
-    if np.linalg.norm(point - _SHOULDER) > room:
+    if np.linalg.norm(point - SHOULDER) > room:
         return False
     reach.allow(ranges if body else np.zeros((3, 2)))
     points, given = np.stack((point, point)), np.array([True, False])
-    for seed in POSTURES:
-        reach.start(np.concatenate((seed, seed * [1.0, -1.0, -1.0, 1.0])), np.zeros(3))
+    for seeds in zip(*SEEDS, strict=True):
+        reach.start(np.concatenate(seeds), np.zeros(3))
         last = np.inf
         for _ in range(_STEPS):
             residual = float(reach.solve(points, given, np.zeros(3), reach.values, _DT)[0])

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
 from hugwbc.gait import Gait
+from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.viz.trace import LABEL_COLOURS, Trace, check_traces
 
-MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
 TITLES = {
     "v_x": "Forward velocity v_x",
     "v_y": "Sideways velocity v_y",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
-from hugwbc.evaluation.metrics import TRACKED
 from hugwbc.evaluation.rollout import Trace
+from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.safety import SafetyReport
 
 
@@ -27,7 +27,9 @@ def _synthetic_trace(
     apex = command.l if apex is None else apex
     time = np.arange(0.0, duration, 0.02)
     n = time.size
-    measured = np.stack([np.full(n, getattr(command, name) + (bias or {}).get(name, 0.0)) for name in TRACKED], axis=1)
+    measured = np.stack(
+        [np.full(n, getattr(command, name) + (bias or {}).get(name, 0.0)) for name in MEASURED_NAMES], axis=1
+    )
     offsets = (0.0, 0.5)
     phases = [(time * frequency + offset) % 1.0 for offset in offsets]
     clearance = np.stack([apex * np.clip(np.sin(np.pi * (phase - 0.5) / 0.5), 0.0, None) for phase in phases], axis=1)

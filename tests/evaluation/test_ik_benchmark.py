@@ -3,8 +3,9 @@ import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import ik_benchmark
-from hugwbc.evaluation.ik_benchmark import SHOULDER, compare_solvers, sample_targets
+from hugwbc.evaluation.ik_benchmark import compare_solvers, sample_targets
 from hugwbc.robot import load_robot
+from hugwbc.upper_ik.workspace import SHOULDER
 
 
 def test_half_of_the_targets_are_out_of_reach():

@@ -11,7 +11,7 @@ import numpy as np
 
 from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.metrics import TRACKED, tracking_errors
+from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.plans import EpisodePlan, Knot, Schedule
 from hugwbc.evaluation.protocols.episodes import (
@@ -23,6 +23,7 @@ from hugwbc.evaluation.protocols.episodes import (
     mean,
     run_episodes,
 )
+from hugwbc.kinematics import MEASURED_NAMES
 
 RAMPED = ("p", "w")
 _START, _APPROACH = 1.0, 2.0  # [s] at the default command, and from there to the minimum
@@ -154,7 +155,7 @@ class RampJudge:
         last = run.plan.commands.knots[-1]
         times = last.time + last.ramp * np.arange(_CURVE_POINTS) / (_CURVE_POINTS - 1)
         samples = np.searchsorted(trace.time, times - 1e-9)
-        measured = trace.measured[:, TRACKED.index(name)]
+        measured = trace.measured[:, MEASURED_NAMES.index(name)]
         low, high = command_ranges(run.command.gait)[name].finishing
         values = np.linspace(low, high, _CURVE_POINTS)
         # The end of the ramp is the end of the episode, one sample after the last.

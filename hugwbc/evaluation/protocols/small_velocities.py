@@ -12,7 +12,6 @@ import numpy as np
 
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.metrics import TRACKED
 from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
@@ -24,6 +23,7 @@ from hugwbc.evaluation.protocols.episodes import (
     run_episodes,
 )
 from hugwbc.gait import Gait
+from hugwbc.kinematics import MEASURED_NAMES
 
 SMALL = (0.1, 0.3)  # [m/s]
 DIRECTIONS = ("forward", "backward", "left", "right")
@@ -126,7 +126,7 @@ class _Judge:
     def __call__(self, index: int, run: Run) -> SmallVelocityEpisode:
         trace, name = run.trace, "v_x" if run.command.v_x else "v_y"
         commanded = float(getattr(run.command, name))
-        measured = trace.measured[trace.time >= self.settle, TRACKED.index(name)]
+        measured = trace.measured[trace.time >= self.settle, MEASURED_NAMES.index(name)]
         return SmallVelocityEpisode(
             gait=run.command.gait.label,
             direction=DIRECTIONS[index % len(DIRECTIONS)],

@@ -6,11 +6,11 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.metrics import TRACKED
 from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols import RampConfig, run_ramp
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.ramp import RampJudge, ramp_schedule
+from hugwbc.kinematics import MEASURED_NAMES
 
 CONFIG = RampConfig(Gait.WALKING, duration=14.0, settle=4.0)
 
@@ -30,7 +30,7 @@ def test_a_prescribed_lag_is_the_error(synthetic_trace):
     time = np.arange(0.0, 14.0, 0.02)
     command = np.array([schedule.command_at(t).array() for t in time.tolist()])
     measured = np.zeros((time.size, 6))
-    measured[:, TRACKED.index("w")] = [schedule.command_at(t - lag).w for t in time.tolist()]
+    measured[:, MEASURED_NAMES.index("w")] = [schedule.command_at(t - lag).w for t in time.tolist()]
     trace = synthetic_trace(Command(gait=Gait.WALKING), duration=14.0)
     trace = dataclasses.replace(trace, command=command, measured=measured)
     plan = EpisodePlan(schedule, conditions=CONFIG.conditions, label="w")
