@@ -114,11 +114,11 @@ class CommandFilter:
                 h = min(h, -params.hop_lowering)
             if gait in _LEAPS:
                 lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if gait in _HOPS else 2))
-            if command.h < lowest - 0.005:
-                report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {lowest:.2f} m",)
             if command.h < lowest:
                 # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
                 h = max(h, lowest if gait in _LEAPS else lowest - lowering)
+            if command.h < lowest - 0.005:
+                report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {h:.2f} m",)
         self._follow((h, command.p, command.w), dt)
         height = self._posture[0]
         if gait in _LEAPS:

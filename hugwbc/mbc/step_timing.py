@@ -31,8 +31,9 @@ def time_step(
 
     .. math:: \min_d \; \max(|e(d)| - e_0, 0)^2 + w\,(d / T - 1)^2 , \quad 1 / (1 + a) \le d / T \le 1 / (1 - a)
 
-    with e the distance between the wanted foothold and the nearest one within reach. Found among a few durations, fixed
-    from the beginning of the step, so that it does not flutter. As long as the foothold is within reach, d = T.
+    with e the distance sideways between the wanted foothold and the nearest one within reach, and what the swing foot
+    falls short of that. Found among a few durations, fixed from the beginning of the step, so that it does not flutter.
+    As long as the foothold is within reach sideways, d = T.
 
     Args:
         params: a, e_0, w and the speed of a swing.

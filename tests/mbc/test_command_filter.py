@@ -72,6 +72,15 @@ def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
     assert any(line.startswith("l = 0.3") for line in report)
 
 
+@pytest.mark.parametrize("v_x", [0.3, 1.8])
+def test_the_report_names_the_height_that_is_used(v_x):
+    command_filter = CommandFilter(PARAMS)
+    for _ in range(2000):
+        smooth, report = command_filter.update(Command(v_x=v_x, h=-0.3, gait=Gait.WALKING), DT)
+    assert smooth.h > -0.25
+    assert any(line.endswith(f"using {smooth.h:.2f} m") for line in report)
+
+
 def test_fast_walking_lowers_the_pelvis():
     slow = _history(Command(v_x=0.5, gait=Gait.WALKING), 4.0)[-1]
     fast = _history(Command(v_x=2.0, gait=Gait.WALKING), 4.0)[-1]
