@@ -1,6 +1,16 @@
 """Every gain, weight and limit of the model-based controller, in one place."""
 
 import dataclasses
+import math
+
+from hugwbc.errors import ConfigError
+
+# Divisors and bounds, which mean nothing at 0 or below it.
+_POSITIVE = (
+    *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon"),
+    *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
+    *("leg_length", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,3 +248,14 @@ class ControllerParams:
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
     hold_time: float = 0.06
     """How long the last good command is held when no new one can be found, before the joints are only damped [s]."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
+                raise ConfigError(f"ControllerParams.{field.name} is {value}; give finite numbers")
+        for name in _POSITIVE:
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"ControllerParams.{name} is {getattr(self, name)}; give a number above 0")
+        if not 0.0 <= self.step_timing < 1.0:
+            raise ConfigError(f"ControllerParams.step_timing is {self.step_timing}; give a share from 0 to below 1")
