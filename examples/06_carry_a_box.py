@@ -33,8 +33,11 @@ def main(controller: str = "qp", duration: float | None = None) -> None:
 
     source = upper_body_source(robot)
     trace = rollout(robot, script, simulation, source, duration=duration or script.duration, on_progress=watch)
-    print(f"{len(gaps)} looks at the box: hands {100 * np.mean(gaps):.1f} cm apart on average, ", end="")
-    print(f"{100 * np.min(gaps):.1f} to {100 * np.max(gaps):.1f} cm; the box is 32 cm wide")
+    if gaps:
+        print(f"{len(gaps)} looks at the box: hands {100 * np.mean(gaps):.1f} cm apart on average, ", end="")
+        print(f"{100 * np.min(gaps):.1f} to {100 * np.max(gaps):.1f} cm; the box is 32 cm wide")
+    else:
+        print("so early in the script there is no box yet")
     print("fallen" if trace.fell else f"carried over {np.linalg.norm(trace.qpos[-1, :2]):.2f} m")
 
 
