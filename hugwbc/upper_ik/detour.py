@@ -9,6 +9,7 @@ from hugwbc.upper_ik.descent import Descent, lengths
 from hugwbc.upper_ik.postures import SEEDS
 
 ARRIVED = 0.02  # [rad]; end of a detour
+CORNER = 0.15  # [rad]; as near to a posture on its way, an arm turns to the next one: it cannot turn on the spot
 PROBE = 0.2  # [rad] between two looks ahead
 # By way of none or one of the known postures.
 WAYS = [way for count in range(2) for way in itertools.permutations(range(SEEDS.shape[1]), count)]
@@ -83,7 +84,7 @@ class Detours:
         for arm in np.flatnonzero(self.active):
             joints = slice(4 * arm, 4 * arm + 4)
             vias = self._vias[arm]
-            while vias and np.abs(vias[0] - q[joints]).max() <= self._config.detour_speed * dt:
+            while vias and np.abs(vias[0] - q[joints]).max() <= CORNER:
                 vias.pop(0)
             way = (vias[0] if vias else postures[joints]) - q[joints]
             longest = float(np.abs(way).max())

@@ -14,7 +14,7 @@ from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.detour import Detours
 from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.scout import Scout
+from hugwbc.upper_ik.scout import MOVED, Scout
 
 FAR = 0.1  # [m]; a hand that is as far from its target looks ahead whether the direct way will bring it there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
@@ -155,9 +155,9 @@ class ArmIK:
         last, self._last_points = self._last_points, points
         if last is None:
             return np.zeros(2)
-        speed = lengths(points - last) / dt
-        self._jumped = speed > self.config.hand_speed
-        return np.where(self._jumped, 0.0, speed)
+        moved = lengths(points - last)
+        self._jumped = moved > MOVED
+        return np.where(moved <= self.config.hand_speed * dt, moved / dt, 0.0)
 
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
