@@ -60,10 +60,16 @@ class CommandFilter:
         self._frequency: float | None = None
         self._posture = [h, p, w]
         self._rate = [0.0, 0.0, 0.0]
-        self._reached: tuple[bool, Gait] | None = None  # where nothing moves any more: the arguments it holds for
+        self._reached: tuple[bool, Gait, bool] | None = None  # where nothing moves any more: the arguments it holds for
 
     def update(
-        self, command: Command, dt: float, *, stepping: bool = False, running: Gait = Gait.STANDING
+        self,
+        command: Command,
+        dt: float,
+        *,
+        stepping: bool = False,
+        running: Gait = Gait.STANDING,
+        waiting: bool = False,
     ) -> tuple[SmoothCommand, tuple[str, ...]]:
         """The command to follow now, and a report of what could not be followed as asked.
 
@@ -71,16 +77,18 @@ class CommandFilter:
             command: as given; NaN and values out of range are replaced and reported.
             dt: since the last call [s].
             stepping: whether the robot still steps, whatever the command: the limits of walking hold until it stands.
-            running: the gait that the robot is still in; it comes to rest before it changes to the commanded one.
+            running: the gait that the robot is still in; it comes to rest before it changes to the commanded one, at
+                its own frequency and within its own limits.
+            waiting: whether the robot is not ready to travel yet.
         """
         if command is not self._given:
             self._given = command
             self._valid = self._clamp(command)
-        elif self._reached == (stepping, running):
+        elif self._reached == (stepping, running, waiting):
             return self._result
         before = self._state
-        self._result = self._advance(*self._valid, dt, stepping, running)
-        self._reached = (stepping, running) if self._state == before else None
+        self._result = self._advance(*self._valid, dt, stepping, running, waiting)
+        self._reached = (stepping, running, waiting) if self._state == before else None
         return self._result
 
     @property
@@ -88,40 +96,43 @@ class CommandFilter:
         return self._velocity, self._frequency, *self._posture, *self._rate
 
     def _advance(
-        self, command: Command, report: tuple[str, ...], dt: float, stepping: bool, running: Gait
+        self, command: Command, report: tuple[str, ...], dt: float, stepping: bool, running: Gait, waiting: bool
     ) -> tuple[SmoothCommand, tuple[str, ...]]:
         """`update` for a valid command, with what there is to report of it."""
         gait = command.gait
         stepping = stepping or gait is not Gait.STANDING
         params = self._params
         changing = running not in (Gait.STANDING, gait)
-        wanted = (0.0, 0.0, 0.0) if changing else (command.v_x, command.v_y, command.omega)
+        limiting = running if changing else gait
+        wanted = (0.0, 0.0, 0.0) if changing or waiting else (command.v_x, command.v_y, command.omega)
         # On three numbers, floats are several times faster than arrays.
-        rates, (speed, aside, turn) = params.velocity_rate, self._velocity
+        rates = params.hop_velocity_rate if limiting in _HOPS else params.velocity_rate
+        speed, aside, turn = self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)
         aside = _towards(aside, wanted[1], rates[1] * dt)
         turn = _towards(turn, wanted[2], rates[2] * dt)
         self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
-        self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
+        if not changing or gait is Gait.STANDING:
+            self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
 
         h = command.h
         if stepping:
             lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
             h -= lowering
             lowest = lowest_walking_height(params, speed, 0.5 / self._frequency, self._posture[1])
-            if gait in _HOPS:
+            if limiting in _HOPS:
                 h = min(h, -params.hop_lowering)
-            if gait in _LEAPS:
-                lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if gait in _HOPS else 2))
+            if limiting in _LEAPS:
+                lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if limiting in _HOPS else 2))
             if command.h < lowest:
                 # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
-                h = max(h, lowest if gait in _LEAPS else lowest - lowering)
+                h = max(h, lowest if limiting in _LEAPS else lowest - lowering)
             if command.h < lowest - 0.005:
                 report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {h:.2f} m",)
         self._follow((h, command.p, command.w), dt)
         height = self._posture[0]
-        if gait in _LEAPS:
+        if limiting in _LEAPS:
             apex = highest_leap_clearance(params, height, self._frequency)
         else:
             apex = highest_clearance(params, height, self._frequency, speed)

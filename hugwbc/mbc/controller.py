@@ -127,7 +127,11 @@ class WholeBodyController:
         state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
         self.dynamics.update(state)
         smooth, report = self._filter.update(
-            command, self.period, stepping=not self._locomotion.settled, running=self._locomotion.plan.gait
+            command,
+            self.period,
+            stepping=not self._locomotion.settled,
+            running=self._locomotion.plan.gait,
+            waiting=self._locomotion.waiting,
         )
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)

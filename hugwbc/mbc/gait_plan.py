@@ -126,7 +126,7 @@ class GaitPlan:
             gait: as commanded.
             frequency: stride frequency [Hz].
             dt: [s].
-            may_start: whether the weight is where the first step needs it.
+            may_start: whether the weight is where the first step, or the first jump, needs it.
             may_stop: whether the robot can stand where the current step ends.
             first_swing: the foot that a walk starts with, 0 left or 1 right.
             landed: whether the swing foot of a walk has found the ground. Until it has, the feet keep their roles, for
@@ -139,8 +139,9 @@ class GaitPlan:
         self.elapsed += dt
         if self.mode is Mode.STANDING:
             if gait is Gait.JUMPING:
-                self._enter(Mode.LEAPING, gait)
-                self._gather = self._gather_time
+                if may_start:
+                    self._enter(Mode.LEAPING, gait)
+                    self._gather = self._gather_time
             elif gait is not Gait.STANDING:
                 self._enter(Mode.SHIFTING, gait)
             return False

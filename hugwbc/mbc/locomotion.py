@@ -183,6 +183,11 @@ class Locomotion:
         """Whether the robot stands, and has stood long enough to have come to rest: only then may it squat deeply."""
         return self.plan.mode is Mode.STANDING and self.plan.elapsed >= self._params.settle_time
 
+    @property
+    def waiting(self) -> bool:
+        """Whether the weight is still on its way onto the leg that is to hop: a series begins in place."""
+        return self.plan.mode is Mode.SHIFTING and self.plan.gait.hops
+
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:
         """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
 
@@ -247,7 +252,8 @@ class Locomotion:
         to_heading = self._to_heading
         deviation, between = to_heading.dot(pendulum.dcm - middle[:2]), to_heading.dot((pivots[0] - pivots[1])[:2])
         if self.plan.mode is not Mode.SHIFTING:
-            self._shifted = False
+            # A robot that is loaded to one side, unknown to the plan, never gets nearer.
+            self._shifted = math.hypot(*deviation.tolist()) < params.jump_calm or self.settled
             self._watch_balance(deviation, between)
             return
         if self.plan.gait is not Gait.WALKING:

@@ -183,6 +183,8 @@ class ControllerParams:
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
     hop_placement: float = 1.0
     """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
+    jump_calm: float = 0.03
+    """Distance of the divergent component from the middle of the feet at which a series of jumps may begin [m]."""
     hop_shift_time: float = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
     hop_shift_tolerance: float = 0.03
@@ -232,6 +234,9 @@ class ControllerParams:
     # --- command filter: largest rate and largest rate of the rate
     velocity_rate: tuple[float, float, float] = (1.5, 1.5, 2.0)
     """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
+    hop_velocity_rate: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    """The same while hopping: one foot has little to hold on to, and a series that begins with a turn at full speed
+    rolls over."""
     frequency_rate: float = 2.0
     """Change of f [Hz/s]."""
     height_rate: tuple[float, float] = (0.35, 2.0)

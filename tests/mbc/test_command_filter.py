@@ -119,3 +119,27 @@ def test_a_lower_command_never_walks_higher(v_x):
     assert np.all(np.diff(heights) <= 1e-6)
     assert heights[-1] == pytest.approx(heights[-2], abs=1e-6)
     assert heights[0] == pytest.approx(-PARAMS.speed_lowering * max(v_x - PARAMS.lowering_from, 0.0), abs=1e-6)
+
+
+def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
+    commands = CommandFilter(PARAMS)
+    for _ in range(2000):
+        hop, _ = commands.update(Command(gait=Gait.HOPPING_LEFT), DT, running=Gait.HOPPING_LEFT)
+    walk = Command(f=3.5, gait=Gait.WALKING)
+    for _ in range(1000):
+        smooth, _ = commands.update(walk, DT, running=Gait.HOPPING_LEFT)
+    assert (smooth.f, smooth.h) == (hop.f, hop.h) == (2.0, -PARAMS.hop_lowering)
+    for _ in range(2000):
+        smooth, _ = commands.update(walk, DT, running=Gait.WALKING)
+    assert (smooth.f, smooth.h) == (3.5, 0.0)
+
+
+def test_a_hop_gathers_speed_slowly_and_only_once_it_hops():
+    commands, command = CommandFilter(PARAMS), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
+    for _ in range(500):
+        smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT, waiting=True)
+    assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
+    for _ in range(250):
+        smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT)
+    half_a_second = 0.5 * np.array(PARAMS.hop_velocity_rate)
+    assert [smooth.velocity[0], smooth.omega] == pytest.approx([half_a_second[0], -half_a_second[2]])

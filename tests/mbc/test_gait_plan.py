@@ -85,12 +85,20 @@ def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(frequency
     plan = GaitPlan(gather_time=0.3)
     airborne = []
     for _ in range(round(4.0 / DT)):
-        plan.advance(Gait.JUMPING, frequency, DT, may_start=False, may_stop=False)
+        plan.advance(Gait.JUMPING, frequency, DT, may_start=True, may_stop=False)
         airborne.append(plan.airborne)
     assert plan.mode is Mode.LEAPING and plan.legs == (0, 1) and plan.swing is None
     change = np.flatnonzero(np.diff(airborne)) * DT
     assert change[0] == pytest.approx(0.3 + 0.5 / frequency, abs=3 * DT)
     assert np.diff(change) == pytest.approx(np.full(len(change) - 1, 0.5 / frequency), abs=1.5 * DT)
+
+
+def test_a_jump_waits_for_the_robot_to_come_to_rest():
+    plan = GaitPlan(gather_time=0.3)
+    _run(plan, Gait.JUMPING, 0.5, may_start=False)
+    assert plan.mode is Mode.STANDING
+    _run(plan, Gait.JUMPING, 2 * DT)
+    assert plan.mode is Mode.LEAPING
 
 
 def test_a_jump_ends_with_a_landing_and_then_stands():

@@ -220,6 +220,37 @@ def test_it_changes_between_walking_jumping_and_hopping():
     assert run.table[-1, 7:].max() < 0.01
 
 
+def _hop_walk_jump(seed):
+    """At any moment from a hop that travels and turns to a fast side walk, and from that to a jump."""
+    rng = np.random.default_rng(seed)
+    hop = Command(
+        gait=(Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)[seed % 2],
+        v_x=rng.uniform(-0.3, 0.6),
+        v_y=rng.uniform(-0.2, 0.2),
+        omega=rng.uniform(-0.5, 0.5),
+    )
+    walk = Command(gait=WALKING, v_x=rng.uniform(-0.3, 1.0), v_y=rng.choice([-0.6, 0.6]), f=rng.uniform(1.5, 3.5))
+    jump = Command(gait=Gait.JUMPING, v_x=rng.uniform(-0.3, 1.5), omega=rng.uniform(-0.5, 0.5))
+    ends = np.cumsum([rng.uniform(0.5, 2.5), rng.uniform(0.8, 2.0), 2.5])
+
+    def script(t):
+        return (hop, walk, jump, Command())[int(np.searchsorted(ends, t, side="right"))]
+
+    return Run(script, ends[-1] + 1.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_it_changes_gait_at_any_moment(seed):
+    assert _hop_walk_jump(seed).good
+
+
+def test_a_hop_that_is_to_travel_and_turn_at_once_does_not_roll_over():
+    run = Run(Command(v_x=0.55, omega=-0.32, gait=Gait.HOPPING_LEFT), 3.5, since=3.0)
+    assert run.good
+    assert run.mean("v_x") > 0.3 and run.mean("omega") < -0.15
+
+
 def test_standing_it_steps_to_catch_itself_and_stands_again():
     run = Run(Command(), 4.0, push=(0.7, 0.0, 0.0))
     assert run.good
