@@ -121,7 +121,8 @@ def test_absurd_states_in_a_jump_give_finite_torques_within_the_limits(standing_
     jump = Command(gait=Gait.JUMPING)
     for scale in (0.1, 1.0, 10.0, 1e3):
         controller.reset(standing_state)
-        controller.act(standing_state, jump, NONE)
+        for _ in range(2):  # the first one finds that the robot stands still
+            controller.act(standing_state, jump, NONE)
         assert controller.diagnostics.mode is Mode.LEAPING
         for _ in range(10):
             orientation = rng.normal(size=4)
