@@ -183,7 +183,7 @@ class ControllerParams:
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
     hop_placement: float = 1.0
     """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
-    jump_calm: float = 0.03
+    jump_calm: float = 0.04
     """Distance of the divergent component from the middle of the feet at which a series of jumps may begin [m]."""
     hop_shift_time: float = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
