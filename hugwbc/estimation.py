@@ -117,6 +117,7 @@ class StateEstimator:
         self._imu, *self._sole_frames = (self._model.getFrameId(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = self._model.frames[self._imu].placement.translation.copy()
         self._model_noise = self.params.foot_model**2 * np.eye(3)
+        # Variances of what drives velocity and feet at random; orientation and position only follow.
         drive = [0.0, self.params.accelerometer, 0.0, *[self.params.foot_slip] * _FEET]
         self._drive = np.repeat(drive, 3) ** 2
         self._joints = JointFilter(self.params, self._robot)
@@ -190,13 +191,10 @@ class StateEstimator:
         transition[_VELOCITY, _ORIENTATION] = dt * _GRAVITY_CROSS
         transition[_POSITION, _ORIENTATION] = 0.5 * dt**2 * _GRAVITY_CROSS
         transition[_POSITION, _VELOCITY] = dt * np.eye(3)
-        params = self.params
         # The gyro's noise turns the whole estimate about the world's origin, hence the lever arms.
         lever = np.vstack((np.eye(3), *(pin.skew(x) for x in (self._v, self._p, *self._d))))
-        noise = (params.gyro * dt) ** 2 * lever @ lever.T
-        noise.flat[:: _SIZE + 1] += (
-            np.repeat([0.0, params.accelerometer, 0.0, *[params.foot_slip] * _FEET], 3) ** 2 * dt**2
-        )
+        noise = (self.params.gyro * dt) ** 2 * lever @ lever.T
+        noise.flat[:: _SIZE + 1] += self._drive * dt**2
         self._P = transition @ self._P @ transition.T + noise
 
     def _enter(self, foot: int) -> None:

@@ -20,6 +20,7 @@ from hugwbc.targets import position
 Point = tuple[float, float, float]
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
+MOST_POINTS = 100_000  # of a grid: at a second each, more than a day
 
 
 def smooth_step(u: float) -> float:
@@ -125,11 +126,12 @@ class Grid(HandPath):
     def __post_init__(self) -> None:
         position("grid's centre", self.centre)
         position("grid's size", self.size)
-        if len(self.count) != 3 or any(n != int(n) or n < 1 for n in self.count) or math.prod(self.count) < 2:
+        whole = len(self.count) == 3 and all(math.isfinite(n) and n == int(n) and n >= 1 for n in self.count)
+        if not whole or not 2 <= math.prod(self.count) <= MOST_POINTS:
             raise TargetError(
-                f"grid's count is {self.count}; give three whole numbers from 1, two points or more in all"
+                f"grid's count is {self.count}; give three whole numbers from 1, in all 2 to {MOST_POINTS} points"
             )
-        assert self._line is not None
+        self._line.at(0.0)  # refuses bad times now, not in the control loop
 
     @functools.cached_property
     def _line(self) -> Line:
@@ -238,7 +240,7 @@ class Wander(HandPath):
         position("wander's centre", self.centre)
         position("wander's size", self.size)
         _check_times("wander", leg_time=self.leg_time)
-        if self.seed != int(self.seed) or self.seed < 0:
+        if not math.isfinite(self.seed) or self.seed != int(self.seed) or self.seed < 0:
             raise TargetError(f"wander's seed is {self.seed}; give a whole number from 0")
 
     def at(self, t: float) -> np.ndarray:
@@ -271,10 +273,12 @@ class Recorded(HandPath):
 
     def __post_init__(self) -> None:
         time, points = self._arrays
-        if time.size == 0 or points.shape != (time.size, 3) or not np.all(np.isfinite(points)):
+        if time.size == 0 or points.shape != (time.size, 3):
             raise TargetError(
                 f"recorded path has {time.size} times and {len(self.points)} points; give one x, y, z each"
             )
+        for index, point in enumerate(self.points):
+            position(f"recorded path's point {index + 1}", point)
         if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
             raise TargetError("recorded path's times do not rise; sort the samples and remove repeated times")
 

@@ -7,6 +7,7 @@ A motion file is an .npz without pickled objects, with `fps` (frames per second)
 import dataclasses
 import pathlib
 import zipfile
+import zlib
 
 import numpy as np
 
@@ -14,7 +15,13 @@ from hugwbc.errors import MotionFileError
 from hugwbc.robot import load_robot
 
 MOTION_FPS = 50.0  # [Hz], the learned controller's rate; motions are resampled to it
+FRAME_RATES = (0.1, 1e4)  # [Hz], of motions in files; what is far from any camera's is a mistake
 _FIELDS = ("fps", "joint_names", "positions")
+# What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
+_UNREADABLE = (
+    OSError, EOFError, KeyError, ValueError, MemoryError, NotImplementedError, RuntimeError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 # Uniform arm targets of the intervention noise [rad] of the left arm; the right arm's are their mirror image (the
 # authors' ranges).
 _LEFT_NOISE = {
@@ -98,17 +105,28 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     missing = [name for name in robot.arm_names if name not in found]
     if missing:
         raise MotionFileError(f"{path} lacks the joints {', '.join(missing)}; it must hold all of {robot.arm_names}")
-    numbers = all(np.issubdtype(array.dtype, np.number) for array in (fps, positions))
-    if not numbers or positions.ndim != 2 or positions.shape[0] < 2 or positions.shape[1] != len(found):
+    if positions.ndim != 2 or not is_real(positions) or positions.shape[0] < 2 or positions.shape[1] != len(found):
         raise MotionFileError(
             f"{path} has positions of shape {positions.shape}, {positions.dtype}; valid: at least 2 frames of "
             f"{len(found)} joint angles, one for each joint name"
         )
-    if fps.size != 1 or not 0.0 < float(fps) < np.inf or not np.all(np.isfinite(positions)):
-        raise MotionFileError(f"{path} has fps = {fps} or positions that are not finite; give finite numbers, fps > 0")
+    if not is_frame_rate(fps):
+        raise MotionFileError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
+    if not np.all(np.isfinite(positions)):
+        raise MotionFileError(f"{path} has positions that are not finite; repair or cut the motion")
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
-    return ArmMotion(pathlib.Path(path).stem, float(fps), arms)
+    return ArmMotion(pathlib.Path(path).stem, float(fps.item()), arms)
+
+
+def is_real(array: np.ndarray) -> bool:
+    """Whether an array holds real numbers: neither text nor complex ones."""
+    return array.dtype.kind in "fiu"
+
+
+def is_frame_rate(value: np.ndarray) -> bool:
+    """Whether an array holds one number within `FRAME_RATES`."""
+    return value.size == 1 and is_real(value) and FRAME_RATES[0] <= value.item() <= FRAME_RATES[1]
 
 
 def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
@@ -124,7 +142,7 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
                 raise MotionFileError(f"cannot read {path}: it is no .npz archive")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise MotionFileError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
 
 

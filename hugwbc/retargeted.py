@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hugwbc.errors import MotionFileError
-from hugwbc.motion import ArmMotion, read_arrays, unique_names
+from hugwbc.motion import FRAME_RATES, ArmMotion, is_frame_rate, is_real, read_arrays, unique_names
 from hugwbc.robot import load_robot
 
 _FPS = ("fps", "mocap_framerate", "mocap_frame_rate", "framerate")
@@ -48,12 +48,18 @@ def load_retargeted(path: pathlib.Path, mapping: Mapping[str, str] | None = None
     Raises:
         MotionFileError: if the file cannot be read, has no frame rate or none of the arm joints, holds what is not
             finite, or angles that must be degrees.
+        UnknownNameError: if the mapping leads to what is no joint of the robot.
     """
     fields = read_arrays(path)
     rate = next((fields[name] for name in _FPS if name in fields), None)
-    if rate is None or rate.size != 1 or rate.dtype.kind not in "fiu" or not 0.0 < float(rate) < np.inf:
-        raise MotionFileError(f"{path} has no frame rate; give one number above 0 as {' or '.join(_FPS)}")
+    if rate is None or not is_frame_rate(rate):
+        raise MotionFileError(
+            f"{path} has no frame rate; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} Hz as "
+            f"{' or '.join(_FPS)}"
+        )
     robot = load_robot()
+    for name in (mapping or {}).values():
+        robot.index(name)
     given = {_plain(old): new for old, new in (mapping or {}).items()}
     known = {_plain(name): name for name in robot.arm_names}
     columns = {}
@@ -65,7 +71,7 @@ def load_retargeted(path: pathlib.Path, mapping: Mapping[str, str] | None = None
         raise MotionFileError(
             f"{path} has none of the joints {', '.join(robot.arm_names)}; give a mapping of the names"
         )
-    return _assemble(path, float(rate), columns)
+    return _assemble(path, float(rate.item()), columns)
 
 
 def _plain(name: str) -> str:
@@ -77,9 +83,9 @@ def _columns(path: pathlib.Path, fields: Mapping[str, np.ndarray]) -> dict[str, 
     names = next((fields[name] for name in _NAMES if name in fields), None)
     positions = next((fields[name] for name in _POSITIONS if name in fields), None)
     if names is None or positions is None:
-        return {name: array for name, array in fields.items() if array.ndim == 1 and array.dtype.kind in "fiu"}
+        return {name: array for name, array in fields.items() if array.ndim == 1 and is_real(array)}
     found = unique_names(path, names)
-    if positions.ndim != 2 or positions.shape[1] != len(found) or positions.dtype.kind not in "fiu":
+    if positions.ndim != 2 or positions.shape[1] != len(found) or not is_real(positions):
         raise MotionFileError(
             f"{path} has positions of shape {positions.shape} for {len(found)} joint names; give frames x joints"
         )

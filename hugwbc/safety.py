@@ -36,11 +36,11 @@ class SafetyReport:
         ticks: calls of `act`.
         commands_clamped: calls per command name whose value was out of range or NaN.
         commands_guarded: calls per command name whose value the others did not allow.
-        upper_body_rejected: external arm targets that were not finite; the last good ones stayed.
+        upper_body_rejected: external arm targets that were not eight finite numbers; the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         bad_states: states with NaN or infinity.
-        bad_outputs: joint commands of the controller with NaN or infinity.
-        failures: exceptions of the controller.
+        bad_outputs: joint commands of the controller with NaN or infinity, or of another size.
+        failures: exceptions of the controller, and answers that are no joint command.
         held: ticks on which the last good joint command was repeated.
         damped: ticks on which the joints were damped.
         positions_limited: joint commands with a position target that was clamped.
@@ -181,8 +181,11 @@ class SafetyFilter:
         return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
-        if not (np.all(np.isfinite(upper_body.q)) and np.all(np.isfinite(upper_body.dq))):
-            self._count("upper_body_rejected", "external arm targets are not finite: keeping the last good ones")
+        sizes = {np.shape(vector) for vector in (upper_body.q, upper_body.dq, upper_body.mask)}
+        if sizes != {self.robot.arms.shape} or not np.all(np.isfinite((upper_body.q, upper_body.dq))):
+            self._count(
+                "upper_body_rejected", "external arm targets are not eight finite numbers: keeping the last good ones"
+            )
             return self._last_upper
         low, high = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
         q = np.clip(upper_body.q, low, high)
@@ -202,16 +205,20 @@ class SafetyFilter:
             if self._missing_s > self.config.hold_s:
                 self.controller.reset(state)
             output = self.controller.act(state, command, upper_body)
+            usable = output.is_finite and {vector.shape for vector in vars(output).values()} == {self.robot.kp.shape}
         except Exception as error:  # the last line of defence of a running robot
             self._count("failures", f"{self.name} raised {type(error).__name__}: {error}")
-            output = None
+            output, usable = None, False
         self.last_tick_s = self._clock() - begin
         if self.last_tick_s > self.period:
             self._count("overruns")
-        if output is not None and not output.is_finite:
-            self._count("bad_outputs", f"{self.name} gave a joint command that is not finite: holding, then damping")
-            return None
-        return output
+        if output is not None and not usable:
+            self._count(
+                "bad_outputs",
+                f"{self.name} gave a joint command that is not {self.robot.kp.size} finite numbers each: holding, then "
+                "damping",
+            )
+        return output if usable else None
 
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period

@@ -163,10 +163,6 @@ class Script:
         start = self._ends[index - 1] if index else 0.0
         return index, min(max(t - start, 0.0), self.segments[index].duration)
 
-    def segment_at(self, t: float) -> Segment:
-        """The segment at time `t` [s]; before the start the first, after the end the last."""
-        return self.segments[self._locate(t)[0]]
-
     def command_at(self, t: float) -> Command:
         """The command at time `t` [s]; the script starts from the default command, and its end holds for ever."""
         index, elapsed = self._locate(t)

@@ -9,6 +9,7 @@ from hugwbc.errors import TargetError, UnknownNameError
 
 HandFrame = Literal["pelvis", "heading", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
+FARTHEST = 1e4  # [m] of a coordinate: no robot walks as far, and squares of errors stay finite
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,14 +108,18 @@ def position(name: str, value: object) -> np.ndarray:
     """The value as a read-only point, shape (3,).
 
     Raises:
-        TargetError: naming `name`, if the value is not three finite numbers.
+        TargetError: naming `name`, if the value is not three finite numbers, or one is beyond `FARTHEST`.
     """
     try:
         point = np.array(value, dtype=float)
     except (TypeError, ValueError):
         point = np.empty(0)
-    if point.shape != (3,) or not np.all(np.isfinite(point)):
-        raise TargetError(f"{name} is {value}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1)")
+    # A NaN fails the comparison.
+    if point.shape != (3,) or not np.all(np.abs(point) <= FARTHEST):
+        raise TargetError(
+            f"{name} is {value}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1), "
+            f"from -{FARTHEST:g} to {FARTHEST:g}"
+        )
     point.setflags(write=False)
     return point
 

@@ -80,7 +80,7 @@ def test_a_recorded_path_is_read_from_csv(tmp_path):
         ("a,b\n", ":1: the header is a,b; write t,x,y,z"),
         ("t,x,y,z\n0,0,0,0\n1,2,3\n", r":3: '1,2,3' is not four numbers"),
         ("t,x,y,z\n0,0,0,0\n0,0,0,0\n", "times do not rise"),
-        ("t,x,y,z\n0,0,0,nan\n", "recorded path has 1 times"),
+        ("t,x,y,z\n0,0,0,0\n1,0,0,nan\n", r"recorded path's point 2 is \(0.0, 0.0, nan\)"),
         ("t,x,y,z\n", "recorded path has 0 times"),
     ],
 )
@@ -105,13 +105,18 @@ def test_bad_paths_are_refused():
         Line((A, (0.0, 0.0, math.inf)))
     with pytest.raises(TargetError, match="dwell is -1"):
         Line((A, B), dwell=-1.0)
-    with pytest.raises(TargetError, match="count is"):
-        Grid(A, A, count=(1, 1, 1))
+    for count in ((1, 1, 1), (2, 2), (math.inf, 1, 1), (math.nan, 2, 2), (1.5, 2, 2), (1000, 1000, 1000)):
+        with pytest.raises(TargetError, match="count is"):
+            Grid(A, A, count=count)  # type: ignore[arg-type]
+    with pytest.raises(TargetError, match="leg_time is 0"):
+        Grid(A, A, leg_time=0.0)
     with pytest.raises(TargetError, match="radius is -1"):
         Circle(A, radius=-1.0)
     with pytest.raises(UnknownNameError, match="axis 'w'"):
         Circle(A, radius=0.1, axis="w")  # type: ignore[arg-type]
     with pytest.raises(TargetError, match=r"seed is 0\.5"):
         Wander(A, A, seed=0.5)  # type: ignore[arg-type]
+    with pytest.raises(TargetError, match="seed is inf"):
+        Wander(A, A, seed=math.inf)  # type: ignore[arg-type]
     with pytest.raises(TargetError, match="point is"):
         Hold((0.0, 1.0))  # type: ignore[arg-type]

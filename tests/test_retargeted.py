@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import MotionFileError, UnknownNameError
 from hugwbc.retargeted import load_retargeted
 from hugwbc.robot import load_robot
 
@@ -30,6 +30,12 @@ def test_a_mapping_missing_joints_and_unequal_lengths(tmp_path):
     positions = dict(zip(ARMS, found.motion.positions.T, strict=True))
     np.testing.assert_allclose(positions["left_elbow_joint"], FRAMES[:4])
     np.testing.assert_allclose(positions["left_shoulder_roll_joint"], robot.nominal[robot.arms][1])
+
+
+def test_a_mapping_to_what_is_no_joint_is_refused(tmp_path):
+    np.savez(tmp_path / "d.npz", fps=30.0, L_Elbow=FRAMES)
+    with pytest.raises(UnknownNameError, match="Did you mean 'left_elbow_joint'"):
+        load_retargeted(tmp_path / "d.npz", {"l_elbow": "left_elbow"})
 
 
 def test_angles_beyond_the_limits_are_clamped_and_counted(tmp_path):

@@ -126,8 +126,13 @@ def test_an_exception_or_a_nan_of_the_controller_is_contained(filtered):
     assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
     recorder.answer = JointCommand.position(ROBOT, np.full(19, np.nan))
     assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    for too_few in (np.zeros(18), np.zeros((19, 1))):
+        recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), kd=too_few)
+        assert safe.act(good_state(), Command(), UpperBody.none()).kd.shape == (19,)
+    recorder.answer = None
+    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
     report = safe.report()
-    assert report.failures == 1 and report.bad_outputs == 1
+    assert report.failures == 2 and report.bad_outputs == 3
     assert "RuntimeError: no solution" in report.messages[0]
 
 
@@ -150,10 +155,12 @@ def test_external_arm_targets_are_checked(filtered):
     bad = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
     safe.act(good_state(), Command(), bad)
     np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
+    safe.act(good_state(), Command(), UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool)))
+    np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
     safe.act(good_state(), Command(), UpperBody.targets(np.full(8, 9.0)))
     np.testing.assert_array_equal(recorder.seen[-1][2].q, ROBOT.upper[ROBOT.arms])
     report = safe.report()
-    assert (report.upper_body_rejected, report.upper_body_limited) == (1, 1)
+    assert (report.upper_body_rejected, report.upper_body_limited) == (2, 1)
 
 
 def test_overruns_are_counted():

@@ -16,7 +16,9 @@ def test_of_takes_any_sequence_and_keeps_a_copy():
     assert targets.is_usable
 
 
-@pytest.mark.parametrize("bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2), "here", [[0.3, 0.2, 0.1]]])
+@pytest.mark.parametrize(
+    "bad", [(0.3, math.nan, 0.1), (0.3, 0.2, math.inf), (0.3, 0.2, 1e300), (0.3, 0.2), "here", [[0.3, 0.2, 0.1]]]
+)
 def test_of_refuses_what_is_not_three_finite_numbers(bad):
     with pytest.raises(TargetError, match=r"right hand target is .*three finite numbers x, y, z in metres"):
         HandTargets.of((0.3, 0.2, 0.1), bad)
