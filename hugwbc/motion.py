@@ -5,6 +5,7 @@ A motion file is an .npz without pickled objects, with `fps` (frames per second)
 """
 
 import dataclasses
+import io
 import pathlib
 import zipfile
 import zlib
@@ -12,6 +13,7 @@ import zlib
 import numpy as np
 
 from hugwbc.errors import MotionFileError
+from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 
 MOTION_FPS = 50.0  # [Hz], the learned controller's rate; motions are resampled to it
@@ -84,9 +86,11 @@ class ArmMotion:
         return ArmMotion(self.name, fps, np.stack(columns, axis=1))
 
     def save(self, path: pathlib.Path) -> None:
-        """Write a motion file."""
+        """Write a motion file, whose name should end in .npz; its folder is made."""
+        content = io.BytesIO()
         names = np.array(load_robot().arm_names)
-        np.savez(path, fps=np.array(self.fps), joint_names=names, positions=self.positions)
+        np.savez(content, fps=np.array(self.fps), joint_names=names, positions=self.positions)
+        write_whole(path, content.getvalue())
 
 
 def load_motion(path: pathlib.Path) -> ArmMotion:

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_folder, check_writable, format_table, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class CompareOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
     options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
-    check_writable(options.out / "summary.json")
+    check_folder(options.out)
     check_writable(options.json)
     from hugwbc.evaluation.compare import compare, summarise
     from hugwbc.evaluation.controllers import ControllerSpec

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hugwbc.cli.imitate import reporter
-from hugwbc.cli.output import parse, progress, say
+from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.learned.config import DistillationConfig
 
 _LINE_SAMPLES = 100_000
@@ -13,6 +13,7 @@ def run(words: Sequence[str]) -> int:
     """Parse, distil, report."""
     description = "Fit one network to several, each the teacher of a gait, on the student's own states."
     config = parse(DistillationConfig, words, "distil", description)
+    check_folder(config.out)
     from hugwbc.learned.distillation import Distiller
 
     with progress(f"distillation {config.out}") as advance:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from hugwbc.cli.output import parse, progress, say
+from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.learned.config import ImitationConfig
 
 _LINE_SAMPLES = 10_000
@@ -12,6 +12,7 @@ def run(words: Sequence[str]) -> int:
     """Parse, imitate, report."""
     description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' goes on from it."
     config = parse(ImitationConfig, words, "imitate", description)
+    check_folder(config.out)
     from hugwbc.learned.imitation import Imitator
     from hugwbc.mbc import WholeBodyController
 

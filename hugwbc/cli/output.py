@@ -5,6 +5,7 @@ import json
 import math
 import pathlib
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,6 +14,7 @@ from typing import Any, Protocol, TypeVar
 import tyro
 
 from hugwbc.errors import ConfigError
+from hugwbc.files import write_whole
 
 STDOUT = pathlib.Path("-")
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
@@ -62,9 +64,25 @@ def check_writable(path: pathlib.Path | None) -> None:
         return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
         path.open("a").close()
+        if new:  # what fails later must not leave an empty file
+            path.unlink()
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+
+
+def check_folder(path: pathlib.Path) -> None:
+    """Make sure that files can be written to a folder before the work whose results it is to hold; it is made.
+
+    Raises:
+        ConfigError: if they cannot.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+    except OSError as error:
+        raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
 
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
@@ -73,8 +91,7 @@ def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401
     if path == STDOUT:
         print(text)
     elif path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
+        write_whole(path, text + "\n")
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

@@ -24,6 +24,7 @@ from hugwbc.targets import HandTargets
 FRAME_PERIOD = 0.04  # [s] between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
 HEADLESS_DURATION = 10.0  # [s]
+LAST_PORT = 65535  # of TCP
 
 Draw = Callable[[Moment], None]
 
@@ -82,6 +83,8 @@ class PlayOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, open the viewer, run the loop."""
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
+    if options.duration is not None and not options.duration > 0.0:
+        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if options.live:
         return _run_live(options)
     source, duration = _source(options)
@@ -100,12 +103,14 @@ def _run_live(options: PlayOptions) -> int:
     """Serve the live page until the time is over, Ctrl-C, or for ever.
 
     Raises:
-        ConfigError: if viser is not installed, the host is not allowed, or another way to command is given as well.
+        ConfigError: if viser is not installed, host or port are not allowed, or another way to command is given too.
     """
-    others = [name for name in ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)]
-    given = [name for name in others if getattr(options, name)]
+    others = ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)
+    given = [name for name in others if getattr(options, name) not in (None, False)]
     if given:
         raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
+    if not 0 <= options.port <= LAST_PORT:
+        raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
     try:
         from hugwbc.viz.live import LivePage
     except ImportError as error:
@@ -136,11 +141,8 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
     Raises:
         CommandError: if a value is out of range, or values and a script are both given.
         TargetError: if one hand has a target and the other has none, or a target is not finite.
-        ConfigError: if the duration is not above 0.
     """
     values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
-    if options.duration is not None and not options.duration > 0.0:
-        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if options.script is not None:
         others = [
             *values,

@@ -5,9 +5,10 @@ import pathlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hugwbc.cli.output import check_writable, parse, progress, say
+from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.files import write_whole
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.campaign import Cell
@@ -46,7 +47,7 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, write."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    check_writable(options.out / "report.html")
+    check_folder(options.out)
     from hugwbc.cli.report_page import Report, report_markdown, report_page
     from hugwbc.evaluation.campaign import run_cells
     from hugwbc.evaluation.controllers import ControllerSpec
@@ -70,11 +71,15 @@ def run(words: Sequence[str]) -> int:
     total = sum(len(result.result["rows"]) for result in results)
     figures = all_figures(results)
     report = Report(figures, results, labels, _notes(options, total, [*specs, *further]), _training_file(specs))
-    (options.out / "report.html").write_text(report_page(report), encoding="utf-8")
-    (options.out / "report.md").write_text(report_markdown(report), encoding="utf-8")
-    (options.out / "figures.csv").write_text(figures_csv(figures), encoding="utf-8")
+    contents = {
+        "report.html": report_page(report),
+        "report.md": report_markdown(report),
+        "figures.csv": figures_csv(figures),
+    }
+    for name, content in contents.items():
+        write_whole(options.out / name, content)
     say("\n".join(report.conclusions()))
-    say(f"\nwrote {', '.join(str(options.out / name) for name in ('report.html', 'report.md', 'figures.csv'))}")
+    say(f"\nwrote {', '.join(str(options.out / name) for name in contents)}")
     return 0
 
 

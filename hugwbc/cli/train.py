@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from hugwbc.cli.output import parse, progress, say
+from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
@@ -14,6 +14,7 @@ def run(words: Sequence[str]) -> int:
     """Parse, train, report."""
     description = "Train a policy; Ctrl-C saves and stops. Every setting of the training is an option."
     config = parse(TrainConfig, words, "train", description)
+    check_folder(config.out)
     from hugwbc.learned.train import train
 
     with progress(f"training {config.out}") as advance:

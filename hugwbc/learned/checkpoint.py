@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import pathlib
 from typing import Any
 
@@ -11,6 +10,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
+from hugwbc.files import write_whole
 
 _PREFIX = "hugwbc-"
 FORMAT = f"{_PREFIX}2"
@@ -36,16 +36,10 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
         kind: what the file is ("policy" or "checkpoint"); loading asks for it.
         metadata: anything JSON can hold.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata)
     header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors, text), "metadata": text}
-    temporary = path.with_name(path.name + ".partial")
-    with temporary.open("wb") as file:
-        file.write(save(tensors, header))
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+    write_whole(path, save(tensors, header))
 
 
 def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.files import write_whole
 from hugwbc.learned import observations as obs
 from hugwbc.learned.networks import ACTION_SIZE, Actor
 from hugwbc.learned.policy import LearnedController
@@ -61,8 +62,7 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
             "nothing was written. Check that the policy's weights are finite and of ordinary size"
         )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
+        write_whole(path, data)
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
     return difference

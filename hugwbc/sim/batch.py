@@ -7,19 +7,12 @@ from mujoco.batch import Batch
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState
 
-_FAULTS = [
-    int(warning)
-    for warning in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-        mujoco.mjtWarning.mjWARN_BADCTRL,
-    )
-]
-_WARNING_COUNT = 1  # second column of MuJoCo's warning table: how often; the first says where
+_FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADCTRL)]
+WARNING_COUNT = 1  # second column of MuJoCo's warning table: how often; the first says where
 
 
 class BatchSimulation:
@@ -93,7 +86,7 @@ class BatchSimulation:
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        return self.batch.warning[:, _FAULTS, _WARNING_COUNT].any(axis=1)
+        return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
 
     def states(self) -> list[RobotState]:
         """The true state of every robot, as a controller of one robot takes it."""

@@ -9,12 +9,12 @@ from mujoco.batch import Batch
 
 from hugwbc import rotations
 from hugwbc.robot import SIDES
+from hugwbc.sim.batch import WARNING_COUNT
 from hugwbc.sim.scene import load_model
 from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.variation import Variation
 
 _DIVERGED = [int(warning) for warning in DIVERGED]
-_WARNING_COUNT = 1  # second column of MuJoCo's warning table: how often; the first says where
 
 
 class LockstepSimulation:
@@ -102,7 +102,7 @@ class LockstepSimulation:
         self._batch.warning[rows] = 0
         # What depends on position and velocity is computed once and serves the next step as well.
         self._batch.step(ids=rows, stage=mujoco.mjtStage.mjSTAGE_ACC)
-        self.diverged[rows] |= self._batch.warning[rows][:, _DIVERGED, _WARNING_COUNT].any(axis=1)
+        self.diverged[rows] |= self._batch.warning[rows][:, _DIVERGED, WARNING_COUNT].any(axis=1)
 
     def orientation(self, rows: np.ndarray) -> np.ndarray:
         """Pelvis to world of some robots, unit quaternions, shape (m, 4)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
@@ -20,6 +20,7 @@ from hugwbc.state import RobotState, pelvis_from_torso_imu
 # A fall: inclinations beyond these, as in the paper's early termination, or a pelvis near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
 ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
+LONGEST_LATENCY = 1.0  # [s]
 _UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
 # MuJoCo's warnings of a state that it then resets.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
@@ -37,6 +38,9 @@ class SensorNoise:
         position: pelvis position [m].
         velocity: pelvis velocity [m/s].
         acceleration: accelerometer [m/s^2].
+
+    Raises:
+        ConfigError: if one is negative or not finite.
     """
 
     angular_velocity: float = 0.2
@@ -46,6 +50,11 @@ class SensorNoise:
     position: float = 0.0
     velocity: float = 0.0
     acceleration: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if not 0.0 <= getattr(self, field.name) < math.inf:
+                raise ConfigError(f"noise of {field.name} is {getattr(self, field.name)}; give a finite number from 0")
 
     @classmethod
     def robot(cls) -> "SensorNoise":
@@ -100,7 +109,14 @@ class Simulation:
             latency: age of what `sense` returns, rounded to whole physics steps [s].
             seed: of the noise.
             variation: of the robot from its description; None for none.
+
+        Raises:
+            ConfigError: if time step, latency or seed is out of range.
         """
+        if not 0.0 <= latency <= LONGEST_LATENCY:
+            raise ConfigError(f"latency is {latency} s; give 0 to {LONGEST_LATENCY:g} s")
+        if seed < 0:
+            raise ConfigError(f"seed is {seed}; give 0 or more")
         self.robot = load_robot()
         self.terrain = terrain
         self.noise = noise

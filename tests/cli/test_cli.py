@@ -34,6 +34,12 @@ BAD_INPUT = {
     "NaN hand": (["play", *LEFT, "nan", "0", "0", *RIGHT], "hand target is (nan, 0.0, 0.0); give three finite numbers"),
     "one hand": (["play", *RIGHT], "give both"),
     "duration": (["play", "--controller", "hold", "--duration", "-1"], "give a time above 0 s"),
+    "duration of a live page": (["play", "--live", "--duration", "-1"], "give a time above 0 s"),
+    "live page and command": (["play", "--live", "--h", "0"], "--live and h are both given"),
+    "port": (["play", "--live", "--port", "99999"], "give 1 to 65535, or 0 for any that is free"),
+    "seed of the noise": (["compare", "--controllers", "hold", "--noise", "--seed", "-1"], "seed is -1; give 0 or"),
+    "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
+    "motions' folder": (["motions", "--out", "/dev/null/m"], "give a folder that can be written"),
     "training field": (["train", "--ppo.gamma", "2"], "ppo.gamma = 2.0; valid: above 0, up to 1"),
     "benchmark size": (["bench", "--count", "0"], "give a value above 0"),
 }  # fmt: skip

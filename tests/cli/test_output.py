@@ -5,6 +5,7 @@ import time
 import pytest
 
 from hugwbc.cli import output
+from hugwbc.errors import ConfigError
 
 
 def test_a_table_is_aligned_and_shows_what_is_missing():
@@ -72,3 +73,15 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     with output.progress("walk") as advance:
         advance(0.5)
     assert "walk" in capsys.readouterr().err
+
+
+def test_trying_whether_a_file_can_be_written_leaves_nothing_and_changes_nothing(tmp_path):
+    output.check_writable(tmp_path / "a" / "new.json")
+    (tmp_path / "old.json").write_text("{}")
+    output.check_writable(tmp_path / "old.json")
+    output.check_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "old.json").read_text() == "{}"
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"] and not any((tmp_path / "a" / "b").iterdir())
+    for check in (output.check_writable, output.check_folder):
+        with pytest.raises(ConfigError, match="can be written"):
+            check(tmp_path / "old.json" / "c")

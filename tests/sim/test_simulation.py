@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.sim import HeightField, SensorNoise, Simulation, noisy_simulation, rough_terrain
 
 ROBOT = load_robot()
@@ -18,6 +18,27 @@ HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 @pytest.fixture(scope="module")
 def plane() -> Simulation:
     return Simulation()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"latency": -0.01}, "latency is -0.01 s; give 0 to 1 s"),
+        ({"latency": float("nan")}, "latency is nan"),
+        ({"latency": float("inf")}, "latency is inf"),
+        ({"seed": -1}, "seed is -1; give 0 or more"),
+        ({"timestep": 0.0}, "time step is 0.0 s"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Simulation(**settings)
+
+
+@pytest.mark.parametrize("width", [-0.1, float("nan"), float("inf")])
+def test_noise_that_is_no_width_is_refused(width: float) -> None:
+    with pytest.raises(ConfigError, match="noise of dq is"):
+        SensorNoise(dq=width)
 
 
 def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:

@@ -1,0 +1,31 @@
+"""Files that are there whole or not at all."""
+
+import os
+import pathlib
+
+
+def write_whole(path: pathlib.Path, content: bytes | str) -> None:
+    """Write a file, so that it is always either the old or the new one, whatever happens meanwhile; text as UTF-8.
+
+    Args:
+        path: of the file; its folder is made. What is no ordinary file, such as /dev/stdout, is written to as it is.
+        content: of the file.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    path = path.resolve()  # a link stays one
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".partial")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

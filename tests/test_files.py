@@ -1,0 +1,44 @@
+import os
+import pathlib
+
+import pytest
+
+from hugwbc.files import write_whole
+
+
+def test_bytes_and_text_in_a_folder_that_is_made(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "new" / "file.txt"
+    write_whole(path, b"\x00\xff")
+    assert path.read_bytes() == b"\x00\xff"
+    write_whole(path, "1 – 2\n")
+    assert path.read_bytes() == b"1 \xe2\x80\x93 2\n"
+    assert [entry.name for entry in path.parent.iterdir()] == ["file.txt"]
+
+
+def test_the_old_file_stays_until_the_new_one_is_complete(tmp_path: pathlib.Path, monkeypatch) -> None:
+    path = tmp_path / "file"
+    write_whole(path, "old")
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(path, "new")
+    assert path.read_text() == "old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_links_and_devices_stay_what_they_are(tmp_path: pathlib.Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "target")
+    write_whole(link, "a")
+    assert link.is_symlink() and (tmp_path / "target").read_text() == "a"
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, "b")
+        assert os.read(reader, 10) == b"b" and pipe.is_fifo()
+    finally:
+        os.close(reader)
