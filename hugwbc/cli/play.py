@@ -106,7 +106,8 @@ def _run_live(options: PlayOptions) -> int:
         ConfigError: if viser is not installed, host or port are not allowed, or another way to command is given too.
     """
     others = ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)
-    given = [name for name in others if getattr(options, name) not in (None, False)]
+    # A command of 0 is given as well: neither None nor the False of a flag, though equal to it.
+    given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
     if given:
         raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
     if not 0 <= options.port <= LAST_PORT:

@@ -17,6 +17,17 @@ def _require(condition: bool, name: str, value: object, valid: str) -> None:
         raise ConfigError(f"{name} = {value}; valid: {valid}. Change the flag or the field of that name")
 
 
+def _require_finite(settings: object, prefix: str = "") -> None:
+    """Refuse NaN and infinity in any number of a dataclass; they would show hours later, if at all."""
+    for name, value in vars(settings).items():
+        numbers = [number for number in (value if isinstance(value, tuple) else (value,)) if isinstance(number, float)]
+        _require(all(map(math.isfinite, numbers)), f"{prefix}{name}", value, "finite")
+
+
+def _require_seed(seed: int) -> None:
+    _require(0 <= seed < 2**63, "seed", seed, "0 or more, below 2^63")
+
+
 @dataclasses.dataclass(frozen=True)
 class RewardWeights:
     """Weights of the paper's reward table, one per row; each is multiplied by the control period."""
@@ -39,6 +50,13 @@ class RewardWeights:
     hip_joint_deviation: float = -2.0
     feet_symmetry: float = -5.0
     termination: float = -200.0
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        _require_finite(self, "rewards.")
+        for name in ("linear_velocity_tracking", "angular_velocity_tracking"):
+            value = getattr(self, name)
+            _require(value > 0.0, f"rewards.{name}", value, "above 0: the curricula compare the reward to its maximum")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +85,10 @@ class ExtraWeights:
     unequal_support: float = -3.0
     """1 while one foot alone carries the robot although both move in phase (standing, jumping): without it the policy
     ran at twice the frequency instead of jumping."""
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        _require_finite(self, "extra.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,6 +200,20 @@ class CurriculumConfig:
     agile_fraction: float = 0.5
     """Fraction of robots in the agile group: higher speeds, no intervention."""
 
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require_finite(self, "curriculum.")
+        for name in ("alpha_interval", "speed_interval"):
+            value = getattr(self, name)
+            _require(value > 0, f"curriculum.{name}", value, "a positive integer")
+        for name in ("penalty_start", "penalty_growth"):
+            value = getattr(self, name)
+            _require(value > 0.0, f"curriculum.{name}", value, "a positive number")
+        for name in ("warm_up_iterations", "alpha_step", "speed_step"):
+            value = getattr(self, name)
+            _require(value >= 0, f"curriculum.{name}", value, "0 or more")
+        _require(0.0 <= self.agile_fraction <= 1.0, "curriculum.agile_fraction", self.agile_fraction, "0 to 1")
+
 
 @dataclasses.dataclass(frozen=True)
 class TerrainConfig:
@@ -197,6 +233,7 @@ class TerrainConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        _require_finite(self, "terrain.")
         _require(0.0 <= self.roughness < 1.0, "terrain.roughness", self.roughness, "0 to 1 m")
         _require(self.levels >= 2, "terrain.levels", self.levels, "at least 2")
         _require(0 <= self.start_level < self.levels, "terrain.start_level", self.start_level, "0 to levels - 1")
@@ -306,6 +343,7 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        _require_finite(self, "ppo.")
         for name in ("horizon", "epochs", "minibatches"):
             _require(getattr(self, name) > 0, f"ppo.{name}", getattr(self, name), "a positive integer")
         for name in ("gamma", "lam", "clip"):
@@ -318,9 +356,15 @@ class PPOConfig:
             "target_kl",
             "max_grad_norm",
             "critic_learning_rate",
+            "std_steps",
         ):
             value = getattr(self, name)
-            _require(math.isfinite(value) and value > 0.0, f"ppo.{name}", value, "a positive number")
+            _require(value > 0.0, f"ppo.{name}", value, "a positive number")
+        for name in ("policy_weight", "estimation_weight", "beta", "entropy_weight"):
+            value = getattr(self, name)
+            _require(value >= 0.0, f"ppo.{name}", value, "0 or a positive number")
+        low, high = self.learning_rate_range
+        _require(0.0 < low <= high, "ppo.learning_rate_range", (low, high), "low and high, above 0")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -356,6 +400,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         """Check the limits."""
+        _require_seed(self.seed)
         _require(self.steps > 0, "steps", self.steps, "a positive number")
         _require(self.hours > 0, "hours", self.hours, "a positive number")
         _require(self.threads > 0, "threads", self.threads, "a positive integer")
@@ -363,7 +408,8 @@ class TrainConfig:
         _require(self.save_interval > 0, "save_interval", self.save_interval, "a positive integer")
         _require(self.evaluation_interval >= 0, "evaluation_interval", self.evaluation_interval, "0 or more")
         _require(self.evaluation_robots > 0, "evaluation_robots", self.evaluation_robots, "a positive integer")
-        _require(self.evaluation_seconds > 0, "evaluation_seconds", self.evaluation_seconds, "a positive number")
+        seconds = self.evaluation_seconds
+        _require(0.0 < seconds < math.inf, "evaluation_seconds", seconds, "a positive number")
 
 
 def _imitation_env() -> EnvConfig:
@@ -406,7 +452,8 @@ class ImitationConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("samples", "handover", "learning_rate", "std"):
+        _require_seed(self.seed)
+        for name in ("samples", "handover", "learning_rate", "std", "max_speed"):
             value = getattr(self, name)
             _require(0.0 < value < math.inf, name, value, "a positive number")
         for name in ("threads", "batch", "updates"):
@@ -415,6 +462,9 @@ class ImitationConfig:
             _require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "0 to 1")
         for name in ("exploration", "upper_weight", "estimation_weight"):
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
+
+
+TEACHERS = ("standing", "catching", "walking", "jumping", "hopping")  # in the order in which they are asked
 
 
 def _distillation_env() -> EnvConfig:
@@ -467,7 +517,8 @@ class DistillationConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges, and that every gait that is drawn has a teacher."""
-        for name in ("samples", "learning_rate"):
+        _require_seed(self.seed)
+        for name in ("samples", "learning_rate", "max_speed"):
             value = getattr(self, name)
             _require(0.0 < value < math.inf, name, value, "a positive number")
         for name in ("threads", "batch", "updates", "memory"):
@@ -476,6 +527,8 @@ class DistillationConfig:
             _require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "0 to 1")
         for name in ("exploration", "estimation_weight"):
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
+        for name in self.calibrated:
+            _require(name in TEACHERS, "calibrated", name, ", ".join(TEACHERS))
         fractions = self.env.command.fractions()
         for gait, fraction in fractions.items():
             if fraction > 0.0 and getattr(self, gait) is None:
@@ -486,5 +539,4 @@ class DistillationConfig:
 
     def teachers(self) -> dict[str, pathlib.Path]:
         """Paths by gait, and "catching" after standing."""
-        names = ("standing", "catching", "walking", "jumping", "hopping")
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in TEACHERS if getattr(self, name) is not None}

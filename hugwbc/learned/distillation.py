@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from hugwbc.commands import COMMAND_NAMES, command_ranges
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint, observations
 from hugwbc.learned.config import DistillationConfig
@@ -222,5 +222,8 @@ def _load(path: pathlib.Path | None) -> tuple[ActorCritic, dict[str, object]]:
     tensors, metadata = checkpoint.load_file(path, "checkpoint")
     network = ActorCritic()
     prefix = "network."
-    network.load_state_dict({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
+    try:
+        network.load_state_dict({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
+    except RuntimeError as error:
+        raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
     return network, metadata

@@ -304,7 +304,7 @@ class HumanoidEnv:
         tracking = self.statistics.tracking
         groups = torch.stack((tracking[self.agile].mean(0), tracking[~self.agile].mean(0)))
         agile, intervened = distributed.mean(groups).tolist()
-        off = self.config.intervention == "none"
+        off = not bool(self._intervenable.any())
         self.curriculum.update(
             (agile[0], agile[1]),
             None if off else (intervened[0], intervened[1]),

@@ -1,5 +1,6 @@
 """A trained policy as a controller: loaded from safetensors, without the training code."""
 
+import os
 import pathlib
 from typing import Any
 
@@ -36,12 +37,11 @@ def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Pa
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
     """
-    path = pathlib.Path(name_or_path)
-    if not path.exists():
-        path = policy_dir() / str(name_or_path)
-        if not path.exists():
-            raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
-    return path / POLICY_FILE if path.is_dir() else path
+    for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
+        # Unlike pathlib's, os.path's answer to a name that no file can have is no.
+        if os.path.exists(path):
+            return path / POLICY_FILE if path.is_dir() else path
+    raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
 
 
 def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
@@ -93,7 +93,7 @@ def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], pa
     """Refuse a policy that does not do here what it did where it was saved."""
     try:
         deviation = self_test.deviation(controller, stored)
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
     if deviation > self_test.TOLERANCE:
         writer = controller.metadata.get("versions", {}).get("hugwbc", "unknown")

@@ -9,10 +9,12 @@ import torch
 from torch import nn
 
 from hugwbc import gait as gaits
+from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned import observations as obs
 from hugwbc.learned.networks import Actor
 from hugwbc.robot import load_robot
 
+_F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
 _SMALL = 400  # multiplications, below which PyTorch's loop takes over
 Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 
@@ -92,15 +94,14 @@ class PolicyRows:
             gait: values of `Gait`, shape (n,).
             indicator: whether the arms are under external control, shape (n,), bool.
         """
-        names = obs.COMMAND_NAMES
-        self.phase = gaits.advance_phase(self.phase, command[:, names.index("f")], self._period)
+        self.phase = gaits.advance_phase(self.phase, command[:, _F], self._period)
         gait_row = torch.as_tensor(gait)
         feet = gaits.foot_phases(_tensor(self.phase), gait_row)
         clock = gaits.clock(gaits.homogenised_phase(feet))
         self.observation = obs.command_observation(_tensor(command), gait_row, clock, torch.as_tensor(indicator))
         self.action, self.estimate = self._network(self.history.flatten(1), self.observation)
         q = self._nominal + self._scale * self.action.double().numpy()
-        self._waist += np.clip(command[:, names.index("w")] - self._waist, -self._waist_step, self._waist_step)
+        self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)
         q[:, self._waist_joint] += self._waist
         return q
 

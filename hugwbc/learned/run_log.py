@@ -1,9 +1,9 @@
 """The log of a training run: a row of figures per iteration, a record per session."""
 
 import csv
+import itertools
 import json
 import math
-import os
 import pathlib
 from typing import Any
 
@@ -26,7 +26,7 @@ def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> N
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])
         if header != list(row):
-            path.rename(path.with_stem(f"{path.stem}-until-{iteration - 1}"))
+            path.rename(_free(path.with_stem(f"{path.stem}-until-{iteration - 1}")))
     new = not path.exists()
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(row))
@@ -44,4 +44,10 @@ def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / SESSIONS_NAME).open("a") as file:
-        file.write(json.dumps(record) + os.linesep)
+        file.write(json.dumps(record) + "\n")
+
+
+def _free(path: pathlib.Path) -> pathlib.Path:
+    """The path, or the first of path-2, path-3 and so on that is no file yet."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
+    return next(candidate for candidate in itertools.chain([path], numbered) if not candidate.exists())

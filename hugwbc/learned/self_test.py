@@ -93,7 +93,7 @@ def deviation(controller: Recordable, stored: dict[str, torch.Tensor]) -> float:
         stored: what `record` gave.
 
     Raises:
-        KeyError, ValueError: if the stored tensors are not those of a self-test.
+        LookupError, TypeError, ValueError: if the stored tensors are not those of a self-test.
     """
     inputs = {name: stored[PREFIX + name] for name in _INPUTS}
     expected = stored[PREFIX + "target"]

@@ -159,11 +159,8 @@ class Trainer:
     def save(self) -> None:
         """Write the checkpoint, its slim snapshot and the policy; other processes than the first their robots."""
         if not self.leads:
-            robots = {f"env.{k}": v for k, v in self.env.state_dict().items()} | {
-                "generator": self.generator.get_state()
-            }
             path = _rank_path(self.config.out / CHECKPOINT_NAME)
-            checkpoint.save_file(path, robots, "robots", {"iteration": self.iteration})
+            checkpoint.save_file(path, self._robots(), "robots", {"iteration": self.iteration})
             return
         tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
         for index, state in self.ppo.optimiser.state_dict()["state"].items():
@@ -222,16 +219,16 @@ class Trainer:
             try:
                 self.env.load_state_dict(groups["env"])
                 self.generator.set_state(tensors["generator"])
-            except KeyError as error:
+            except (KeyError, TypeError, ValueError, RuntimeError) as error:
                 raise PolicyFileError(
-                    f"{path} lacks {error} of the environment's state; it was written by another version. "
-                    "Continue from its snapshot instead"
+                    f"{path} does not hold the environment's state as this version has it ({error}); it was written "
+                    "by another one. Continue from its snapshot instead"
                 ) from error
-        else:
-            self.env.curriculum.load_state_dict(metadata["curriculum"])
         if groups["optimiser"]:
             self._load_optimiser(groups["optimiser"])
         try:
+            if stored is None:
+                self.env.curriculum.load_state_dict(metadata["curriculum"])
             self._load_metadata(metadata)
         except (KeyError, TypeError, ValueError) as error:
             raise PolicyFileError(

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
 from hugwbc.learned.config import CommandConfig, DistillationConfig, EnvConfig
@@ -153,9 +153,19 @@ def test_arms_under_takeover_do_not_count(tmp_path: pathlib.Path) -> None:
     assert torch.all(weights[masked][:, ROBOT.arms] == 0.0) and torch.all(weights[masked][:, ROBOT.legs] == 1.0)
 
 
+def test_a_snapshot_of_other_networks_is_refused(tmp_path: pathlib.Path) -> None:
+    checkpoint.save_file(tmp_path / "other", {"network.weight": torch.zeros(3)}, "checkpoint", {})
+    with pytest.raises(PolicyFileError, match="has other networks"):
+        Distiller(make_config(tmp_path, start_from=tmp_path / "other"))
+
+
 @pytest.mark.parametrize(
-    "change", [{"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}, {"calibration": 1.5}]
-)
+    "change",
+    [
+        {"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}, {"calibration": 1.5},
+        {"max_speed": float("nan")}, {"seed": -1}, {"calibrated": ("standing", "hoping")},
+    ],
+)  # fmt: skip
 def test_settings_are_checked(tmp_path: pathlib.Path, change: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(change))):
         make_config(tmp_path, **change)

@@ -7,7 +7,7 @@ import torch
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.learned import observations as obs
-from hugwbc.learned.config import CommandConfig, EnvConfig, RandomizationConfig
+from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.state import RobotState
 
@@ -214,3 +214,11 @@ def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
     np.testing.assert_allclose(target[:, others], 0.2, atol=1e-6)
     expected = env.robot.kd * np.where(np.isin(np.arange(19), yaw), 2.0, 1.0)
     np.testing.assert_allclose(env.config.damping(env.robot), expected)
+
+
+def test_without_robots_to_intervene_on_the_noise_level_stays() -> None:
+    curriculum = CurriculumConfig(agile_fraction=1.0, warm_up_iterations=0, alpha_interval=1)
+    env = HumanoidEnv(EnvConfig(count=2, curriculum=curriculum), seed=0, threads=1)
+    run_still(env, 1)
+    env.update_curriculum()
+    assert env.curriculum.alpha == 0.0 and env.curriculum.gates["alpha"] == "off: no intervention"

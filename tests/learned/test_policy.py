@@ -133,6 +133,8 @@ def test_reset_makes_runs_repeatable() -> None:
 
 def test_unknown_policy_lists_the_shipped_ones() -> None:
     with pytest.raises(UnknownNameError, match="h1"):
+        load_policy("n" * 5000)
+    with pytest.raises(UnknownNameError, match="h1"):
         load_policy("no_such_policy")
 
 

@@ -17,6 +17,9 @@ def test_other_columns_start_another_file(tmp_path: pathlib.Path) -> None:
     append_row(tmp_path, {"iteration": 2, "y": 1.0}, 2)
     assert (tmp_path / "metrics-until-1.csv").read_text().splitlines() == ["iteration,x", "1,1"]
     assert (tmp_path / "metrics.csv").read_text().splitlines() == ["iteration,y", "2,1"]
+    append_row(tmp_path, {"iteration": 2, "z": 1.0}, 2)  # another run in the same folder
+    assert (tmp_path / "metrics-until-1-2.csv").read_text().splitlines() == ["iteration,y", "2,1"]
+    assert (tmp_path / "metrics-until-1.csv").read_text().splitlines() == ["iteration,x", "1,1"]
 
 
 def test_sessions_are_lines_of_json(tmp_path: pathlib.Path) -> None:

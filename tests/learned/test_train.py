@@ -152,6 +152,24 @@ def test_a_checkpoint_without_its_counters_is_refused(tmp_path: pathlib.Path, da
         Trainer(config(tmp_path, 2, resume=True))
 
 
+def test_a_snapshot_without_its_curriculum_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
+    del metadata["curriculum"]
+    checkpoint.save_file(tmp_path / "cut", tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable 'curriculum'"):
+        Trainer(config(tmp_path, 2, start_from=tmp_path / "cut"))
+
+
+def test_a_checkpoint_of_other_state_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    tensors["env.qpos"] = tensors["env.qpos"][:, 1:]
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="Continue from its snapshot"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
 def test_a_checkpoint_from_before_the_evaluations_resumes(tmp_path: pathlib.Path) -> None:
     run(config(tmp_path, 1))
     tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
