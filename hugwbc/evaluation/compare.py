@@ -57,8 +57,11 @@ def summarise(trace: Trace) -> Outcome:
 
 
 def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Hand IK for a controller: with gravity compensation for those that drive the arms by position alone."""
-    return UpperBodySource(gravity_compensation=controller.name != "qp")
+    """Hand IK for a controller: with gravity compensation for those that drive the arms by position alone.
+
+    A controller whose torques carry the arms says so by an attribute `carries_arms` that is true.
+    """
+    return UpperBodySource(gravity_compensation=not getattr(controller, "carries_arms", False))
 
 
 def compare(

@@ -31,12 +31,14 @@ class WholeBodyController:
 
     Attributes:
         name: "qp".
+        carries_arms: that its torques bear the arms' weight, which external arm targets need not.
         period: time between two calls of `act` [s].
         params: gains, weights and limits.
         dynamics: the robot model at the last state.
     """
 
     name = "qp"
+    carries_arms = True
 
     def __init__(
         self, params: ControllerParams | None = None, *, period: float = 0.002, dynamics: Dynamics | None = None

@@ -76,6 +76,9 @@ def test_noise_follows_the_seed():
 def test_position_driven_controllers_get_gravity_compensation():
     assert upper_body_source(HoldController())._gravity is not None
     assert upper_body_source(WholeBodyController())._gravity is None
+    strong = HoldController()
+    strong.carries_arms = True  # type: ignore[attr-defined]
+    assert upper_body_source(strong)._gravity is None
 
 
 @pytest.mark.parametrize("controllers", [[], [HoldController(), HoldController()]])
