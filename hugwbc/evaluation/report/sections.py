@@ -170,7 +170,7 @@ def contacts_figures(measured: CellResult) -> list[Figure]:
     """In what part of the time each foot does what the clock says."""
     result, name = measured.result, measured.controller
     parts = [None if row["agreement"] is None else 100.0 * row["agreement"] for row in result["rows"]]
-    table, quantity = "Contacts that agree with the clock", str(result["gait"])
+    table, quantity = "Contacts that agree with the clock", str(result["gait"]).replace("_", " ")
     return [Figure(table, quantity, "%", name, bootstrap_mean(parts), higher_is_better=True)]
 
 
