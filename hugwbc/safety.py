@@ -38,7 +38,7 @@ class SafetyReport:
         commands_guarded: calls per command name whose value the others did not allow.
         upper_body_rejected: external arm targets that were not eight finite numbers; the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
-        bad_states: states with NaN or infinity.
+        bad_states: states with NaN or infinity, or an orientation that is no unit quaternion.
         bad_outputs: joint commands of the controller with NaN or infinity, or of another size.
         failures: exceptions of the controller, and answers that are no joint command.
         held: ticks on which the last good joint command was repeated.
@@ -77,8 +77,9 @@ class SafetyFilter:
     - Commands are clamped to the range of their gait (`Command.clamp`), and combinations that the legs do not allow to
       the nearest that they do (`feasibility.feasible`); `command` is the clamped one. External arm targets are clamped
       to the joint limits.
-    - A state or joint command that is not finite, or an exception, repeats the last good joint command for `hold_s`
-      seconds, then damps the joints. After damping the controller is reset on the first good state.
+    - A state that is not usable (`RobotState.is_usable`), a joint command that is not finite, or an exception, repeats
+      the last good joint command for `hold_s` seconds, then damps the joints. After damping the controller is reset on
+      the first good state.
     - Position targets are clamped to the joint limits widened by torque_limit / kp: a PD joint asks for torque by the
       distance of its target, and needs that much to give its full torque at a limit. Feed-forward torques are clamped
       to the torque limits.
@@ -124,7 +125,7 @@ class SafetyFilter:
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
         self._start(state.q if state.is_finite else self.robot.nominal)
-        if state.is_finite:
+        if state.is_usable:
             self.controller.reset(state)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
@@ -197,8 +198,8 @@ class SafetyFilter:
 
     def _controller_output(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand | None:
         """The controller's own answer, or None if there is no usable one."""
-        if not state.is_finite:
-            self._count("bad_states", "the state is not finite: holding, then damping")
+        if not state.is_usable:
+            self._count("bad_states", "the state is not finite, or has no orientation: holding, then damping")
             return None
         begin = self._clock()
         try:

@@ -55,6 +55,11 @@ class RobotState:
         fields = [getattr(self, name) for name in _FIELDS]
         return bool(np.isfinite(np.concatenate([np.ravel(value) for value in fields if value is not None])).all())
 
+    @property
+    def is_usable(self) -> bool:
+        """Whether it is finite and the orientation is a unit quaternion to 5 %: an IMU that died may give zeros."""
+        return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
+
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
 

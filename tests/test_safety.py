@@ -120,6 +120,16 @@ def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(filtered):
     assert (report.bad_states, report.held, report.damped) == (3, 2, 1)
 
 
+def test_an_imu_that_died_is_a_bad_state(filtered):
+    recorder, safe = filtered
+    dead = dataclasses.replace(good_state(), orientation=np.zeros(4))
+    safe.act(dead, Command(), UpperBody.none())
+    assert recorder.seen == [] and safe.report().bad_states == 1
+    slightly_off = dataclasses.replace(good_state(), orientation=np.array([1.01, 0.0, 0.0, 0.0]))
+    safe.act(slightly_off, Command(), UpperBody.none())
+    assert len(recorder.seen) == 1
+
+
 def test_an_exception_or_a_nan_of_the_controller_is_contained(filtered):
     recorder, safe = filtered
     recorder.answer = RuntimeError("no solution")

@@ -22,6 +22,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # of the norm of a state: beyond, products overflow
+_LARGEST_EXCESS = 0.1  # of an orientation's squared norm over 1; an IMU that died may give zeros
 
 
 class WholeBodyController:
@@ -123,7 +124,7 @@ class WholeBodyController:
         damped. `diagnostics` tells.
         """
         if not _usable(state):
-            return self._fall_back(None, ("the state is not finite",))
+            return self._fall_back(None, ("the state is not finite, or has no orientation",))
         if not self._started:
             self._start(state)
         state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
@@ -245,10 +246,14 @@ class _Outcome(NamedTuple):
 
 
 def _usable(state: RobotState) -> bool:
-    """Whether what the controller reads is finite and of a reasonable norm; a NaN compares as false."""
+    """Whether what the controller reads is finite and of a reasonable norm, and the orientation a unit quaternion.
+
+    A NaN compares as false.
+    """
     values = [state.q, state.dq, state.orientation, state.angular_velocity]
     values += [value for value in (state.position, state.velocity) if value is not None]
     if state.foot_force is not None:
         values.append(state.foot_force.ravel())
     together = np.concatenate(values)
-    return bool(together.dot(together) < _LARGEST_SQUARE) and math.isfinite(state.age)
+    turned = abs(state.orientation.dot(state.orientation) - 1.0) < _LARGEST_EXCESS
+    return bool(together.dot(together) < _LARGEST_SQUARE and turned) and math.isfinite(state.age)

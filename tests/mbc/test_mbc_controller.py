@@ -83,6 +83,16 @@ def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
     assert recovered.tau == pytest.approx(good.tau, abs=1.0)
 
 
+@pytest.mark.parametrize("norm", [0.0, 0.9, 1.1])
+def test_an_orientation_that_is_no_unit_quaternion_is_no_state(standing_state, norm):
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    controller.act(standing_state, Command(), NONE)
+    dead = dataclasses.replace(standing_state, orientation=norm * standing_state.orientation)
+    assert controller.act(dead, Command(), NONE).is_finite
+    assert controller.diagnostics.output is Output.HELD
+
+
 def test_a_reset_with_a_broken_state_waits_for_a_good_one(standing_state):
     controller = WholeBodyController()
     controller.reset(dataclasses.replace(standing_state, position=np.full(3, np.inf)))
