@@ -19,8 +19,9 @@ from hugwbc.errors import ConfigError
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import DistillationConfig, ImitationConfig
 from hugwbc.learned.contract import versions
-from hugwbc.learned.env import HumanoidEnv, Observation
+from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.observations import Observation
 from hugwbc.learned.train import save_product
 
 Config = TypeVar("Config", ImitationConfig, DistillationConfig)

@@ -20,8 +20,8 @@ from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint, observations
 from hugwbc.learned.config import DistillationConfig
 from hugwbc.learned.dagger import Dagger
-from hugwbc.learned.env import Observation
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.observations import Observation
 from hugwbc.learned.readings import Readings
 
 # A standing robot is caught rather than held from about this speed, angular velocity or roll on, or a mixture.

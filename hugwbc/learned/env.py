@@ -8,51 +8,30 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed
+from hugwbc.learned import distributed, env_state, terminations
 from hugwbc.learned import observations as obs
 from hugwbc.learned.arm_targets import ArmTargets, MotionTargets, NoiseTargets
-from hugwbc.learned.command_sampling import draw_commands, uniform
+from hugwbc.learned.command_sampling import draw_commands
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.curriculum import Curriculum
 from hugwbc.learned.ground import RoughGround
 from hugwbc.learned.intervention import Intervention
 from hugwbc.learned.latency import Latency, draw_delays
+from hugwbc.learned.observations import Observation
 from hugwbc.learned.randomization import randomize
 from hugwbc.learned.readings import read, tensor
-from hugwbc.learned.rewards import CONTACT_THRESHOLD, Body, Transition, evaluate_terms
-from hugwbc.learned.starts import stand_on_one_leg
+from hugwbc.learned.rewards import Body, Transition, evaluate_terms
+from hugwbc.learned.starts import draw_starts, stand_on_one_leg
 from hugwbc.learned.statistics import Statistics
 from hugwbc.motion import generate_motions, load_motions
 from hugwbc.robot import load_robot
 from hugwbc.sim.scene import TRAINING_TIMESTEP
-from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.warp_batch import robots_on
 
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 GENERATED_MOTIONS_SEED = 0
-START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
-START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
 _W = COMMAND_NAMES.index("w")
-_TENSOR_STATE = ("command", "gait", "phase", "age", "actions", "history", "waist")
 _ALL = slice(None)
-_SIMULATION_STATE = ("qpos", "qvel", "ctrl", "warm_start")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Observation:
-    """What the networks read.
-
-    Attributes:
-        history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: shape (n, 13).
-        critic: shape (n, 321).
-        estimate: target of the estimator, shape (n, 6).
-    """
-
-    history: torch.Tensor
-    command: torch.Tensor
-    critic: torch.Tensor
-    estimate: torch.Tensor
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,7 +104,7 @@ class HumanoidEnv:
         self.actions = torch.zeros(3, self.count, obs.JOINTS)
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
-        self._begin_episodes(torch.arange(self.count))
+        self.begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
 
     def _make_ground(self, seed: int) -> RoughGround | None:
@@ -176,7 +155,8 @@ class HumanoidEnv:
         tracking = self._relative_tracking(rewards)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
         if self.config.command.hopping_fraction > 0.0:
-            self.statistics.add_share("held_foot_down", self._held_foot_down(), self.gait >= Gait.HOPPING_LEFT)
+            down = terminations.held_foot_down(self.readings, self.gait)
+            self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         final_critic = self.observe(timed_out).critic
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
@@ -185,7 +165,7 @@ class HumanoidEnv:
         ended = done.nonzero().squeeze(1)
         if self.ground is not None:
             self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
-        self._begin_episodes(ended)
+        self.begin_episodes(ended)
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
@@ -228,19 +208,8 @@ class HumanoidEnv:
             self.simulation.forward(ids.numpy())
 
     def _fallen(self) -> torch.Tensor:
-        """Early termination: large inclination or a low pelvis.
-
-        The paper also ends episodes at contacts of the trunk. The only thing that touches it before one of these limits
-        is passed are the robot's own arms, moved by the intervention: no fall, and nothing that the policy can help.
-        """
-        r = self.readings
-        tilted = (r.pitch.abs() > FALL_PITCH) | (r.roll.abs() > FALL_ROLL)
-        return tilted | (r.height + self.robot.nominal_height < FALL_HEIGHT) | self._dropped_foot()
-
-    def _held_foot_down(self) -> torch.Tensor:
-        """Whether a hopping robot's held foot touches the ground, shape (n,), bool."""
-        left, right = (self.readings.foot_force.square().sum(2) > CONTACT_THRESHOLD**2).unbind(1)
-        return ((self.gait == Gait.HOPPING_LEFT) & right) | ((self.gait == Gait.HOPPING_RIGHT) & left)
+        """Robots whose episode ends early, shape (n,), bool."""
+        return terminations.fallen(self.readings, self.robot) | self._dropped_foot()
 
     @property
     def command_time(self) -> torch.Tensor:
@@ -252,7 +221,7 @@ class HumanoidEnv:
         if self.config.held_foot_grace == 0.0:
             return torch.zeros(self.count, dtype=torch.bool)
         settled = self.command_time >= self.config.held_foot_grace
-        return settled & self._held_foot_down()
+        return settled & terminations.held_foot_down(self.readings, self.gait)
 
     def _bar_phase(self) -> torch.Tensor:
         return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
@@ -323,20 +292,12 @@ class HumanoidEnv:
                 self.agile[robots], self.config.command, self.curriculum, self.generator
             )
 
-    def _begin_episodes(self, robots: torch.Tensor) -> None:
+    def begin_episodes(self, robots: torch.Tensor) -> None:
         """Start some robots (indices) anew: nominal pose with noise, random heading and velocities, new command."""
         count, ids = robots.numel(), robots.numpy()
         if not count:
             return
-        yaw = uniform(self.generator, count, -np.pi, np.pi).numpy()
-        qpos = np.tile(self._nominal_qpos, (count, 1))
-        qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
-        qpos[:, 7:] += self._symmetric(count, obs.JOINTS, START_JOINT_NOISE)
-        if self.ground is not None:
-            sample = torch.rand((count, 2), generator=self.generator)
-            qpos[:, :3] += self.ground.starts(robots, tensor(yaw), sample).numpy()
-        qvel = np.zeros((count, self.simulation.qvel.shape[1]))
-        qvel[:, :6] = self._symmetric(count, 6, START_VELOCITY)
+        qpos, qvel = draw_starts(self._nominal_qpos, robots, self.ground, self.generator)
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, qvel
         self.simulation.ctrl[ids] = qpos[:, 7:]
         if self.latency is not None:
@@ -364,10 +325,6 @@ class HumanoidEnv:
             if self.latency is not None:
                 self.latency.reset(ids, qpos[:, 7:])
             self.simulation.forward(ids)
-
-    def _symmetric(self, rows: int, columns: int, half_width: float) -> np.ndarray:
-        sample = torch.rand((rows, columns), generator=self.generator)
-        return (half_width * (2.0 * sample - 1.0)).numpy()
 
     # Observations -------------------------------------------------------------------------------------------------
 
@@ -410,57 +367,8 @@ class HumanoidEnv:
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Everything that a resumed run needs, as tensors."""
-        state = {name: getattr(self, name) for name in _TENSOR_STATE}
-        state["tracking"] = self.statistics.tracking
-        state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _SIMULATION_STATE}
-        # Forces belong to the last physics step; they cannot be had again from the state alone.
-        state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
-        state["generator"] = self.generator.get_state()
-        state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
-        if self.latency is not None:
-            state["targets"] = self.latency.targets
-        if self.ground is not None:
-            state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
-            state["terrain.footing"] = torch.from_numpy(self.simulation.footing)
-        levels = self.curriculum.state_dict()
-        return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
+        return env_state.state_of(self)
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore what `state_dict` gave."""
-        for name in _TENSOR_STATE:
-            setattr(self, name, state[name].clone())
-        self.statistics.tracking = state["tracking"].clone()
-        self.generator.set_state(state["generator"])
-        prefixed: dict[str, dict[str, torch.Tensor]] = {"intervention": {}, "curriculum": {}, "terrain": {}}
-        for key, value in state.items():
-            group, _, name = key.partition(".")
-            if name:
-                prefixed[group][name] = value
-        self.intervention.load_state_dict(prefixed["intervention"])
-        self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
-        # Twice: the first write gives `forward` its state, the second undoes its change of the warm start.
-        self._write_simulation(state)
-        self.simulation.forward(np.arange(self.count))
-        if "footing" in prefixed["terrain"]:
-            self.simulation.restore_footing(prefixed["terrain"]["footing"].numpy())
-        self._write_simulation(state)
-        forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
-        if self.latency is not None:
-            self._restore_latency(state.get("targets"))
-        if self.ground is not None:
-            self.ground.load_state_dict(prefixed["terrain"])
-        self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)
-        if self.ground is not None:
-            # The state of a run on other ground: robots that stand elsewhere start anew on their levels.
-            self._begin_episodes(self.ground.shift(self.readings.position[:, :2]).any(1).nonzero().squeeze(1))
-
-    def _restore_latency(self, targets: torch.Tensor | None) -> None:
-        assert self.latency is not None
-        if targets is not None and targets.shape == self.latency.targets.shape:
-            self.latency.targets = targets.clone()
-        else:  # a run without latency, or with another
-            self.latency.reset(np.arange(self.count), self.simulation.ctrl.copy())
-
-    def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
-        for name in _SIMULATION_STATE:
-            getattr(self.simulation, name)[:] = state[name].numpy()
+        env_state.restore(self, state)

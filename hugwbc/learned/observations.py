@@ -1,5 +1,6 @@
 """Observations of actor and critic: layout, scales, and their mirror images. All arrays are torch tensors."""
 
+import dataclasses
 import functools
 import math
 
@@ -31,6 +32,23 @@ FORCE_SCALE = 0.002
 COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
 # Half-widths of the paper's observation noise, in physical units.
 NOISE_ANGULAR_VELOCITY, NOISE_GRAVITY, NOISE_Q, NOISE_DQ = 0.2, 0.05, 0.01, 1.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Observation:
+    """What the networks read.
+
+    Attributes:
+        history: last five proprioceptive frames, oldest first, shape (n, 315).
+        command: shape (n, 13).
+        critic: shape (n, 321).
+        estimate: target of the estimator, shape (n, 6).
+    """
+
+    history: torch.Tensor
+    command: torch.Tensor
+    critic: torch.Tensor
+    estimate: torch.Tensor
 
 
 def proprioception(

@@ -10,8 +10,9 @@ from torch import nn
 from hugwbc.learned import distributed
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import PPOConfig
-from hugwbc.learned.env import Observation, StepResult
+from hugwbc.learned.env import StepResult
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.observations import Observation
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")

@@ -4,7 +4,7 @@ import torch
 from hugwbc.errors import ConfigError
 from hugwbc.learned import observations as obs
 from hugwbc.learned.dagger import Memory
-from hugwbc.learned.env import Observation
+from hugwbc.learned.observations import Observation
 
 
 def test_half_of_a_batch_is_mirrored() -> None:

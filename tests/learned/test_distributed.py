@@ -17,7 +17,8 @@ import torch
 from safetensors.torch import load_file, save_file
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig
-from hugwbc.learned.env import HumanoidEnv, Observation
+from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.observations import Observation
 from hugwbc.learned.ppo import PPO
 
 torch.set_num_threads(1)

@@ -73,19 +73,6 @@ def test_same_seed_same_run_whatever_the_threads() -> None:
     assert not np.array_equal(a.simulation.qpos, c.simulation.qpos)
 
 
-def test_restored_run_continues_bit_for_bit() -> None:
-    config = dataclasses.replace(EnvConfig(), count=8)
-    straight = HumanoidEnv(config, seed=5, threads=1)
-    run(straight, 20, seed=1)
-    state = {name: value.clone() for name, value in straight.state_dict().items()}
-    resumed = HumanoidEnv(config, seed=5, threads=1)
-    resumed.load_state_dict(state)
-    for env in (straight, resumed):
-        run(env, 20, seed=2)
-    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
-    assert torch.equal(straight.observe().critic, resumed.observe().critic)
-
-
 def test_what_touches_the_trunk_is_no_fall_and_a_large_inclination_is(small_env: HumanoidEnv) -> None:
     run_still(small_env, 1)
     force = torch.zeros_like(small_env.readings.link_force)

@@ -7,7 +7,8 @@ from torch.distributions import Independent, Normal, kl_divergence
 from hugwbc.errors import ConfigError
 from hugwbc.learned import ppo
 from hugwbc.learned.config import PPOConfig, TrainConfig
-from hugwbc.learned.env import Observation, StepResult
+from hugwbc.learned.env import StepResult
+from hugwbc.learned.observations import Observation
 from hugwbc.learned.ppo import PPO
 
 

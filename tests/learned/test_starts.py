@@ -7,7 +7,7 @@ import torch
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, EnvConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.starts import stand_on_one_leg
+from hugwbc.learned.starts import START_JOINT_NOISE, START_VELOCITY, draw_starts, stand_on_one_leg
 from hugwbc.mirror import VECTOR_SIGNS, load_mirror
 from hugwbc.sim.batch import BatchSimulation
 
@@ -48,3 +48,17 @@ def test_only_hopping_episodes_start_on_one_leg_and_only_if_asked() -> None:
         assert not lifted[~(left | right)].any()
         arms = env.simulation.qpos[:, 7:] == env.simulation.ctrl
         assert arms.all()
+
+
+def test_starts_are_about_the_nominal_pose_in_any_heading() -> None:
+    nominal = BatchSimulation(1).qpos[0].copy()
+    qpos, qvel = draw_starts(nominal, torch.arange(500), None, torch.Generator().manual_seed(0))
+    assert qpos.shape == (500, 26) and qvel.shape == (500, 25)
+    np.testing.assert_array_equal(qpos[:, [0, 1, 2, 4, 5]], np.tile(nominal[[0, 1, 2, 4, 5]], (500, 1)))
+    np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-6)
+    headings = 2.0 * np.arctan2(qpos[:, 6], qpos[:, 3])
+    assert headings.min() < -3.0 and headings.max() > 3.0 and abs(headings.mean()) < 0.3
+    for values, half_width in ((qpos[:, 7:] - nominal[7:], START_JOINT_NOISE), (qvel[:, :6], START_VELOCITY)):
+        assert np.abs(values).max() <= half_width + 1e-6
+        assert values.std() == pytest.approx(half_width / np.sqrt(3.0), rel=0.05)
+    assert not qvel[:, 6:].any()
