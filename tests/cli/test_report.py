@@ -45,6 +45,31 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     assert (out / "report.html").read_text() == page
 
 
+def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_path, short, monkeypatch):
+    from hugwbc.evaluation import protocols
+    from hugwbc.evaluation.report import profiles
+    from hugwbc.learned import checkpoint
+    from hugwbc.learned.policy import policy_file
+
+    def cells(settings):
+        config = protocols.InterventionConfig(Gait.STANDING, episodes=9, duration=0.2, settle=0.1, **settings)
+        yield "intervention", config, protocols.run_intervention
+
+    monkeypatch.setitem(profiles.PROFILES, "quick", cells)
+    tensors, metadata = checkpoint.load_file(policy_file(), "policy")
+    metadata["training"]["config"]["env"]["intervention"] = "motion"
+    checkpoint.save_file(tmp_path / "mine" / "policy.safetensors", tensors, "policy", metadata)
+    words = ["report", "--controllers", "hold", "--ablation", str(tmp_path / "mine"), "--workers", "1"]
+    assert main([*words, "--out", str(tmp_path / "out"), "--results", str(tmp_path / "results")]) == 0
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "no policy trained with noise, nor trained without intervention" in text
+    noise, motion, none = (
+        f"HugWBC, paper, trained {words}" for words in ("with noise", "with motions", "without inter")
+    )
+    (head,) = {line for line in text.splitlines() if "learned mine" in line and line.startswith("|")}
+    assert head.startswith(f"|  | {noise} | hold | {motion} | learned mine | {none}vention |")
+
+
 def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, short, monkeypatch):
     from hugwbc.evaluation import episode, protocols
     from hugwbc.evaluation.report import profiles
