@@ -195,7 +195,7 @@ def describe_effort(result: EffortResult) -> str:
 
 def describe_tour(result: TourResult) -> str:
     """Completion, blows and errors at the waypoints."""
-    blows = [up for row in result.rows for up in blow_outcomes(row.blows, row.fell)]
+    blows = [up for row in result.rows for up in blow_outcomes(row.blows, row.felled)]
     rows = [
         ("tours completed [%]", _share([not row.fell for row in result.rows])),
         (f"of {result.blows} blows survived [%]", _share(blows)),

@@ -98,7 +98,9 @@ def test_ramps_tours_and_efforts():
     ramp = protocols.RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, paper=paper, **WALKING)
     text = descriptions.describe_ramp(ramp)
     assert lines(text)["E_p"] == ["0.0500", "0.1000", "0.500"] and "falls: p 1 of 5, w 0 of 5 runs" in text
-    rows = tuple(TourEpisode(6, 0.125, None, 12 - 8 * fell, fell, 60.0, 0) for fell in (False, False, False, True))
+    rows = tuple(
+        TourEpisode(6, 0.125, None, 12 - 8 * fell, fell, fell, 60.0, 0) for fell in (False, False, False, True)
+    )
     tour = protocols.TourResult(
         **{"strongest_blow": 885.4, "episodes": 4, "falls": 1, "completed": 0.75, "reached": 0.5, "blows": 40},
         **{"blows_survived": 0.975, "position_error": 0.125, "yaw_error": None, "survived_s": 51.25},

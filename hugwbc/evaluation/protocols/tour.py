@@ -32,6 +32,7 @@ WAYPOINTS = 12
 REACHED = 0.5  # [m] from a waypoint at the end of its leg
 G1_MASS = 35.0  # [kg], the maker's figure
 BLOW_TIME = 0.08  # [s]
+AFTERMATH = 3.0  # [s] in which a fall is put down to a blow; a later one to the arms or the walk
 STRUCK = (
     "pelvis", "torso_link", "left_shoulder_roll_link", "right_shoulder_roll_link", "left_elbow_link",
     "right_elbow_link", "left_hip_pitch_link", "right_hip_pitch_link", "left_knee_link", "right_knee_link",
@@ -72,6 +73,7 @@ class TourEpisode:
         position_error: mean distance to the waypoint at the end of the legs that the robot survived [m].
         yaw_error: mean angle to its yaw there [rad].
         blows: that it was dealt before its end.
+        felled: whether it fell within `AFTERMATH` of a blow.
         fell: whether the robot fell.
         survived_s: [s].
         failures: exceptions of the controller that the safety filter caught.
@@ -81,6 +83,7 @@ class TourEpisode:
     position_error: float | None
     yaw_error: float | None
     blows: int
+    felled: bool
     fell: bool
     survived_s: float
     failures: int
@@ -94,7 +97,7 @@ class TourResult(CountedResult[TourEpisode]):
         strongest_blow: on this robot, scaled by the masses [N].
         completed: share of the tours without a fall.
         blows: dealt in all.
-        blows_survived: share of the blows after which the robot was still up at the next one, or at the end.
+        blows_survived: share of the blows after which the robot did not fall within `AFTERMATH`.
         reached: share of the waypoints.
         position_error: mean over the tours [m].
         yaw_error: mean over the tours [rad].
@@ -158,7 +161,7 @@ def run_tour(
         strongest_blow=strongest_blow(config),
         completed=sum(not row.fell for row in rows) / len(rows),
         blows=sum(row.blows for row in rows),
-        blows_survived=mean(outcome for row in rows for outcome in blow_outcomes(row.blows, row.fell)),
+        blows_survived=mean(outcome for row in rows for outcome in blow_outcomes(row.blows, row.felled)),
         reached=sum(row.reached for row in rows) / (WAYPOINTS * len(rows)),
         position_error=mean(row.position_error for row in rows),
         yaw_error=mean(row.yaw_error for row in rows),
@@ -166,9 +169,9 @@ def run_tour(
     )
 
 
-def blow_outcomes(blows: int, fell: bool) -> list[bool]:
-    """For each blow of a tour, whether the robot was still up at the next one, or at the end."""
-    return [*[True] * (blows - 1), not fell][:blows]
+def blow_outcomes(blows: int, felled: bool) -> list[bool]:
+    """For each blow of a tour, whether the robot survived it: the last one `felled` it, or none."""
+    return [*[True] * (blows - 1), not felled][:blows]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,6 +183,7 @@ class TourJudge:
         tour, trace = run.plan.commands, run.trace
         assert isinstance(tour, Tour)
         errors = []
+        struck = [f.start for f in run.plan.forces if any(f.vector) and f.start < trace.survived_s]
         for number, goal in enumerate(tour.waypoints, start=1):
             end = number * tour.leg
             if trace.survived_s < end - 1e-6:
@@ -191,7 +195,8 @@ class TourJudge:
             reached=sum(distance <= REACHED for distance, _ in errors),
             position_error=mean(distance for distance, _ in errors),
             yaw_error=mean(angle for _, angle in errors),
-            blows=sum(any(force.vector) and force.start < trace.survived_s for force in run.plan.forces),
+            blows=len(struck),
+            felled=trace.fell and bool(struck) and trace.survived_s - max(struck) <= AFTERMATH,
             fell=trace.fell,
             survived_s=trace.survived_s,
             failures=trace.safety.failures,

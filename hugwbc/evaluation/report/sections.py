@@ -127,7 +127,7 @@ def tour_figures(measured: CellResult) -> list[Figure]:
     result, name = measured.result, measured.controller
     table, rows = f"Tour with blows, {result['gait']}", result["rows"]
     upright = wilson_percentage([not row["fell"] for row in rows])
-    blows = wilson_percentage([up for row in rows for up in blow_outcomes(row["blows"], row["fell"])])
+    blows = wilson_percentage([up for row in rows for up in blow_outcomes(row["blows"], row["felled"])])
     reached = bootstrap_mean([100.0 * row["reached"] / WAYPOINTS for row in rows])
     return [
         Figure(table, "completed", "% of tours", name, upright, higher_is_better=True),
@@ -235,7 +235,7 @@ SECTIONS: Sequence[Section] = (
         ("tour",),
         "60 s over 12 waypoints, the arms moved by noise, one blow of 0.08 s a leg on a random link; the strongest "
         "changes the velocity as much as 600 N do that of a G1: 1.4 m/s. A waypoint is reached within 0.5 m. A blow is "
-        "survived if the robot is up at the next one; the intervals of completion and of blows are score intervals.",
+        "survived if the robot does not fall within 3 s; the intervals of completion and of blows are score intervals.",
     ),
     Section(
         "Robustness",

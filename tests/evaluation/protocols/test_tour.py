@@ -51,14 +51,19 @@ def test_prescribed_errors_come_out(synthetic_trace):
         qpos[leg, 3:7] = rotations.from_yaw_pitch_roll(goal.yaw + 0.1, 0.0, 0.0)
     trace = dataclasses.replace(trace, qpos=qpos)
     row = TourJudge()(0, Run(plan, trace, 0.1))
-    assert blow_outcomes(row.blows, row.fell) == [True] * 12
+    assert blow_outcomes(row.blows, row.felled) == [True] * 12
     assert row.reached == 11 and row.yaw_error == pytest.approx(0.1)
     assert row.position_error == pytest.approx((11 * 0.3 + 0.8) / 12)
     fallen = dataclasses.replace(trace, fell=True, survived_s=42.0, time=trace.time[:2100], qpos=qpos[:2100])
     row = TourJudge()(0, Run(plan, fallen, 0.1))
     assert row.fell and row.reached == 7 and row.position_error == pytest.approx((7 * 0.3 + 0.8) / 8)
     dealt = sum(force.start < 42.0 for force in plan.forces)
-    assert blow_outcomes(row.blows, row.fell) == [True] * (dealt - 1) + [False] and blow_outcomes(0, True) == []
+    assert row.blows == dealt and blow_outcomes(0, False) == []
+    for delay, felled in ((2.9, True), (3.1, False)):
+        end = plan.forces[0].start + delay
+        assert end < plan.forces[1].start, "the next blow is later"
+        row = TourJudge()(0, Run(plan, dataclasses.replace(trace, fell=True, survived_s=end), 0.1))
+        assert row.felled is felled and blow_outcomes(row.blows, row.felled) == [not felled]
     at_once = dataclasses.replace(trace, fell=True, survived_s=1.0, time=trace.time[:50], qpos=qpos[:50])
     assert TourJudge()(0, Run(plan, at_once, 0.1)).position_error is None
 

@@ -71,8 +71,16 @@ def test_tolerated_forces_have_the_bracket_of_their_search():
 
 def test_tours():
     rows = [
-        row(reached=12, survived_s=60.0, position_error=0.2, yaw_error=0.1, blows=12),
-        {"reached": 3, "survived_s": 20.0, "position_error": 0.4, "yaw_error": None, "fell": True, "blows": 4},
+        row(reached=12, survived_s=60.0, position_error=0.2, yaw_error=0.1, blows=12, felled=False),
+        {
+            "reached": 3,
+            "survived_s": 20.0,
+            "position_error": 0.4,
+            "yaw_error": None,
+            "fell": True,
+            "blows": 4,
+            "felled": True,
+        },
     ]
     figures = FIGURES["tour"](CellResult("tour", "qp", {"gait": "walking", "rows": rows}))
     assert [f.value for f in figures] == pytest.approx([50.0, 100.0 * 15 / 16, 62.5, 40.0, 0.3, 0.1])
