@@ -106,8 +106,7 @@ class CommandFilter:
         limiting = running if changing else gait
         wanted = (0.0, 0.0, 0.0) if changing or waiting else (command.v_x, command.v_y, command.omega)
         # On three numbers, floats are several times faster than arrays.
-        rates = params.hop_velocity_rate if limiting in _HOPS else params.velocity_rate
-        speed, aside, turn = self._velocity
+        rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)
         aside = _towards(aside, wanted[1], rates[1] * dt)
         turn = _towards(turn, wanted[2], rates[2] * dt)

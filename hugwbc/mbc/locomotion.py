@@ -185,7 +185,10 @@ class Locomotion:
 
     @property
     def waiting(self) -> bool:
-        """Whether the weight is still on its way onto the leg that is to hop: a series begins in place."""
+        """Whether the weight is still on its way onto the leg that is to hop.
+
+        A series that begins with a turn at full speed, before the foot has anything to push against, rolls over.
+        """
         return self.plan.mode is Mode.SHIFTING and self.plan.gait.hops
 
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:

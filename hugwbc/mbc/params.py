@@ -234,9 +234,6 @@ class ControllerParams:
     # --- command filter: largest rate and largest rate of the rate
     velocity_rate: tuple[float, float, float] = (1.5, 1.5, 2.0)
     """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
-    hop_velocity_rate: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    """The same while hopping: one foot has little to hold on to, and a series that begins with a turn at full speed
-    rolls over."""
     frequency_rate: float = 2.0
     """Change of f [Hz/s]."""
     height_rate: tuple[float, float] = (0.35, 2.0)

@@ -134,12 +134,12 @@ def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
     assert (smooth.f, smooth.h) == (3.5, 0.0)
 
 
-def test_a_hop_gathers_speed_slowly_and_only_once_it_hops():
+def test_a_hop_gathers_speed_only_once_it_hops():
     commands, command = CommandFilter(PARAMS), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
     for _ in range(500):
         smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT, waiting=True)
     assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
-    for _ in range(250):
+    for _ in range(100):
         smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT)
-    half_a_second = 0.5 * np.array(PARAMS.hop_velocity_rate)
-    assert [smooth.velocity[0], smooth.omega] == pytest.approx([half_a_second[0], -half_a_second[2]])
+    gathered = 100 * DT * np.array(PARAMS.velocity_rate)
+    assert [smooth.velocity[0], smooth.omega] == pytest.approx([gathered[0], -gathered[2]])
