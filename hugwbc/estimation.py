@@ -13,6 +13,7 @@ from hugwbc.state import GRAVITY, RobotState
 _FEET = len(SIDES)
 _SIZE = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
+LARGEST_READING = 1e4  # [rad/s], [m/s^2], [rad]; no sensor of a robot measures as far, a broken one may say anything
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
@@ -145,10 +146,13 @@ class StateEstimator:
     def update(self, state: RobotState) -> RobotState:
         """The estimate at a new reading: everything but the time, age and forces of `state` is replaced.
 
-        Readings that lack IMU or foot forces, or are not finite, are passed on as they are.
+        Readings that lack IMU or foot forces, are not finite or are beyond `LARGEST_READING` are passed on as they are.
         """
         gyro, accelerometer, force = state.imu_gyro, state.imu_accelerometer, state.foot_force
         if gyro is None or accelerometer is None or force is None or not state.is_finite:
+            return state
+        # One such number would stay in the filter for ever.
+        if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq))).max() > LARGEST_READING:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time

@@ -117,9 +117,13 @@ def test_readings_that_are_incomplete_or_broken_are_passed_on():
         dataclasses.replace(reading, imu_gyro=None),
         dataclasses.replace(reading, foot_force=None),
         dataclasses.replace(reading, q=np.full(19, np.nan)),
+        dataclasses.replace(reading, dq=np.full(19, 1e200), time=0.002),
+        dataclasses.replace(reading, imu_gyro=np.full(3, -1e300), time=0.002),
+        dataclasses.replace(reading, imu_accelerometer=np.full(3, 1e30), time=0.002),
     ):
         assert estimator.update(broken) is broken
-    assert estimator.update(dataclasses.replace(reading, time=0.01)).is_finite
+    estimate = estimator.update(dataclasses.replace(reading, time=0.01))
+    assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-6), "none of them leaves anything behind"
 
 
 @pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.02), (False, 0.03)])

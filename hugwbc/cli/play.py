@@ -1,6 +1,7 @@
 """`hugwbc play`: one controller live, in real time, in the browser."""
 
 import dataclasses
+import socket
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -112,6 +113,7 @@ def _run_live(options: PlayOptions) -> int:
         raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
     if not 0 <= options.port <= LAST_PORT:
         raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
+    _check_host(options.host)
     try:
         from hugwbc.viz.live import LivePage
     except ImportError as error:
@@ -134,6 +136,18 @@ def _run_live(options: PlayOptions) -> int:
         page.close()
     say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
     return 0
+
+
+def _check_host(host: str) -> None:
+    """Refuse an address that is none of this machine's: the page's server would fail in its own thread, unheard.
+
+    Raises:
+        ConfigError: if no port of the host can be opened.
+    """
+    try:
+        socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:
+        raise ConfigError(f"cannot serve on host '{host}': {error}; give an address of this machine") from error
 
 
 def _source(options: PlayOptions) -> tuple[CommandSource, float]:

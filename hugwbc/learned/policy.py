@@ -19,6 +19,7 @@ from hugwbc.state import RobotState
 
 DEFAULT_POLICY = "h1"
 POLICY_FILE = "policy.safetensors"
+LARGEST_READING = 1e10  # [rad], [rad/s]: MuJoCo's own bound; far beyond it the network overflows
 
 
 def policy_dir() -> pathlib.Path:
@@ -118,6 +119,12 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], trai
     checkpoint.save_file(path, tensors, "policy", metadata)
 
 
+def _is_readable(state: RobotState) -> bool:
+    """Whether the network can take it: an action that overflowed would come back in the next frame, for ever."""
+    numbers = np.concatenate((state.q, state.dq, state.angular_velocity))
+    return state.is_finite and float(np.abs(numbers).max()) <= LARGEST_READING
+
+
 class LearnedController:
     """The policy behind the common controller interface.
 
@@ -126,7 +133,7 @@ class LearnedController:
         period: time between two actions [s].
         metadata: the policy's contract and training record.
         actor: its network.
-        held: how often a non-finite state was replaced by the last good observation.
+        held: how often a state that cannot be read was replaced by the last good observation.
     """
 
     name = "learned"
@@ -153,7 +160,7 @@ class LearnedController:
     def reset(self, state: RobotState) -> None:
         """Forget the past; the history starts filled with the first frame."""
         self._rows.reset()
-        if state.is_finite:
+        if _is_readable(state):
             self._push(state)
 
     def for_many(self, count: int) -> PolicyRows:
@@ -166,9 +173,10 @@ class LearnedController:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Joint targets for the next period; arms under external control take their targets.
 
-        A state that is not finite leaves the history as it was. Commands outside their ranges are clamped.
+        A state that is not finite, or beyond `LARGEST_READING`, leaves the history as it was. Commands outside their
+        ranges are clamped.
         """
-        if state.is_finite:
+        if _is_readable(state):
             self._push(state)
         else:
             self.held += 1

@@ -36,6 +36,7 @@ BAD_INPUT = {
     "duration": (["play", "--controller", "hold", "--duration", "-1"], "give a time above 0 s"),
     "duration of a live page": (["play", "--live", "--duration", "-1"], "give a time above 0 s"),
     "live page and command": (["play", "--live", "--h", "0"], "--live and h are both given"),
+    "host": (["play", "--live", "--host", "no host"], "cannot serve on host 'no host'"),
     "port": (["play", "--live", "--port", "99999"], "give 1 to 65535, or 0 for any that is free"),
     "seed of the noise": (["compare", "--controllers", "hold", "--noise", "--seed", "-1"], "seed is -1; give 0 or"),
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),

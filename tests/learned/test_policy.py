@@ -120,6 +120,10 @@ def test_bad_numbers_never_pass() -> None:
     command = controller.act(broken, Command(v_x=np.nan, h=-9.0, gait=Gait.WALKING), UpperBody.none())
     assert command.is_finite
     assert controller.held == 1
+    huge = dataclasses.replace(still_state(), dq=np.full(19, 1e300))
+    assert controller.act(huge, Command(), UpperBody.none()).is_finite
+    assert controller.act(still_state(), Command(), UpperBody.none()).is_finite, "it leaves nothing behind"
+    assert controller.held == 2
 
 
 def test_reset_makes_runs_repeatable() -> None:
