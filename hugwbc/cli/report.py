@@ -111,7 +111,7 @@ def _further(specs: Sequence["ControllerSpec"], ablation: tuple[str, ...] | None
 
 def _notes(options: ReportOptions, episodes: int, specs: Sequence["ControllerSpec"]) -> list[str]:
     """How the report was made, and what it lacks."""
-    from hugwbc.evaluation.report.ablation import TRAINED
+    from hugwbc.evaluation.report.ablation import PROTOCOLS, TRAINED
     from hugwbc.learned.contract import versions
 
     words = [f"--profile {options.profile}", f"--controllers {' '.join(options.controllers)}", f"--seed {options.seed}"]
@@ -126,7 +126,7 @@ def _notes(options: ReportOptions, episodes: int, specs: Sequence["ControllerSpe
         )
     trainings = {spec.training for spec in specs}
     missing = [words for training, words in TRAINED.items() if training not in trainings]
-    if missing:
+    if missing and (not options.protocols or set(PROTOCOLS) & set(options.protocols)):
         notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
     return notes
 

@@ -36,7 +36,7 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     assert {row["controller"] for row in rows} == {"hold", "learned"}
     assert "Contacts that agree with the clock" in page and "| standing [%] | 100 | 100 |" in text
     assert all(word in page for word in ("level 0.25", "Curricula", "standing, hold", "standing, learned"))
-    assert "few and short episodes" in page and "--controllers hold learned" in text
+    assert "few and short episodes" in page and "--controllers hold learned" in text and "ablation" not in text
     assert "src=" not in page and "<script" not in page
     assert "not told apart" in capsys.readouterr().out
 
