@@ -56,6 +56,7 @@ test-slow: $(STAMP)
 models: $(STAMP)
 	$(BIN)/python models/h1/build.py
 
+picture: ARGS += --hide balance
 picture: compare
 	$(BIN)/python docs/picture.py
 
