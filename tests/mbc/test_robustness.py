@@ -9,6 +9,7 @@ import pytest
 
 from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.mbc import Output, QpStatus, WholeBodyController
+from hugwbc.mbc.params import ControllerParams
 from hugwbc.sim import HeightField, Simulation, rough_terrain
 
 ROBOT = load_robot()
@@ -195,3 +196,37 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     assert excess < 1e-3, "the solver's tolerance [N]"
     counts = controller.diagnostics
     assert counts.fallbacks == 0 and counts.relaxed < 1e-3 * 60.0 / controller.period
+
+
+def _survives(push, params):
+    """Whether a walk at 0.5 m/s outlasts a push after 1.6 s by 2 s."""
+    simulation, controller = Simulation(), WholeBodyController(params)
+    controller.reset(simulation.reset())
+    for tick in range(round(3.6 / controller.period)):
+        if tick == round(1.6 / controller.period):
+            simulation.push(push)
+        command = controller.act(simulation.state(), Command(v_x=0.5, gait=Gait.WALKING), UpperBody.none())
+        simulation.step(command, controller.period)
+        if simulation.fallen:
+            return False
+    return True
+
+
+def _largest_push(angle, params):
+    """The largest push in a direction that is survived, by bisection between 0.2 and 1.8 m/s."""
+    low, high = 0.2, 1.8
+    for _ in range(4):
+        middle = 0.5 * (low + high)
+        survived = _survives(middle * np.array([np.cos(angle), np.sin(angle), 0.0]), params)
+        low, high = (middle, high) if survived else (low, middle)
+    return low
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [0.0, np.pi / 2.0, -np.pi / 2.0], ids=["ahead", "left", "right"])
+def test_stepping_in_time_and_crouching_outlast_larger_pushes(angle):
+    """With -s the two pushes are printed."""
+    plain = dataclasses.replace(ControllerParams(), step_timing=0.0, max_crouch=0.0)
+    without, with_them = (_largest_push(angle, params) for params in (plain, ControllerParams()))
+    print(f"largest push survived: {without:.1f} m/s, with timing and crouch {with_them:.1f} m/s")
+    assert with_them > without
