@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from hugwbc.cli.output import check_folder, check_writable, format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_folder, check_writable, format_table, hand_rows, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
 
 if TYPE_CHECKING:
@@ -82,9 +82,7 @@ def describe(outcomes: Mapping[str, "Outcome"]) -> str:
     for name in next(iter(outcomes.values())).errors:
         label = f"error {name} [{COMMAND_UNITS[name]}]"
         rows.append((label, *(outcome.errors[name] for outcome in outcomes.values())))
-    for part in ("mean", "p95", "left", "right"):
-        errors = (outcome.hand_error_m[part] for outcome in outcomes.values())
-        rows.append((f"hand error {part} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+    rows += hand_rows([outcome.hand_error_m for outcome in outcomes.values()])
     for part in ("p50", "p99"):
         rows.append((f"tick {part} [ms]", *(outcome.tick_ms[part] for outcome in outcomes.values())))
     rows.append(("steps", *(outcome.steps for outcome in outcomes.values())))

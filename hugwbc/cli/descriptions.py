@@ -1,6 +1,6 @@
 """What `hugwbc evaluate` prints of each protocol's result."""
 
-from hugwbc.cli.output import format_table
+from hugwbc.cli.output import format_table, hand_rows
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
     ContactsResult,
@@ -38,12 +38,8 @@ def describe_contacts(result: ContactsResult) -> str:
 
 def describe_hands(result: HandsResult) -> str:
     """Hand errors, joint error, saturation and jitter, and the falls."""
-    errors = {part: result.hand_error_m[part] for part in ("mean", "p95", "left", "right")}
-    rows: list[tuple[object, ...]] = [
-        (f"hand error {part} [cm]", None if error is None else 100.0 * error) for part, error in errors.items()
-    ]
-    rows += [
-        ("targets reached by the IK", result.hand_error_m["reachable_fraction"]),
+    rows = [
+        *hand_rows([result.hand_error_m]),
         ("arm joints' error [rad]", result.joint_error_rad),
         ("control steps with an arm joint at its torque limit", result.saturated_ticks),
         ("jitter [rad^2/s^6]", result.jitter),

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
 import tyro
@@ -47,6 +47,17 @@ def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[object, ...]]:
+    """Rows of a table for `evaluation.metrics.HandErrors` as mappings, a column for each."""
+    names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
+    names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
+    rows: list[tuple[object, ...]] = []
+    for part, name in names.items():
+        errors = (figure[part] for figure in figures)
+        rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+    return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]
 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:

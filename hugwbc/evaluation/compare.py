@@ -22,7 +22,7 @@ class Outcome:
         fell: whether the robot fell.
         survived_s: time until then, or the whole script [s].
         errors: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
-        hand_error_m: mean, p95, left, right [m], and the fraction of targets that could be reached.
+        hand_error_m: `metrics.HandErrors` [m].
         tick_ms: p50 and p99 of the controller's time for one call [ms].
         ik_ms: the same of the IK.
         steps: control steps executed.
@@ -47,7 +47,7 @@ def summarise(trace: Trace) -> Outcome:
         fell=trace.fell,
         survived_s=trace.survived_s,
         errors=metrics.tracking_errors(trace, settle=0.0),
-        hand_error_m=dataclasses.asdict(metrics.hand_errors(trace)),
+        hand_error_m=dataclasses.asdict(metrics.hand_errors(trace.hand_error, trace.reachable)),
         tick_ms=metrics.percentiles(trace.tick_ms),
         ik_ms=metrics.percentiles(trace.ik_ms),
         steps=trace.steps,

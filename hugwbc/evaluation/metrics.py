@@ -141,13 +141,17 @@ def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class HandErrors:
-    """Distance of the hands to their reachable targets [m]; None where there was no such target.
+    """Distance of the hands to their targets [m]; None where there was no such target.
+
+    What the inverse kinematics calls out of reach may be so, or a dead end of its own: the figures with `all_` judge
+    it, the others whoever follows it.
 
     Attributes:
-        mean: of both hands.
-        p95: 95th percentile of both hands.
-        left, right: mean of each hand.
-        reachable_fraction: part of all targets that could be reached.
+        mean: of both hands, of the targets that the inverse kinematics calls reachable.
+        p95: 95th percentile of the same.
+        left, right: mean of each hand, of the same.
+        reachable_fraction: part of all samples in which it calls the target reachable.
+        all_mean, all_p95: of all targets of both hands.
     """
 
     mean: float | None
@@ -155,21 +159,33 @@ class HandErrors:
     left: float | None
     right: float | None
     reachable_fraction: float | None
+    all_mean: float | None
+    all_p95: float | None
 
 
-def hand_errors(trace: Trace) -> HandErrors:
-    """Hand errors of a run, over all samples with a reachable target, take-over included."""
-    wanted = np.isfinite(trace.hand_target_world).all(axis=2)
-    error = trace.hand_error
-    known = error[np.isfinite(error)]
-    left, right = (_mean(error[np.isfinite(error[:, side]), side]) for side in (0, 1))
+def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
+    """Hand errors of a run or of several, over all samples, take-over included.
+
+    Args:
+        error: distance of the left and the right hand to its target [m]; NaN where there is none; shape (samples, 2).
+        reachable: whether the inverse kinematics calls each target reachable, shape (samples, 2), bool.
+    """
+    wanted = np.isfinite(error)
+    counted = wanted & reachable
+    left, right = (_mean(error[counted[:, side], side]) for side in (0, 1))
     return HandErrors(
-        mean=_mean(known),
-        p95=float(np.percentile(known, 95)) if known.size else None,
+        mean=_mean(error[counted]),
+        p95=_p95(error[counted]),
         left=left,
         right=right,
-        reachable_fraction=_mean(trace.reachable[wanted].astype(float)),
+        reachable_fraction=_mean(reachable[wanted].astype(float)),
+        all_mean=_mean(error[wanted]),
+        all_p95=_p95(error[wanted]),
     )
+
+
+def _p95(values: np.ndarray) -> float | None:
+    return float(np.percentile(values, 95)) if values.size else None
 
 
 def _mean(values: np.ndarray) -> float | None:

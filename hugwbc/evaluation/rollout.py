@@ -41,8 +41,8 @@ class Trace:
         target: joint position targets that the controller gave at this time [rad], shape (T, 19).
         hand_target_world: targets of both hands [m]; NaN where there is none; shape (T, 2, 3).
         arm_target: arm positions that the inverse kinematics wants [rad]; NaN where it does not move them; (T, 8).
-        hand_error: distance of each hand to its target [m]; NaN where there is none or it is unreachable; shape (T, 2).
-        reachable: whether each hand's target could be reached, shape (T, 2), bool.
+        hand_error: distance of each hand to its target, reachable or not [m]; NaN where there is none; shape (T, 2).
+        reachable: whether the inverse kinematics calls each hand's target reachable, shape (T, 2), bool.
         torque: joint torques of the physics step before this time [N*m], shape (T, 19).
         tick_ms: time that each call of the controller took [ms], shape (number of calls,).
         ik_ms: time that each call of the upper-body source took [ms], shape (number of calls,).
@@ -172,7 +172,7 @@ class _Recorder:
         assert state.position is not None
         left, right = (self.simulation.ground_height(self.kinematics.position(f"{side}_sole")[:2]) for side in SIDES)
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
-        moment, reachable = self.loop.moment(), self.loop.reachable
+        moment = self.loop.moment()
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         row = {
             "time": t,
@@ -182,8 +182,8 @@ class _Recorder:
             **{name: getattr(moment, name) for name in MOMENT_FIELDS},
             "qvel": self.simulation.data.qvel.copy(),
             "target": command.q.copy(),
-            "hand_error": np.where(reachable, np.linalg.norm(actual - moment.hand_target_world, axis=1), np.nan),
-            "reachable": reachable,
+            "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
+            "reachable": self.loop.reachable,
             "torque": self.simulation.torque,
         }
         for name, value in row.items():

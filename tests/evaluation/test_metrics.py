@@ -102,27 +102,23 @@ def test_a_run_that_ended_in_the_settling_time_has_no_errors(synthetic_trace):
     assert math.isnan(metrics.frequency_error(trace)) and math.isnan(metrics.swing_height_error(trace))
 
 
-def test_hand_errors_are_those_of_reachable_targets(synthetic_trace):
-    trace = synthetic_trace(duration=2.0)
-    n = trace.time.size
-    target = np.full((n, 2, 3), np.nan)
-    target[50:] = 0.3
-    reachable = np.zeros((n, 2), dtype=bool)
+def test_hand_errors_are_those_of_reachable_targets_and_of_all():
+    error = np.full((100, 2), np.nan)
+    error[50:], error[50:75, 1] = [0.02, 0.04], 0.30
+    reachable = np.zeros((100, 2), dtype=bool)
     reachable[50:, 0], reachable[75:, 1] = True, True
-    error = np.where(reachable, [0.02, 0.04], np.nan)
-    hands = metrics.hand_errors(
-        dataclasses.replace(trace, hand_target_world=target, reachable=reachable, hand_error=error)
-    )
+    hands = metrics.hand_errors(error, reachable)
     assert (hands.left, hands.right) == pytest.approx((0.02, 0.04))
     assert hands.mean == pytest.approx((50 * 0.02 + 25 * 0.04) / 75)
     assert hands.p95 == pytest.approx(0.04)
     assert hands.reachable_fraction == pytest.approx(0.75)
+    assert hands.all_mean == pytest.approx((50 * 0.02 + 25 * 0.04 + 25 * 0.30) / 100)
+    assert hands.all_p95 == pytest.approx(0.30)
 
 
-def test_without_hand_targets_there_are_no_hand_errors(synthetic_trace):
-    assert dataclasses.asdict(metrics.hand_errors(synthetic_trace())) == dict.fromkeys(
-        ("mean", "p95", "left", "right", "reachable_fraction")
-    )
+def test_without_hand_targets_there_are_no_hand_errors():
+    hands = metrics.hand_errors(np.full((10, 2), np.nan), np.zeros((10, 2), dtype=bool))
+    assert set(dataclasses.asdict(hands).values()) == {None}
 
 
 def test_creep_is_what_feet_that_stand_firm_travel(synthetic_trace):

@@ -66,6 +66,8 @@ class HandsEpisode:
 
     Attributes:
         hand_error_m: mean distance of both hands to the targets that the inverse kinematics calls reachable [m].
+        hand_error_all_m: to all targets [m].
+        reachable_fraction: part of the samples in which it calls a target reachable.
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
         saturated_ticks: control steps with an arm joint at its torque limit.
@@ -74,6 +76,8 @@ class HandsEpisode:
     """
 
     hand_error_m: float | None
+    hand_error_all_m: float | None
+    reachable_fraction: float | None
     joint_error_rad: float | None
     jitter: float | None
     saturated_ticks: int
@@ -89,8 +93,8 @@ class HandsResult:
         controller: name.
         gait: label.
         v_x: forward velocity [m/s].
-        hand_error_m: mean, p95, left, right of the distances of the hands to their targets [m], without the samples in
-            which the inverse kinematics calls a target out of reach; and the fraction of the other ones.
+        hand_error_m: `metrics.HandErrors` of all episodes [m]: to the targets that the inverse kinematics calls
+            reachable, and to all, which all are (`reachable_targets`).
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
         fell: in how many episodes the robot fell.
         saturated_ticks: control steps with an arm joint at its torque limit.
@@ -194,20 +198,11 @@ def run_hands(
         rows.append(_judge(trace, source, controller.period, kept))
         if on_episode is not None:
             on_episode(rows[-1])
-    error = np.concatenate(errors)
-    found = error[np.isfinite(error)]
-    left, right = (column[np.isfinite(column)] for column in error.T)
     return HandsResult(
         controller=controller.name,
         gait=config.gait.label,
         v_x=0.0 if config.gait is Gait.STANDING else config.v_x,
-        hand_error_m={
-            "mean": _known_mean(found),
-            "p95": float(np.percentile(found, 95)) if found.size else None,
-            "left": _known_mean(left),
-            "right": _known_mean(right),
-            "reachable_fraction": _known_mean(np.concatenate(reachable).astype(float)),
-        },
+        hand_error_m=dataclasses.asdict(metrics.hand_errors(np.concatenate(errors), np.concatenate(reachable))),
         joint_error_rad=mean(row.joint_error_rad for row in rows),
         fell=sum(row.fell for row in rows),
         saturated_ticks=sum(row.saturated_ticks for row in rows),
@@ -226,9 +221,11 @@ def _judge(trace: Trace, source: _Recording, period: float, kept: np.ndarray) ->
     wanted, commanded = (source.sampled(rows, period)[: kept.size] for rows in (source.wanted, source.commanded))
     limits = SATURATED * robot.torque_limit[arms]
     joint_error = np.abs(trace.qpos[:, 7:][:, arms] - wanted)[kept]
-    error = trace.hand_error[kept]
+    hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])
     return HandsEpisode(
-        hand_error_m=_known_mean(error[np.isfinite(error)]),
+        hand_error_m=hands.mean,
+        hand_error_all_m=hands.all_mean,
+        reachable_fraction=hands.reachable_fraction,
         joint_error_rad=_known_mean(joint_error[np.isfinite(joint_error)]),
         jitter=known(metrics.jitter(commanded[kept], RECORD_PERIOD)),
         saturated_ticks=int(np.any(np.abs(trace.torque[kept][:, arms]) >= limits, axis=1).sum()),

@@ -43,6 +43,8 @@ def test_the_qp_standing_is_within_the_figures_and_a_falling_robot_is_told():
     assert result.hand_error_m["mean"] < 0.015 and result.hand_error_m["p95"] < 0.04  # type: ignore[operator]
     assert result.joint_error_rad < 0.05  # type: ignore[operator]
     assert result.saturated_ticks == 0
+    assert result.hand_error_m["reachable_fraction"] == result.rows[0].reachable_fraction == 1.0
+    assert result.hand_error_m["all_mean"] == result.rows[0].hand_error_all_m == result.hand_error_m["mean"]
     fallen = run_hands(HoldController, config)
     assert fallen.fell == 1
     assert fallen.hand_error_m["mean"] is None and fallen.jitter is None
@@ -55,7 +57,10 @@ def test_the_command_writes_the_figures(tmp_path, capsys):
     figures = json.loads(path.read_text())
     assert {"hand_error_m", "fell", "saturated_ticks", "jitter", "joint_error_rad"} <= set(figures)
     assert figures["settle"] == 0.1
-    assert "hand error p95 [cm]" in capsys.readouterr().out
+    assert {"all_mean", "all_p95", "reachable_fraction"} <= set(figures["hand_error_m"])
+    out = capsys.readouterr().out
+    assert "hand error p95 [cm]" in out and "hand error mean, all targets [cm]" in out
+    assert "part of targets that the IK calls reachable" in out
 
 
 def test_bad_settings_are_refused():
