@@ -120,7 +120,7 @@ def _describe(
     environment: "EnvironmentSpeed",
     training: "TrainingSpeed",
     qp: Mapping[str, "QpSpeed"],
-    ticks: dict[str, dict[str, float]],
+    ticks: dict[str, dict[str, float | None]],
     threads: int,
 ) -> str:
     rows = [(f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in qp.items()]

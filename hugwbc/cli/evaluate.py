@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from hugwbc.cli import descriptions
-from hugwbc.cli.output import check_writable, parse, progress, say, write_json
+from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
@@ -223,6 +223,8 @@ def run(words: Sequence[str]) -> int:
     if options.training is None and options.protocol in ("intervention", "foot-displacement"):
         options = dataclasses.replace(options, training=spec.training)
     config = protocol.config(options)
+    if options.results is not None and options.protocol != "hands":  # which keeps no episodes
+        check_folder(options.results)
     done = 0
     with progress(f"{options.controller}, {options.protocol}: {config.episodes} episodes") as advance:
 

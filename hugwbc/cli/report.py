@@ -49,6 +49,7 @@ def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, write."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
     check_folder(options.out)
+    check_folder(options.results)
     from hugwbc.cli.report_page import Report, report_markdown, report_page
     from hugwbc.evaluation.campaign import run_cells
     from hugwbc.evaluation.controllers import ControllerSpec

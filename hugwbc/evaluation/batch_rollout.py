@@ -277,7 +277,7 @@ class _BatchRun:
             name=self.name,
             **self.record.of(row),
             tick_ms=np.array(self.tick_ms[:steps]),
-            ik_ms=np.zeros(steps),
+            ik_ms=np.zeros(0),
             touch_downs=(left, right),
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,

@@ -176,8 +176,8 @@ class QpSpeed:
         ticks: calls measured.
     """
 
-    tick_ms: dict[str, float]
-    cpu_ms: dict[str, float]
+    tick_ms: dict[str, float | None]
+    cpu_ms: dict[str, float | None]
     unsolved: float
     ticks: int
 
@@ -205,7 +205,7 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
     return QpSpeed(percentiles(np.array(wall)), percentiles(np.array(cpu)), unsolved, len(wall))
 
 
-def policy_tick(controller: Controller, calls: int) -> dict[str, float]:
+def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
     """Median and 99th percentile of a policy's call at a standing state [ms]: its work does not depend on the state."""
     torch.set_num_threads(1)
     state = Simulation().state()
@@ -213,7 +213,7 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float]:
     return percentiles(_times(lambda _: controller.act(state, WALK, UpperBody.none()), calls))
 
 
-def ik_tick(calls: int) -> dict[str, float]:
+def ik_tick(calls: int) -> dict[str, float | None]:
     """Median and 99th percentile of one call of the hand IK, gravity compensation included, on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
     source = UpperBodySource(gravity_compensation=True)

@@ -24,7 +24,7 @@ class Outcome:
         errors: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
         hand_error_m: `metrics.HandErrors` [m].
         tick_ms: p50 and p99 of the controller's time for one call [ms].
-        ik_ms: the same of the IK.
+        ik_ms: the same of the IK; None where it was not called.
         steps: control steps executed.
         footsteps: touch-downs of both feet.
         safety: what the safety filter changed.
@@ -34,8 +34,8 @@ class Outcome:
     survived_s: float
     errors: dict[str, float]
     hand_error_m: dict[str, float | None]
-    tick_ms: dict[str, float]
-    ik_ms: dict[str, float]
+    tick_ms: dict[str, float | None]
+    ik_ms: dict[str, float | None]
     steps: int
     footsteps: int
     safety: dict[str, Any]

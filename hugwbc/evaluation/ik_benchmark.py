@@ -47,7 +47,7 @@ class IKFigures:
         exceptions: ticks in which the solver raised; the arms then stayed.
     """
 
-    tick_ms: dict[str, float]
+    tick_ms: dict[str, float | None]
     residual_m: float
     reached: float
     excess_m: float

@@ -159,7 +159,10 @@ class ControlLoop:
         if self._following is not None:
             self._following.follow(self.simulation.state())
         wanted = self._reached(self.source.command_at(t), state)
-        command = self._hand_back(self.safe.act(state, wanted, arms), arms, self.period)
+        filtered = self.safe.act(state, wanted, arms)
+        command = self._hand_back(filtered, arms, self.period)
+        if command is not filtered:  # a sum of two commands within the limits need not be
+            command = self.safe.limited(command)
         self._commanded_arms = command.q[self.simulation.robot.arms]
         return command
 

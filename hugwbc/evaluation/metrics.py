@@ -192,10 +192,10 @@ def _mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-def percentiles(milliseconds: np.ndarray) -> dict[str, float]:
-    """Median and 99th percentile of the times of calls [ms]; zeros if there was no call."""
+def percentiles(milliseconds: np.ndarray) -> dict[str, float | None]:
+    """Median and 99th percentile of the times of calls [ms]; None if there was no call."""
     if not milliseconds.size:
-        return {"p50": 0.0, "p99": 0.0}
+        return {"p50": None, "p99": None}
     p50, p99 = np.percentile(milliseconds, (50, 99)).tolist()
     return {"p50": p50, "p99": p99}
 

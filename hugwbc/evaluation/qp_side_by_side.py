@@ -56,7 +56,7 @@ class SideBySide:
     torque_difference_placo: float
     acceleration_difference_placo: float
     solution_difference_other: float | None
-    time_ms: dict[str, dict[str, float]]
+    time_ms: dict[str, dict[str, float | None]]
 
 
 def side_by_side(states: int, seed: int = 0, other: str | None = "daqp") -> SideBySide:

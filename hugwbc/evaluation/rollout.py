@@ -122,7 +122,8 @@ def rollout(
         t = tick * loop.period
         joint_command = loop.decide(t)
         recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
-        recorder.ik_ms.append(loop.ik_s * 1e3)
+        if upper_body is not None:
+            recorder.ik_ms.append(loop.ik_s * 1e3)
         if recorder.due(t):
             recorder.sample(t, joint_command)
             if on_progress is not None:

@@ -207,6 +207,13 @@ def test_json_that_cannot_be_written_is_an_error(tmp_path, capsys):
     assert "give a path that can be written" in capsys.readouterr().err
 
 
+def test_results_that_cannot_be_written_are_an_error_before_the_first_episode(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--duration", "2"]
+    assert main([*words, "--results", str(tmp_path / "file" / "results")]) == 2
+    assert "give a folder that can be written" in capsys.readouterr().err, "the store's own words come too late"
+
+
 def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(capsys):
     words = ["evaluate", "--controller", "hold", "--gait", "hopping", "--episodes", "8", "--timestep", "0.005"]
     assert main([*words, "--duration", "0.4", "--settle", "0.2", "--json"]) == 0

@@ -137,4 +137,4 @@ def test_creep_is_what_feet_that_stand_firm_travel(synthetic_trace):
 
 def test_percentiles_of_call_times():
     assert metrics.percentiles(np.arange(101.0)) == {"p50": 50.0, "p99": 99.0}
-    assert metrics.percentiles(np.array([])) == {"p50": 0.0, "p99": 0.0}
+    assert metrics.percentiles(np.array([])) == {"p50": None, "p99": None}

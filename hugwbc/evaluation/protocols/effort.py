@@ -82,8 +82,8 @@ class EffortEpisode:
     joint_speed_peak: float | None
     torque_rate: float | None
     target_jerk: float | None
-    tick_p50_ms: float
-    tick_p99_ms: float
+    tick_p50_ms: float | None
+    tick_p99_ms: float | None
     period_ms: float
     fell: bool
     survived_s: float

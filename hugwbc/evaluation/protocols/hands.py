@@ -11,6 +11,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.loop import UpperBodySource
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, known, mean
 from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace, rollout
 from hugwbc.gait import Gait
@@ -19,7 +20,7 @@ from hugwbc.robot import load_robot
 from hugwbc.script import HandMotion, Script, Segment
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import ArmIK, UpperBodySource
+from hugwbc.upper_ik import ArmIK, IKSolution
 
 # Targets of the left hand in the pelvis frame [m]; the right hand's are drawn from the mirror image.
 LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
@@ -118,19 +119,28 @@ class HandsResult:
     rows: tuple[HandsEpisode, ...]
 
 
-class _Recording(UpperBodySource):
-    """An upper-body source that keeps what its inverse kinematics wanted, and what it commanded."""
+class _Recording:
+    """Around an upper-body source: keeps what its inverse kinematics wanted, and what it commanded."""
 
     def __init__(self, source: UpperBodySource) -> None:
-        self.__dict__.update(source.__dict__)
+        self._source = source
         self.wanted: list[np.ndarray] = []
         self.commanded: list[np.ndarray] = []
+
+    @property
+    def solution(self) -> IKSolution | None:
+        """The source's."""
+        return self._source.solution
+
+    def reset(self) -> None:
+        """Reset the source."""
+        self._source.reset()
 
     def update(
         self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
     ) -> UpperBody:
-        """As the source's."""
-        body = super().update(state, hands, dt, commanded)
+        """The source's."""
+        body = self._source.update(state, hands, dt, commanded)
         nothing = np.full(8, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
