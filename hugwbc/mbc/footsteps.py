@@ -64,9 +64,11 @@ def nominal_offset(
 ) -> np.ndarray:
     r"""Divergent component relative to the stance foot at the start of a step of the periodic gait [m], shape (2,).
 
-    Forward part: a step of s = R(psi/2) v T per step while the heading turns by psi = yaw_rate T, periodic when
-    :math:`s + R(\psi) b = e^{\omega T} b`. Lateral part: feet `width` apart, alternating,
-    :math:`b_y = \mp W / (1 + e^{\omega T})`. In the heading frame of the stance foot.
+    Forward part: a step of :math:`s = R(\psi / 2) v T (1 + \dot\psi^2 / \omega^2)` per step while the heading turns by
+    psi = yaw_rate T, periodic when :math:`s + R(\psi) b = e^{\omega T} b`. The last factor is that of a body that leans
+    in by its centripetal acceleration over omega^2: its feet run on a larger circle than its centre of mass.
+    Lateral part: feet `width` apart, alternating, :math:`b_y = \mp W / (1 + e^{\omega T})`. In the heading frame of
+    the stance foot.
 
     Args:
         velocity: of the robot, heading frame [m/s], shape (2,).

@@ -204,21 +204,23 @@ class Leap:
     def _single_foothold(self, dynamics: Dynamics, plan: GaitPlan, wanted: np.ndarray) -> np.ndarray:
         r"""Where a single foot should be after the flight, in the world [m], shape (2,).
 
-        The angular momentum about the foot changes by gravity alone. It is what is wanted at the end of the stance when
-        the centre of mass passes the foot, in the middle of the stance, at a distance of
+        The angular momentum about the foot changes by gravity alone. Between falling and rising at g T / 2, under
+        constant acceleration, it becomes what is wanted at the end of the stance when the centre of mass passes the
+        foot, in the middle of the stance and after :math:`T (3 \dot c + \dot c^*) / 8`, at a distance of
 
-        .. math:: d = \frac{1}{2 m g T} (\hat z \times (k - k^*) - m z (\dot c - \dot c^*))
+        .. math:: d = \frac{1}{2 m g T} (\hat z \times (k - k^*) - m (z - g T^2 / 6) (\dot c - \dot c^*))
 
-        The friction in stance only decides how much of it is left in the velocity and how much in the turning.
+        with z the height at both ends. The friction in stance only decides how much of it is left in the velocity and
+        how much in the turning.
         """
         params = self._params
-        weight, moving = dynamics.mass * GRAVITY, dynamics.com_velocity[:2]
+        moving, stance = dynamics.com_velocity[:2], plan.step_time
         height = dynamics.com[2] + dynamics.com_velocity[2] * plan.remaining - 0.5 * GRAVITY * plan.remaining**2
-        ground = self._ground
+        lever = height - self._ground - GRAVITY * stance**2 / 6.0
         excess = (dynamics.momentum - self._swing_momentum)[:2]
         turning = np.array([-excess[1], excess[0]]) / dynamics.mass
-        distance = (turning - (height - ground) * (moving - wanted)) * dynamics.mass / (2.0 * weight * plan.step_time)
-        middle = dynamics.com[:2] + moving * plan.remaining + 0.25 * plan.step_time * (moving + wanted)
+        distance = (turning - lever * (moving - wanted)) / (2.0 * GRAVITY * stance)
+        middle = dynamics.com[:2] + moving * plan.remaining + stance * (3.0 * moving + wanted) / 8.0
         return middle - params.hop_placement * distance
 
     @staticmethod
