@@ -54,7 +54,9 @@ def _walk(change=None, *, period=0.002, latency=0.0, seconds=5.0):
             speeds.append(state.velocity[0])
         if simulation.fallen:
             return 0.0, False
-    return float(np.mean(speeds)), True
+    speed = float(np.mean(speeds))
+    print(f"mean v_x {speed:.3f} m/s", end=" ")  # docs/mbc.md has it
+    return speed, True
 
 
 @pytest.mark.slow
