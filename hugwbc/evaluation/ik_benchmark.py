@@ -21,11 +21,11 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
-from hugwbc.upper_ik.workspace import SHOULDER
+from hugwbc.upper_ik.workspace import ARM_LENGTH, ARM_REACH, SHOULDER
 
 DT = 0.02  # [s]
 TICKS = 150  # for every target
-OUT_OF_REACH = (0.66, 1.0)  # [m] from the shoulder: the arm is 0.61 m long
+OUT_OF_REACH = (ARM_REACH, 1.0)  # [m] from the shoulder
 POSTURE_COST = 1e-3
 LM_DAMPING = 1e-3
 TOLERANCE = 1e-6
@@ -131,7 +131,7 @@ def _measure(step: Step, targets: np.ndarray) -> IKFigures:
         tick_ms=metrics.percentiles(np.array(times)),
         residual_m=float(residual[::2].mean()),
         reached=float(np.mean(residual[::2] < 0.01)),
-        excess_m=float(np.mean(residual[1::2] - (away[1::2] - 0.613))),
+        excess_m=float(np.mean(residual[1::2] - (away[1::2] - ARM_LENGTH))),
         limit_violations=violations,
         jitter=metrics.jitter(np.array(path), DT),
         exceptions=exceptions,

@@ -14,7 +14,13 @@ from hugwbc.upper_ik.postures import SEEDS
 
 TOLERANCE = 0.03  # [m]
 SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle
-ARM_REACH = 0.66  # [m], no hand is farther from its shoulder's centre
+# From its shoulder's centre to its hand [m]: the upper arm's 0.333 m and the forearm's 0.280 m, stretched out.
+ARM_LENGTH = 0.613
+# No hand is farther from its shoulder's centre [m]: the shoulder's axes do not meet in it, which makes up to 0.65 m of the
+# arm's length.
+ARM_REACH = 0.66
+# No shoulder is farther from where it is upright [m], by the commands' pitch (0.4 rad) and waist (1 rad): 0.366 m.
+SHOULDER_SHIFT = 0.4
 SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's centre in the pelvis frame [m]
 _STEPS = 60  # of 20 ms from one start; what has not come within the tolerance by then does not
 _DT = 0.02
@@ -72,7 +78,7 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
 
 def _reaches(reach: BodyReach, point: np.ndarray, body: bool) -> bool:
     ranges = np.array([command_ranges(Gait.STANDING)[name].finishing for name in BODY_NAMES])
-    room = ARM_REACH + TOLERANCE + (np.abs(ranges[0]).max() + 0.4 if body else 0.0)
+    room = ARM_REACH + TOLERANCE + (np.abs(ranges[0]).max() + SHOULDER_SHIFT if body else 0.0)
     if np.linalg.norm(point - SHOULDER) > room:
         return False
     reach.allow(ranges if body else np.zeros((3, 2)))
