@@ -8,7 +8,7 @@ from hugwbc.commands import Command
 from hugwbc.evaluation import Constant, rollout
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies
+from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies, trained_with
 from hugwbc.learned.train import SNAPSHOT_NAME, Trainer
 from hugwbc.sim import Simulation
 
@@ -33,20 +33,36 @@ def test_stays_up(command: Command) -> None:
     assert (steps > 10) == (command.gait is Gait.WALKING)
 
 
-def test_every_policy_has_card_curve_and_snapshot(tmp_path: pathlib.Path) -> None:
-    assert shipped_policies() == ["h1"]
+ABLATION = ["ablation-motion", "ablation-noise", "ablation-none"]
+
+
+def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
+    assert shipped_policies() == [*ABLATION, "h1"]
     for name in shipped_policies():
         folder = policy_dir() / name
-        assert (folder / "README.md").is_file()
+        assert (folder / "README.md").read_text().startswith(f"# Policy `{name}`")
         rows = list(csv.DictReader((folder / "training.csv").open()))
         steps = [float(row["steps"]) for row in rows]
         assert steps == sorted(steps)
-        trained = load_policy(name).metadata["training"]["steps"]
-        assert abs(trained - steps[-1]) < 1e6
-        settings = TrainConfig(out=tmp_path, start_from=folder / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8))
-        resumed = Trainer(settings)
-        assert resumed.steps == trained
-        np.testing.assert_array_equal(
-            resumed.ppo.network.actor.encoder[0].weight.detach().numpy(),
-            load_policy(name).actor.encoder[0].weight.detach().numpy(),
-        )
+        assert abs(load_policy(name).metadata["training"]["steps"] - steps[-1]) < 1e6
+
+
+def test_the_ablation_differs_in_what_moves_the_arms_alone() -> None:
+    policies = [load_policy(name) for name in ABLATION]
+    assert [trained_with(name) for name in ABLATION] == ["motion", "noise", "none"]
+    records = [policy.metadata["training"] for policy in policies]
+    settings = [{**record["config"], "out": None} for record in records]
+    for record, setting in zip(records, settings, strict=True):
+        setting["env"] = {**setting["env"], "intervention": None}
+        assert record["steps"] == records[0]["steps"] and setting == settings[0]
+
+
+def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
+    settings = TrainConfig(
+        out=tmp_path, start_from=policy_dir() / "h1" / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
+    )
+    resumed, shipped = Trainer(settings), load_policy("h1")
+    assert resumed.steps == shipped.metadata["training"]["steps"]
+    np.testing.assert_array_equal(
+        resumed.ppo.network.actor.encoder[0].weight.detach().numpy(), shipped.actor.encoder[0].weight.detach().numpy()
+    )
