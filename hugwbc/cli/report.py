@@ -48,8 +48,6 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, write."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    check_folder(options.out)
-    check_folder(options.results)
     from hugwbc.cli.report_page import Report, report_markdown, report_page
     from hugwbc.evaluation.campaign import run_cells
     from hugwbc.evaluation.controllers import ControllerSpec
@@ -64,6 +62,8 @@ def run(words: Sequence[str]) -> int:
     if not specs or len({*labels, *others}) < len(labels) + len(others):
         raise ConfigError(f"controllers are {[*labels, *others]}; give at least one, each once")
     cells = _wanted(profile_cells(options.profile, specs, further, seed=options.seed), options.protocols)
+    check_folder(options.out)
+    check_folder(options.results)
     store = ResultStore(options.results, fresh=options.fresh)
     with (
         progress(f"report, {options.profile}") as advance,
