@@ -16,8 +16,8 @@ TOLERANCE = 0.03  # [m]
 SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle
 # From its shoulder's centre to its hand [m]: the upper arm's 0.333 m and the forearm's 0.280 m, stretched out.
 ARM_LENGTH = 0.613
-# No hand is farther from its shoulder's centre [m]: the shoulder's axes do not meet in it, which makes up to 0.65 m of the
-# arm's length.
+# No hand is farther from its shoulder's centre [m]: the shoulder's axes do not meet in it, which makes up to 0.65 m of
+# the arm's length.
 ARM_REACH = 0.66
 # No shoulder is farther from where it is upright [m], by the commands' pitch (0.4 rad) and waist (1 rad): 0.366 m.
 SHOULDER_SHIFT = 0.4
