@@ -1,0 +1,67 @@
+"""Steps down the distance to the hand targets: how fast, how far, and within what."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.descent import FOREARM, Descent, Goal
+
+CONFIG = ArmIKConfig()
+DT = 0.02
+
+
+@pytest.fixture
+def descent(robot):
+    descent = Descent(CONFIG)
+    descent.place(robot.nominal[robot.arms], robot.nominal)
+    return descent
+
+
+def test_a_hand_slows_down_so_that_it_could_stop_at_its_target(descent):
+    """At a distance d it goes at most sqrt(2 a d), and never faster than the hand's speed."""
+    goal = Goal(descent.hands + np.array([0.2, 0.0, 0.1]))
+    for _ in range(60):
+        before, distance = descent.hands, descent.residual
+        descent.descend(goal, DT, 1)
+        gone = np.linalg.norm(descent.hands - before, axis=1)
+        if np.isfinite(distance).all():
+            braking = np.sqrt(2.0 * CONFIG.hand_deceleration * distance)
+            assert np.all(gone <= np.minimum(CONFIG.hand_speed, braking) * DT + 1e-4)
+    assert np.all(descent.residual < 1e-3) and not descent.stalled.any()
+
+
+def test_out_of_reach_it_comes_to_rest_at_the_nearest_point_and_says_that_it_stalled(descent):
+    shoulders = np.array([[0.0, 0.2136, 0.4389], [0.0, -0.2136, 0.4389]])
+    goal = Goal(shoulders + np.array([1.0, 0.0, 0.0]))
+    for _ in range(200):
+        descent.descend(goal, DT, 1)
+    last = descent.q.copy()
+    descent.descend(goal, DT, 1)
+    assert descent.residual == pytest.approx([1.0 - 0.613] * 2, abs=0.03), "the arm is 0.613 m long"
+    assert np.abs(descent.q - last).max() < 1e-3, "no chatter across the stretched arm"
+    assert descent.stalled.all()
+
+
+def test_positions_and_speeds_stay_within_their_limits_whatever_the_targets(descent):
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        before = descent.q.copy()
+        descent.descend(Goal(rng.uniform(-1.0, 1.0, (2, 3))), DT, 1)
+        assert np.all(descent.q >= descent.lower) and np.all(descent.q <= descent.upper)
+        assert np.all(np.abs(descent.q - before) <= descent.velocity_limit * DT + 1e-9)
+
+
+def test_near_something_to_touch_it_goes_only_as_fast_as_it_can_stop(descent):
+    room = 0.02
+    stopping = math.sqrt(2.0 * CONFIG.collision_deceleration * room)
+    inside = descent._stoppable(CONFIG.collision_margin + room)
+    assert inside == pytest.approx(min(max(stopping, CONFIG.touch_speed), CONFIG.hand_speed))
+    assert descent._stoppable(-0.1) == CONFIG.touch_speed
+    assert descent._stoppable(10.0) == CONFIG.hand_speed
+
+
+def test_the_forearm_is_as_long_as_the_models(descent):
+    elbows = np.array([descent.elbow(hand) for hand in range(2)])
+    assert np.linalg.norm(descent.hands - elbows, axis=1) == pytest.approx([FOREARM] * 2, abs=1e-3)
