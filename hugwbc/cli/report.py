@@ -20,7 +20,7 @@ class ReportOptions:
     """Run all protocols with each controller and write what came of it beside the paper's figures."""
 
     profile: str = "quick"
-    """quick: few episodes, about 15 minutes on two cores. full: the paper's sizes; on two
+    """quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two
     cores hours for a policy, days for the QP."""
     controllers: tuple[str, ...] = ("learned", "qp")
     """Which controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine and
