@@ -1,7 +1,9 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all, and numbers that JSON can hold."""
 
+import math
 import os
 import pathlib
+from typing import Any
 
 
 def write_whole(path: pathlib.Path, content: bytes | str) -> None:
@@ -29,3 +31,12 @@ def write_whole(path: pathlib.Path, content: bytes | str) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds
+    """JSON with null for numbers that are not finite."""
+    if isinstance(content, dict):
+        return {key: finite_json(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite_json(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 import tyro
 
 from hugwbc.errors import ConfigError
-from hugwbc.files import write_whole
+from hugwbc.files import finite_json, write_whole
 
 STDOUT = pathlib.Path("-")
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
@@ -98,19 +98,11 @@ def check_folder(path: pathlib.Path) -> None:
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
     """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null."""
-    text = json.dumps(_finite(content), indent=2)
+    text = json.dumps(finite_json(content), indent=2)
     if path == STDOUT:
         print(text)
     elif path is not None:
         write_whole(path, text + "\n")
-
-
-def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds
-    if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 class Advance(Protocol):

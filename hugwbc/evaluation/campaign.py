@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import os
 import pathlib
 import tempfile
@@ -14,6 +13,7 @@ from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.identity import code_identity, digest, to_json
 from hugwbc.evaluation.store import ResultStore, set_aside
+from hugwbc.files import finite_json
 
 FORMAT = "hugwbc result"
 VERSION = 1
@@ -153,7 +153,7 @@ def _run(
     config = cell.config
     if any(field.name == "execution" for field in dataclasses.fields(config)):
         config = dataclasses.replace(config, execution=execution)
-    result = _finite(dataclasses.asdict(cell.run(cell.spec.build, config, on_episode)))
+    result = finite_json(dataclasses.asdict(cell.run(cell.spec.build, config, on_episode)))
     content = {"format": FORMAT, "version": VERSION, "identity": identity, "result": result}
     text = json.dumps(content, allow_nan=False)
     if path is not None:
@@ -185,15 +185,6 @@ def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> d
     if identity is not None and content.get("identity") != identity:
         raise ResultFileError(f"{path} holds the result of another cell than its name says; {remedy}")
     return content["result"]
-
-
-def _finite(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds
-    """JSON with null for numbers that are not finite."""
-    if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _write(path: pathlib.Path, text: str) -> None:

@@ -13,6 +13,7 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack
 from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
+from hugwbc.files import write_whole
 from hugwbc.viz.gait_bar import gait_bar
 from hugwbc.viz.marks import Mark
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
@@ -73,7 +74,7 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
 
 def write_replay(path: pathlib.Path, traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> None:
     """Write `replay_html` to a file."""
-    path.write_text(replay_html(traces, title=title, fps=fps), encoding="utf-8")
+    write_whole(path, replay_html(traces, title=title, fps=fps))
 
 
 Tracks = list[tuple[str, str, list]]

@@ -3,6 +3,7 @@
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 
+from hugwbc.files import write_whole
 from hugwbc.tables import Cell, Table
 from hugwbc.viz import page
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
@@ -75,7 +76,7 @@ def write_report(
     links: Mapping[str, str] | None = None,
 ) -> None:
     """Write `report_html` to a file."""
-    path.write_text(report_html(title, traces, tables, subtitle=subtitle, links=links), encoding="utf-8")
+    write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
 
 
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:
