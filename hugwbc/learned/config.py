@@ -464,6 +464,7 @@ class ImitationConfig:
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
 
 
+CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all whose execution is measured
 TEACHERS = ("standing", "catching", "walking", "jumping", "hopping")  # in the order in which they are asked
 
 
@@ -501,6 +502,8 @@ class DistillationConfig:
     """Part of the labels during which the teachers drive and are calibrated; after it the student drives."""
     calibrated: tuple[str, ...] = ("standing", "catching", "walking")
     """Teachers to calibrate. One that falls often is better left as it is: asked for more, it falls more."""
+    calibrated_commands: tuple[str, ...] = CALIBRATED_COMMANDS
+    """Commands to calibrate. One that is executed well enough is better left as it is too."""
     exploration: float = 0.1
     """Std of the noise on all actions, so that states beside the path are labelled too."""
     noise_level: float = 0.5
@@ -529,6 +532,8 @@ class DistillationConfig:
             _require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")
         for name in self.calibrated:
             _require(name in TEACHERS, "calibrated", name, ", ".join(TEACHERS))
+        for name in self.calibrated_commands:
+            _require(name in CALIBRATED_COMMANDS, "calibrated_commands", name, ", ".join(CALIBRATED_COMMANDS))
         fractions = self.env.command.fractions()
         for gait, fraction in fractions.items():
             if fraction > 0.0 and getattr(self, gait) is None:

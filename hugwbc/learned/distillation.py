@@ -10,6 +10,7 @@ what they execute is what was asked for. The student learns their actions under 
 """
 
 import pathlib
+from collections.abc import Collection
 from typing import Any
 
 import torch
@@ -18,7 +19,7 @@ from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint, observations
-from hugwbc.learned.config import DistillationConfig
+from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig
 from hugwbc.learned.dagger import Dagger
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.observations import Observation
@@ -27,10 +28,11 @@ from hugwbc.learned.readings import Readings
 # A standing robot is caught rather than held from about this speed, angular velocity or roll on, or a mixture.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
 _CATCH_SHARPNESS = 5.0
-_MEASURED = ("v_x", "v_y", "omega", "h", "p", "w", "l")
-_COLUMNS = [COMMAND_NAMES.index(name) for name in _MEASURED]
+_COLUMNS = [COMMAND_NAMES.index(name) for name in CALIBRATED_COMMANDS]
 _SETTLED = 1.0  # [s] after a change of command
-_ORDINARY = 1.0  # largest command that calibrates: at the highest speeds, less is executed whatever is asked for
+# Largest commands that calibrate: at the highest speeds less is executed whatever is asked for, and a straight line
+# through both would spoil the low ones.
+_ORDINARY = {name: 0.6 if name == "v_x" else 1.0 for name in CALIBRATED_COMMANDS}
 # Of the error that is made up for after each interval; the swing height is measured once a stride and often far off.
 _RATES = torch.tensor([0.05] * 6 + [0.15])
 # Beyond these a policy is asked for what it never was in training. Swing heights make an exception: policies answer
@@ -56,8 +58,13 @@ class Calibration:
         gain, offset: by value of `Gait`, of v_x, v_y, omega, h, p, w, l, shape (number of gaits, 7).
     """
 
-    def __init__(self) -> None:
-        """Trust the policies."""
+    def __init__(self, calibrated: Collection[str] = CALIBRATED_COMMANDS) -> None:
+        """Trust the policies.
+
+        Args:
+            calibrated: names of the commands that `update` changes.
+        """
+        self._calibrated = frozenset(calibrated)
         self.gain = torch.ones(len(Gait), len(_COLUMNS))
         self.offset = torch.zeros(len(Gait), len(_COLUMNS))
 
@@ -78,10 +85,10 @@ class Calibration:
         wanted = command[:, _COLUMNS]
         for value in gait.unique().tolist():
             ranges = command_ranges(Gait(value))
-            for column, name in enumerate(_MEASURED):
-                if ranges[name].finishing[0] == ranges[name].finishing[1]:
-                    continue  # not commanded in this gait
-                rows = (gait == value) & (wanted[:, column].abs() <= _ORDINARY) & executed[:, column].isfinite()
+            for column, name in enumerate(CALIBRATED_COMMANDS):
+                if name not in self._calibrated or ranges[name].finishing[0] == ranges[name].finishing[1]:
+                    continue  # to be left alone, or not commanded in this gait
+                rows = (gait == value) & (wanted[:, column].abs() <= _ORDINARY[name]) & executed[:, column].isfinite()
                 if int(rows.sum()) < 2:
                     continue
                 x, error = wanted[rows, column], (wanted - executed)[rows, column]
@@ -97,7 +104,7 @@ class Calibration:
         return {
             gait.label: {
                 name: [round(float(self.gain[gait, i]), 4), round(float(self.offset[gait, i]), 4)]
-                for i, name in enumerate(_MEASURED)
+                for i, name in enumerate(CALIBRATED_COMMANDS)
             }
             for gait in Gait
         }
@@ -144,7 +151,7 @@ class Distiller(Dagger[DistillationConfig]):
         self.teachers = {name: _load(path)[0].actor for name, path in config.teachers().items()}
         network, self._metadata = _load(config.start_from)
         super().__init__(config, network, config.memory)
-        self.calibration = Calibration()
+        self.calibration = Calibration(config.calibrated_commands)
         self._swings = SwingHeights(config.env.count)
         self._arms = torch.as_tensor(self.env.robot.arms)
 

@@ -102,6 +102,26 @@ def test_a_command_that_is_always_the_same_moves_the_offset_only() -> None:
     torch.testing.assert_close(calibration.offset[Gait.JUMPING], torch.tensor([-0.01] * 6 + [0.0]))
 
 
+def test_what_a_policy_does_not_reach_at_high_speed_leaves_its_low_speeds_alone() -> None:
+    calibration = Calibration()
+    command = torch.zeros(100, 8)
+    command[:, 0] = torch.linspace(-0.6, 2.0, 100)
+    executed = command[:, [0, 1, 2, 5, 6, 7, 4]]
+    executed[:, 0] = executed[:, 0].clamp(max=0.7)
+    calibration.update(command, executed, torch.full((100,), int(Gait.WALKING)))
+    torch.testing.assert_close(calibration.gain[Gait.WALKING], torch.ones(7))
+
+
+def test_a_command_that_is_not_to_be_calibrated_is_left_alone() -> None:
+    calibration = Calibration(("omega",))
+    rng = torch.Generator().manual_seed(0)
+    command = torch.rand(400, 8, generator=rng) * 2.0 - 1.0
+    executed = 0.5 * command[:, [0, 1, 2, 5, 6, 7, 4]]
+    calibration.update(command, executed, torch.full((400,), int(Gait.WALKING)))
+    changed = calibration.gain[Gait.WALKING] != 1.0
+    assert changed.tolist() == [False, False, True, False, False, False, False]
+
+
 def test_the_swing_height_is_that_of_the_last_whole_stride() -> None:
     swings = SwingHeights(2)
     left = [0.0, 0.1, 0.2, 0.0, 0.0, 0.05, 0.3, 0.0]
@@ -163,7 +183,7 @@ def test_a_snapshot_of_other_networks_is_refused(tmp_path: pathlib.Path) -> None
     "change",
     [
         {"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}, {"calibration": 1.5},
-        {"max_speed": float("nan")}, {"seed": -1}, {"calibrated": ("standing", "hoping")},
+        {"max_speed": float("nan")}, {"seed": -1}, {"calibrated": ("standing", "hoping")}, {"calibrated_commands": ("v",)},
     ],
 )  # fmt: skip
 def test_settings_are_checked(tmp_path: pathlib.Path, change: dict[str, Any]) -> None:
