@@ -183,7 +183,8 @@ def test_a_snapshot_of_other_networks_is_refused(tmp_path: pathlib.Path) -> None
     "change",
     [
         {"samples": 0.0}, {"noise_level": 2.0}, {"exploration": -1.0}, {"walking": None}, {"calibration": 1.5},
-        {"max_speed": float("nan")}, {"seed": -1}, {"calibrated": ("standing", "hoping")}, {"calibrated_commands": ("v",)},
+        {"max_speed": float("nan")}, {"seed": -1}, {"calibrated": ("standing", "hoping")},
+        {"calibrated_commands": ("v",)},
     ],
 )  # fmt: skip
 def test_settings_are_checked(tmp_path: pathlib.Path, change: dict[str, Any]) -> None:
