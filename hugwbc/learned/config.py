@@ -131,7 +131,7 @@ class RandomizationConfig:
     friction: tuple[float, float] = (0.4, 1.5)
     """Sliding friction of the robot's shapes."""
     torso_mass: tuple[float, float] = (-2.0, 4.0)
-    """Added to the torso [kg]."""
+    """Added to the torso, which has 18 [kg]."""
     torso_centre: float = 0.03
     """Half-width of the shift of the torso's centre of mass along each axis [m]."""
     gains: tuple[float, float] = (0.9, 1.1)
@@ -162,7 +162,7 @@ class RandomizationConfig:
             valid = low >= 0.0 if name == "latency" else low > 0.0
             _require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
         low, high = self.torso_mass
-        _require(-math.inf < low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high")
+        _require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
         for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
             value = getattr(self, name)
             _require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
@@ -292,6 +292,8 @@ class EnvConfig:
         _require(0.0 <= self.one_leg_start <= 1.0, "env.one_leg_start", self.one_leg_start, "0 to 1")
         _require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         _require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
+        unused = self.motions is not None and self.intervention != "motion"
+        _require(not unused, "env.motions", self.motions, "none without env.intervention motion")
 
     def action_scales(self, robot: Robot) -> np.ndarray:
         """Radians of joint target per unit of action, shape (19,)."""

@@ -114,8 +114,12 @@ class Curriculum:
 
     def state_dict(self) -> dict[str, Any]:
         """The levels, as JSON can hold them."""
-        state = {name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")}
-        return state if self.grid is None else state | {"grid": self.grid.weight.tolist()}
+        state: dict[str, Any] = {
+            name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")
+        }
+        if self.grid is not None:
+            state |= {"grid": self.grid.weight.tolist(), "grid_passed": self.grid.passed.tolist()}
+        return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the levels; a grid that another kind of curriculum has not stored starts from the speed reached."""
@@ -127,3 +131,5 @@ class Curriculum:
             self.grid = SpeedGrid.up_to(self.max_speed, self.max_yaw_rate)
             if "grid" in state:
                 self.grid.weight = torch.tensor(state["grid"], dtype=torch.float32)
+            if "grid_passed" in state:  # checkpoints from before it was kept lack it
+                self.grid.passed = torch.tensor(state["grid_passed"], dtype=torch.float32)

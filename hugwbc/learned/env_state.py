@@ -70,8 +70,7 @@ def restore(env: "HumanoidEnv", state: dict[str, torch.Tensor]) -> None:
         env.ground.load_state_dict(prefixed["terrain"])
     env.readings = dataclasses.replace(read(env.simulation, env.ground), **forces)
     if env.ground is not None:
-        # The state of a run on other ground: robots that stand elsewhere start anew on their levels.
-        env.begin_episodes(env.ground.shift(env.readings.position[:, :2]).any(1).nonzero().squeeze(1))
+        env.begin_episodes(env.ground.lost(env.readings.position[:, :2]).nonzero().squeeze(1))
 
 
 def _restore_latency(latency: Latency, targets: torch.Tensor | None, ctrl: np.ndarray) -> None:

@@ -26,7 +26,7 @@ class Evaluator:
     """Robots that start the same episodes again at every evaluation.
 
     Commands, gaits and the robots' parameters are drawn once as training draws them, over the initial ranges; no
-    pushes, observation noise or intervention; a command lasts the whole episode. All random numbers are its own: the
+    pushes, observation noise or intervention; rough ground of all levels; a command lasts the whole episode. All random numbers are its own: the
     training goes on as if there had been no evaluation.
     """
 
@@ -40,12 +40,14 @@ class Evaluator:
             threads: of the simulation.
         """
         calm = dataclasses.replace(config.randomization, noise=0.0, push_velocity=0.0)
+        every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
         settings = dataclasses.replace(
             config,
             count=count,
             episode_steps=_NEVER,
             flip_probability=0.0,
             randomization=calm,
+            terrain=every_level,
             command=dataclasses.replace(config.command, resample_steps=_NEVER),
         )
         self._env = HumanoidEnv(settings, seed=_SEED, threads=threads)

@@ -21,7 +21,6 @@ class RoughGround:
     Attributes:
         terrain: the height field of all levels.
         level: of each robot, shape (n,).
-        gate: why robots were held back since the last call of `report`, in words.
     """
 
     def __init__(self, count: int, config: TerrainConfig, rng: np.random.Generator) -> None:
@@ -87,6 +86,14 @@ class RoughGround:
         offset = xy - self._centres[self.level]
         far = offset.abs() > 0.5 * self._period + _LATE
         return torch.where(far, -self._period * torch.round(offset / self._period), 0.0)
+
+    def lost(self, xy: torch.Tensor) -> torch.Tensor:
+        """Which robots are outside of their level's region, as in the state of a run on other ground, shape (n,), bool.
+
+        Args:
+            xy: positions of the pelvises, shape (n, 2).
+        """
+        return ((xy - self._centres[self.level]).abs() > self._period).any(1)
 
     def advance(self, robots: torch.Tensor, fell: torch.Tensor, tracking: torch.Tensor) -> None:
         """Move robots whose episode ended to the next level, back, or nowhere.

@@ -54,7 +54,8 @@ class PolicyRows:
         self._started = False
 
     def reset(self) -> None:
-        """Forget the past of all rows; their histories start filled with the next frame."""
+        """Forget the past of all rows; their histories start filled with the next frame, and are zero until then."""
+        self.history = torch.zeros_like(self.history)
         self.action = torch.zeros_like(self.action)
         self.phase = np.zeros_like(self.phase)
         self._waist = np.zeros_like(self._waist)

@@ -29,8 +29,10 @@ def randomize(
     floor = model.geom("floor").id
     own = np.arange(model.ngeom) != floor
     friction = rng.uniform(*config.friction, count)
-    # The floor's own coefficient is below the range and MuJoCo takes the larger, so the robot's decides.
-    batch.expand("geom_friction")[:, own, 0] = friction[:, None]
+    sliding = batch.expand("geom_friction")[:, :, 0]
+    sliding[:, own] = friction[:, None]
+    # MuJoCo takes the larger of two coefficients: the floor's must not exceed the robot's.
+    sliding[:, floor] = np.minimum(sliding[:, floor], friction)
     torso = model.body("torso_link").id
     batch.expand("body_mass")[:, torso] += rng.uniform(*config.torso_mass, count)
     batch.expand("body_ipos")[:, torso] += rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))

@@ -99,9 +99,11 @@ class Trainer:
         """One iteration: collect `horizon` steps, update, move the curricula. Returns its figures."""
         begin = time.monotonic()
         observation = self.env.observe()
+        reward = 0.0
         for t in range(self.config.ppo.horizon):
             result = self.env.step(self.ppo.act(t, observation))
             self.ppo.record(t, result)
+            reward += float(result.reward.mean()) / self.config.ppo.horizon
             observation = self.env.observe()
         collected = time.monotonic()
         losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
@@ -119,7 +121,7 @@ class Trainer:
             "seconds": round(self.seconds, 1),
             "steps_per_second": steps / elapsed,
             "collect_fraction": (collected - begin) / elapsed,
-            "reward": float(self.ppo.rollout.reward.mean()),
+            "reward": reward,
             "penalty_scale": levels.penalty_scale,
             "alpha": levels.alpha,
             "max_speed": levels.max_speed,
@@ -203,8 +205,13 @@ class Trainer:
         groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
         for key, value in tensors.items():
             group, _, name = key.partition(".")
-            if name:
-                groups[group][name] = value
+            if not name:
+                continue  # the generator
+            if group not in groups:
+                raise PolicyFileError(
+                    f"{path} holds {group!r}, this version reads {', '.join(groups)}; it was written by another one"
+                )
+            groups[group][name] = value
         try:
             self.ppo.network.load_state_dict(groups["network"])
         except RuntimeError as error:

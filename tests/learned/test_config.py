@@ -1,4 +1,5 @@
 import math
+import pathlib
 from collections.abc import Callable
 
 import pytest
@@ -30,11 +31,13 @@ BAD: list[tuple[Callable, str, object]] = [
     (TerrainConfig, "threshold", math.nan),
     (RandomizationConfig, "friction", (1.0, 0.5)),
     (RandomizationConfig, "gains", (math.nan, 1.0)),
+    (RandomizationConfig, "torso_mass", (-20.0, 0.0)),
     (PPOConfig, "std_steps", 0.0),
     (PPOConfig, "beta", math.nan),
     (PPOConfig, "entropy_weight", -0.1),
     (PPOConfig, "learning_rate_range", (1e-3, 1e-5)),
     (EnvConfig, "count", 0),
+    (EnvConfig, "motions", pathlib.Path("recordings")),
     (TrainConfig, "seed", -1),
     (TrainConfig, "seed", 10**40),
     (TrainConfig, "hours", math.nan),

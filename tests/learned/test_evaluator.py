@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from hugwbc.learned.config import CommandConfig, EnvConfig
+from hugwbc.learned.config import CommandConfig, EnvConfig, TerrainConfig
 from hugwbc.learned.evaluator import FALL_COST, Evaluator
 from hugwbc.learned.networks import Actor
 from hugwbc.learned.policy import load_policy
@@ -50,3 +50,9 @@ def test_errors_are_those_of_a_robot_that_stands_as_told() -> None:
     assert figures["evaluation/falls"] == 0.0
     assert 0.0 < figures["evaluation/standing/v_x"] < 0.1
     assert figures["evaluation/standing/h"] < 0.1
+
+
+def test_a_policy_for_rough_ground_is_judged_on_all_levels() -> None:
+    terrain = TerrainConfig(roughness=0.02, levels=4)
+    ground = Evaluator(EnvConfig(terrain=terrain), count=8, seconds=0.1, threads=1)._env.ground
+    assert ground is not None and torch.bincount(ground.level).tolist() == [2] * 4

@@ -143,3 +143,18 @@ def test_bad_settings_are_refused() -> None:
             TerrainConfig(**changes)
     with pytest.raises(ConfigError, match=r"terrain.start_level = 10"):
         TerrainConfig(start_level=10)
+
+
+def test_a_robot_that_has_just_passed_the_end_of_its_region_is_resumed_as_it_is() -> None:
+    """It is moved back in the step that follows, in the resumed run as in the other."""
+    straight, resumed = make_env(start_level=3), make_env(start_level=3)
+    straight.age[:] = 10
+    straight.simulation.qpos[:, 0] = straight.ground._centres[straight.ground.level, 0].numpy() + 2.24
+    straight.simulation.qvel[:, 0] = 1.0
+    straight.simulation.forward(np.arange(8))
+    straight.step(torch.zeros(8, 19))
+    assert straight.ground.shift(straight.readings.position[:, :2]).any(1).all()
+    resumed.load_state_dict({name: value.clone() for name, value in straight.state_dict().items()})
+    for env in (straight, resumed):
+        env.step(torch.zeros(8, 19))
+    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)

@@ -202,3 +202,15 @@ def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
     )
     result = subprocess.run([sys.executable, "-c", script, policy_file], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+def test_an_episode_that_starts_without_readings_knows_nothing_of_the_one_before() -> None:
+    controller = LearnedController(random_actor(), policy_contract())
+    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    targets = []
+    for tilt in (0.0, 0.3):
+        controller.reset(still_state())
+        controller.act(dataclasses.replace(still_state(), q=ROBOT.nominal + tilt), Command(), UpperBody.none())
+        controller.reset(broken)
+        targets.append(controller.act(broken, Command(), UpperBody.none()).q)
+    np.testing.assert_array_equal(targets[0], targets[1])

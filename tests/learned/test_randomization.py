@@ -44,15 +44,17 @@ def weight(simulation: BatchSimulation) -> float:
     return float(np.mean(forces))
 
 
+def slide(simulation: BatchSimulation) -> float:
+    """How far the soles go within 0.1 s of a push by 1 m/s, a mean over robots [m]."""
+    simulation.step(10)
+    simulation.qvel[:, 0] = 1.0
+    start = simulation.sole_position()[:, :, 0].copy()
+    simulation.step(20)
+    return float((simulation.sole_position()[:, :, 0] - start).mean())
+
+
 def test_friction_decides_how_far_a_robot_slides() -> None:
-    slid = []
-    for friction in (0.2, 1.0):
-        simulation = simulate(friction=(friction, friction))
-        simulation.step(10)
-        simulation.qvel[:, 0] = 1.0
-        start = simulation.sole_position()[:, :, 0].copy()
-        simulation.step(20)
-        slid.append(float((simulation.sole_position()[:, :, 0] - start).mean()))
+    slid = [slide(simulate(friction=(friction, friction))) for friction in (0.2, 1.0)]
     assert slid[0] > 2.0 * slid[1]
 
 
@@ -157,3 +159,8 @@ def test_damping_has_a_factor_a_joint() -> None:
     simulation, factor = BatchSimulation(COUNT), np.linspace(1.0, 3.0, 19)
     randomize(simulation, RandomizationConfig(**PLAIN), np.random.default_rng(0), factor)  # type: ignore[arg-type]
     np.testing.assert_allclose(torque(simulation, 0.0, 0.1), np.tile(-0.1 * factor * ROBOT.kd, (COUNT, 1)), atol=1e-9)
+
+
+def test_less_friction_than_the_floor_s_own_counts_as_well() -> None:
+    slid = [slide(simulate(friction=(friction, friction))) for friction in (0.1, 0.2, 0.3)]
+    assert slid[0] > 1.1 * slid[1] > 1.2 * slid[2]

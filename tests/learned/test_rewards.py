@@ -156,13 +156,22 @@ def test_weights_are_the_paper_s() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["action_rate", "action_smoothness", "joint_torque", "upper_joint_deviation"])
+MASKED = {
+    "action_rate": "action",
+    "action_smoothness": "action",
+    "joint_torque": "torque",
+    "joint_acceleration": "dq",
+    "upper_joint_deviation": "q",
+}
+
+
+@pytest.mark.parametrize("name", MASKED)
 def test_intervention_masks_the_arms_only(name: str) -> None:
     arms = torch.zeros(1, 19)
     arms[0, ROBOT.arms] = 1.0
     legs = 1.0 - arms
     term, body = rewards.PAPER_TERMS[name], make_body()
-    field = {"joint_torque": "torque", "upper_joint_deviation": "q"}.get(name, "action")
+    field = MASKED[name]
     masked = {"intervention": torch.tensor([True])}
     assert term(make_transition(**{field: arms}, **masked), body).item() == 0.0
     assert term(make_transition(**{field: arms}), body).item() > 0.0
@@ -191,3 +200,10 @@ def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
     assert set(values) == {"body_height_tracking", "roll_pitch_angular_velocity"}
     assert values["body_height_tracking"].item() == pytest.approx(-40 * 0.02 * 0.01)
     assert values["roll_pitch_angular_velocity"].item() == pytest.approx(-0.5 * 0.02 * 0.2)
+
+
+def test_the_penalty_scale_is_on_the_rows_of_the_papers_regularisation_but_termination() -> None:
+    assert rewards.REGULARISATION - {"joint_limits"} == {
+        "roll_pitch_angular_velocity", "vertical_body_movement", "feet_slip", "action_rate", "action_smoothness",
+        "joint_torque", "joint_acceleration", "upper_joint_deviation", "hip_joint_deviation", "feet_symmetry",
+    }  # fmt: skip

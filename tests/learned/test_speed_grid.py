@@ -119,3 +119,14 @@ def test_a_run_with_one_range_goes_on_with_the_cells_that_it_had_reached() -> No
     gridded.load_state_dict(ranged.state_dict())
     assert gridded.grid is not None and gridded.grid.max_speed == pytest.approx(1.4)
     assert gridded.grid.weight[0, :10].any(1).all() and not gridded.grid.weight[0, 10:].any()
+
+
+def test_what_was_judged_since_the_last_update_is_part_of_the_checkpoint() -> None:
+    curriculum, resumed = Curriculum(CONFIG), Curriculum(CONFIG)
+    assert curriculum.grid is not None and resumed.grid is not None
+    judge(curriculum.grid, WALKING, 0.55, 0.5)
+    resumed.load_state_dict(curriculum.state_dict())
+    for one in (curriculum, resumed):
+        one.update((0.0, 0.0), None)
+    assert torch.equal(resumed.grid.weight, curriculum.grid.weight)
+    assert resumed.max_speed == pytest.approx(0.8)

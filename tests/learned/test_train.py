@@ -176,3 +176,28 @@ def test_a_checkpoint_from_before_the_evaluations_resumes(tmp_path: pathlib.Path
     del metadata["best"], metadata["evaluation"]
     checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
     assert run(config(tmp_path, 2, resume=True)).iteration == 2
+
+
+def test_tensors_of_a_part_that_is_unknown_are_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
+    checkpoint.save_file(tmp_path / "odd", tensors | {"memory.rows": torch.zeros(1)}, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match=r"odd holds 'memory'"):
+        Trainer(config(tmp_path, 2, start_from=tmp_path / "odd"))
+
+
+def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
+    """Without the values that stand for the time after a time-out."""
+    trainer = Trainer(config(tmp_path, 1))
+    got, step = [], trainer.env.step
+
+    def observed(action: torch.Tensor) -> StepResult:
+        trainer.env.age[:] = ENV.episode_steps - 1
+        result = step(action)
+        assert result.timed_out.numel() > 8
+        got.append(result.reward.clone())
+        return result
+
+    trainer.env.step = observed
+    torch.nn.init.constant_(trainer.ppo.network.critic.value[-1].bias, 50.0)
+    assert trainer.iterate()["reward"] == pytest.approx(float(torch.stack(got).mean()))
