@@ -3,11 +3,14 @@
 import math
 import os
 import pathlib
+import secrets
 from typing import Any
 
 
 def write_whole(path: pathlib.Path, content: bytes | str) -> None:
     """Write a file, so that it is always either the old or the new one, whatever happens meanwhile; text as UTF-8.
+
+    Of several processes that write it at once, one wins.
 
     Args:
         path: of the file; its folder is made. What is no ordinary file, such as /dev/stdout, is written to as it is.
@@ -22,9 +25,10 @@ def write_whole(path: pathlib.Path, content: bytes | str) -> None:
         path.write_bytes(data)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".partial")
+    # A name of its own: another process may be writing the same file.
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")
     try:
-        with temporary.open("wb") as file:
+        with temporary.open("xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

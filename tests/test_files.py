@@ -42,3 +42,27 @@ def test_links_and_devices_stay_what_they_are(tmp_path: pathlib.Path) -> None:
         assert os.read(reader, 10) == b"b" and pipe.is_fifo()
     finally:
         os.close(reader)
+
+
+def test_two_writers_of_one_file_do_not_meet(tmp_path: pathlib.Path, monkeypatch) -> None:
+    path, replace = tmp_path / "file", os.replace
+
+    def interrupted(source: pathlib.Path, target: pathlib.Path) -> None:
+        monkeypatch.setattr(os, "replace", replace)
+        write_whole(path, "of the second")
+        assert path.read_text() == "of the second"
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    write_whole(path, "of the first")
+    assert path.read_text() == "of the first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_others_may_read_it_as_far_as_the_mask_lets_them(tmp_path: pathlib.Path) -> None:
+    mask = os.umask(0o027)
+    try:
+        write_whole(tmp_path / "file", "a")
+    finally:
+        os.umask(mask)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640

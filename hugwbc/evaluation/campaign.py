@@ -2,9 +2,7 @@
 
 import dataclasses
 import json
-import os
 import pathlib
-import tempfile
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,7 +11,7 @@ from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.identity import code_identity, digest, to_json
 from hugwbc.evaluation.store import ResultStore, set_aside
-from hugwbc.files import finite_json
+from hugwbc.files import finite_json, write_whole
 
 FORMAT = "hugwbc result"
 VERSION = 1
@@ -157,7 +155,12 @@ def _run(
     content = {"format": FORMAT, "version": VERSION, "identity": identity, "result": result}
     text = json.dumps(content, allow_nan=False)
     if path is not None:
-        _write(path, text)
+        try:
+            write_whole(path, text)
+        except OSError as error:
+            raise ResultFileError(
+                f"cannot write {path}: {error.strerror}; choose another folder for the results"
+            ) from error
     return json.loads(text)["result"]
 
 
@@ -185,17 +188,3 @@ def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> d
     if identity is not None and content.get("identity") != identity:
         raise ResultFileError(f"{path} holds the result of another cell than its name says; {remedy}")
     return content["result"]
-
-
-def _write(path: pathlib.Path, text: str) -> None:
-    """Write a file at once: a reader sees all of it or nothing."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(name, path)
-    except OSError as error:
-        raise ResultFileError(
-            f"cannot write {path}: {error.strerror}; choose another folder for the results"
-        ) from error

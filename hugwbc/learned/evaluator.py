@@ -26,8 +26,8 @@ class Evaluator:
     """Robots that start the same episodes again at every evaluation.
 
     Commands, gaits and the robots' parameters are drawn once as training draws them, over the initial ranges; no
-    pushes, observation noise or intervention; rough ground of all levels; a command lasts the whole episode. All random numbers are its own: the
-    training goes on as if there had been no evaluation.
+    pushes, observation noise or intervention; rough ground of all levels; a command lasts the whole episode. All random
+    numbers are its own: the training goes on as if there had been no evaluation.
     """
 
     def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int) -> None:

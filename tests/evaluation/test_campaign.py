@@ -78,3 +78,10 @@ def test_files_in_the_way_are_refused_and_left_as_they_are(tmp_path, cells, text
     with pytest.raises(ResultFileError, match=message):
         run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
     assert path.read_text() == text
+
+
+def test_a_result_that_cannot_be_written_is_told(tmp_path, cells):
+    cells, _ = cells
+    (tmp_path / "cells").write_text("in the way")
+    with pytest.raises(ResultFileError, match=r"cannot write .*; choose another folder"):
+        run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
