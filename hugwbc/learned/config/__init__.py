@@ -1,0 +1,28 @@
+"""Every number of training, imitation and distillation, each with its meaning; all of them are flags of the verbs."""
+
+from hugwbc.learned.config.distillation import CALIBRATED_COMMANDS, DistillationConfig
+from hugwbc.learned.config.environment import (
+    CommandConfig,
+    CurriculumConfig,
+    EnvConfig,
+    RandomizationConfig,
+    TerrainConfig,
+)
+from hugwbc.learned.config.imitation import ImitationConfig
+from hugwbc.learned.config.rewards import ExtraWeights, RewardWeights
+from hugwbc.learned.config.training import PPOConfig, TrainConfig
+
+__all__ = [
+    "CALIBRATED_COMMANDS",
+    "CommandConfig",
+    "CurriculumConfig",
+    "DistillationConfig",
+    "EnvConfig",
+    "ExtraWeights",
+    "ImitationConfig",
+    "PPOConfig",
+    "RandomizationConfig",
+    "RewardWeights",
+    "TerrainConfig",
+    "TrainConfig",
+]

@@ -1,0 +1,33 @@
+"""What every group of settings checks: ranges, finite numbers, seeds."""
+
+import math
+
+from hugwbc.errors import ConfigError
+
+
+def require(condition: bool, name: str, value: object, valid: str) -> None:
+    """Refuse a value unless a condition holds.
+
+    Args:
+        condition: what must hold.
+        name: of the setting, as in its flag.
+        value: that it has.
+        valid: what it may have, in words.
+
+    Raises:
+        ConfigError: with all of them.
+    """
+    if not condition:
+        raise ConfigError(f"{name} = {value}; valid: {valid}. Change the flag or the field of that name")
+
+
+def require_finite(settings: object, prefix: str = "") -> None:
+    """Refuse NaN and infinity in any number of a dataclass; they would show hours later, if at all."""
+    for name, value in vars(settings).items():
+        numbers = [number for number in (value if isinstance(value, tuple) else (value,)) if isinstance(number, float)]
+        require(all(map(math.isfinite, numbers)), f"{prefix}{name}", value, "finite")
+
+
+def require_seed(seed: int) -> None:
+    """Refuse a seed that a generator of random numbers would not take."""
+    require(0 <= seed < 2**63, "seed", seed, "0 or more, below 2^63")

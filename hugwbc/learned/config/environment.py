@@ -1,0 +1,232 @@
+"""Settings of the training environment: commands, randomisation, curricula, ground, robots."""
+
+import dataclasses
+import math
+import pathlib
+from typing import Literal
+
+import numpy as np
+
+from hugwbc.learned.config.checks import require, require_finite
+from hugwbc.learned.config.rewards import ExtraWeights, RewardWeights
+from hugwbc.learned.contract import ACTION_SCALE, WAIST_RATE
+from hugwbc.robot import Robot
+
+
+@dataclasses.dataclass(frozen=True)
+class CommandConfig:
+    """How commands are drawn in training. Gaits: the fractions below; what they leave is jumping."""
+
+    standing_fraction: float = 0.2
+    walking_fraction: float = 0.55
+    hopping_fraction: float = 0.0
+    """One-leg hopping, half on either leg. The paper trains it alone: standing 0.1, walking 0, hopping 0.9."""
+    default_fraction: float = 0.4
+    """Probability, for each of f, l, h, p, w, to be at its default instead of drawn from its range."""
+    zero_velocity_fraction: float = 0.1
+    """Probability of stepping in place."""
+    resample_steps: int = 500
+    """Control steps after which a new command is drawn."""
+
+    def __post_init__(self) -> None:
+        """Check the fractions."""
+        gaits = ("standing_fraction", "walking_fraction", "hopping_fraction")
+        for name in (*gaits, "default_fraction", "zero_velocity_fraction"):
+            value = getattr(self, name)
+            require(0.0 <= value <= 1.0, f"command.{name}", value, "0 to 1")
+        total = sum(getattr(self, name) for name in gaits)
+        # Decimal fractions that make up 1 may add up to a little more.
+        require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
+        require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
+
+    def fractions(self) -> dict[str, float]:
+        """Part of the commands of each gait; jumping is what the others leave."""
+        given = {"standing": self.standing_fraction, "walking": self.walking_fraction, "hopping": self.hopping_fraction}
+        rest = 1.0 - sum(given.values())
+        return given | {"jumping": rest if rest > 1e-9 else 0.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomizationConfig:
+    """Per-robot model parameters, drawn once, and disturbances. Ranges of factors are relative to the table's value."""
+
+    friction: tuple[float, float] = (0.4, 1.5)
+    """Sliding friction of the robot's shapes."""
+    torso_mass: tuple[float, float] = (-2.0, 4.0)
+    """Added to the torso, which has 18 [kg]."""
+    torso_centre: float = 0.03
+    """Half-width of the shift of the torso's centre of mass along each axis [m]."""
+    gains: tuple[float, float] = (0.9, 1.1)
+    """Factor on each joint's stiffness and, independently, damping."""
+    link_mass: tuple[float, float] = (1.0, 1.0)
+    """Factor on the mass and inertia of each link (the authors: 0.8 to 1.2)."""
+    link_centre: float = 0.0
+    """Half-width of the shift of each link's centre of mass along each axis [m] (the authors: 0.01)."""
+    strength: tuple[float, float] = (1.0, 1.0)
+    """Factor on the torque that each joint gives, before its limit (the authors: 0.8 to 1.2)."""
+    offset: float = 0.0
+    """Half-width of the error of each joint's position target [rad] (the authors: 0.02)."""
+    latency: tuple[float, float] = (0.0, 0.0)
+    """Time from an action to its effect [s], one for each robot, in physics steps (the authors: 0 to 0.02, of the
+    observations). Above 0 it costs about a fifth of the speed."""
+    push_velocity: float = 0.5
+    """Half-width of a push: change of the horizontal pelvis velocity [m/s]."""
+    push_interval: int = 400
+    """Mean control steps between two pushes of a robot."""
+    noise: float = 0.2
+    """Scale of the observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("friction", "gains", "link_mass", "strength", "latency"):
+            low, high = getattr(self, name)
+            least = "at least 0" if name == "latency" else "above 0"
+            valid = low >= 0.0 if name == "latency" else low > 0.0
+            require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
+        low, high = self.torso_mass
+        require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
+        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
+            value = getattr(self, name)
+            require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
+        require(self.push_interval >= 1, "randomization.push_interval", self.push_interval, "at least 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class CurriculumConfig:
+    """Penalty scale, external arm noise and speed; each gate compares tracking rewards relative to their maximum."""
+
+    warm_up_iterations: int = 300
+    """Iterations before any of the three moves."""
+    penalty_start: float = 0.2
+    """Initial factor on the regularisation rewards."""
+    penalty_growth: float = 1.001
+    """Factor on the penalty scale per iteration, up to 1."""
+    linear_threshold: float = 0.8
+    angular_threshold: float = 0.6
+    """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
+    alpha_step: float = 0.01
+    """Change of the noise level (the paper's)."""
+    alpha_interval: int = 3
+    """Iterations between two decisions on alpha, so that the averages reflect the level."""
+    speed: Literal["range", "grid"] = "range"
+    """How the speeds of the agile group grow: one range for all, or the paper's grid-adaptive rule, which opens each
+    cell of the (v_x, omega) plane when its neighbours are tracked well."""
+    speed_angular_threshold: float = 0.4
+    """Relative angular tracking reward that a cell of the grid needs beside the linear one."""
+    speed_threshold: float = 0.75
+    """Relative linear tracking reward that lets the speed of the agile group grow."""
+    speed_step: float = 0.02
+    """Growth of the largest forward speed of the agile group [m/s]."""
+    speed_interval: int = 20
+    """Iterations between two decisions on the speed."""
+    agile_fraction: float = 0.5
+    """Fraction of robots in the agile group: higher speeds, no intervention."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require_finite(self, "curriculum.")
+        for name in ("alpha_interval", "speed_interval"):
+            value = getattr(self, name)
+            require(value > 0, f"curriculum.{name}", value, "a positive integer")
+        for name in ("penalty_start", "penalty_growth"):
+            value = getattr(self, name)
+            require(value > 0.0, f"curriculum.{name}", value, "a positive number")
+        for name in ("warm_up_iterations", "alpha_step", "speed_step"):
+            value = getattr(self, name)
+            require(value >= 0, f"curriculum.{name}", value, "0 or more")
+        require(0.0 <= self.agile_fraction <= 1.0, "curriculum.agile_fraction", self.agile_fraction, "0 to 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class TerrainConfig:
+    """Rough ground with levels; each robot has its own. Without roughness the ground is a plane."""
+
+    roughness: float = 0.0
+    """Half-width of the uniformly random heights of the highest level [m]; 0 for a plane. The paper: 0.02."""
+    levels: int = 10
+    """From a plane to the roughness, in equal steps."""
+    start_level: int = 0
+    """Highest level on which robots start at first, evenly from 0 on."""
+    threshold: float = 0.7
+    """Relative linear tracking reward from which a robot that stayed up moves to the next level; a fall moves back."""
+    mastered: float = 0.0
+    """Mean level, as a part of the highest, below which noise and speed wait; the paper lets them wait until the
+    hardest ground is mastered. 0 moves all curricula at once."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require_finite(self, "terrain.")
+        require(0.0 <= self.roughness < 1.0, "terrain.roughness", self.roughness, "0 to 1 m")
+        require(self.levels >= 2, "terrain.levels", self.levels, "at least 2")
+        require(0 <= self.start_level < self.levels, "terrain.start_level", self.start_level, "0 to levels - 1")
+        require(0.0 <= self.mastered <= 1.0, "terrain.mastered", self.mastered, "0 to 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvConfig:
+    """The training environment."""
+
+    count: int = 1024
+    """Robots simulated at once."""
+    substeps: int = 4
+    """Physics steps of 5 ms in a control step."""
+    episode_steps: int = 1000
+    action_scale: float = ACTION_SCALE
+    """Radians of joint target per unit of action."""
+    yaw_action_factor: float = 0.4
+    """Factor on that of hip yaw and waist: stiff joints on a small yaw inertia, where the exploration noise of the
+    other joints' scale drowns the yaw rate that the reward is to see."""
+    yaw_damping_factor: float = 3.0
+    """Factor on the damping of hip yaw and waist, which with the paper's gains resonate near 2 Hz, the stride's
+    frequency. 1 for the paper's gains."""
+    one_leg_start: float = 0.0
+    """Part of the hopping episodes that start on one leg, the other folded, instead of on both."""
+    held_foot_grace: float = 0.0
+    """Time after a command's start from which the held foot of a hop on the ground ends the episode [s]; 0 never."""
+    waist_rate: float = WAIST_RATE
+    """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
+    waist to the action alone, as in the paper."""
+    intervention: Literal["noise", "motion", "none"] = "noise"
+    """What takes over the arms: the paper's noise, motion files, or nothing."""
+    motions: pathlib.Path | None = None
+    """Folder of motion files (.npz) for the motion intervention; without one, generated motions."""
+    flip_probability: float = 0.005
+    """Probability per step that the intervention indicator flips."""
+    noise_interval: int = 90
+    """Control steps between two draws of the intervention's arm targets."""
+    command: CommandConfig = dataclasses.field(default_factory=CommandConfig)
+    randomization: RandomizationConfig = dataclasses.field(default_factory=RandomizationConfig)
+    rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
+    extra: ExtraWeights = dataclasses.field(default_factory=ExtraWeights)
+    curriculum: CurriculumConfig = dataclasses.field(default_factory=CurriculumConfig)
+    terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        for name in ("count", "substeps", "episode_steps", "noise_interval"):
+            value = getattr(self, name)
+            require(value > 0, f"env.{name}", value, "a positive integer")
+        require(0.0 < self.action_scale < math.inf, "env.action_scale", self.action_scale, "a positive number")
+        for name in ("yaw_action_factor", "yaw_damping_factor"):
+            value = getattr(self, name)
+            require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
+        require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
+        require(0.0 <= self.one_leg_start <= 1.0, "env.one_leg_start", self.one_leg_start, "0 to 1")
+        require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
+        require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
+        unused = self.motions is not None and self.intervention != "motion"
+        require(not unused, "env.motions", self.motions, "none without env.intervention motion")
+
+    def action_scales(self, robot: Robot) -> np.ndarray:
+        """Radians of joint target per unit of action, shape (19,)."""
+        return self._with_yaw(np.full(len(robot.joint_names), self.action_scale), self.yaw_action_factor, robot)
+
+    def damping(self, robot: Robot) -> np.ndarray:
+        """Damping of the joints' PD [N*m*s/rad], shape (19,)."""
+        return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
+
+    @staticmethod
+    def _with_yaw(values: np.ndarray, factor: float, robot: Robot) -> np.ndarray:
+        scaled = values.copy()
+        scaled[robot.yaw_joints] *= factor
+        return scaled
