@@ -16,6 +16,11 @@ class UnknownNameError(HugwbcError):
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f" Did you mean '{close[0]}'?" if close else ""
         super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names)}.")
+        self._made_of = (kind, name, tuple(names))
+
+    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, object, tuple[str, ...]]]:
+        """What makes it anew: a pickle of an exception else holds its message alone, which is no argument."""
+        return type(self), self._made_of
 
 
 class CommandError(HugwbcError):

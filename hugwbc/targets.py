@@ -93,7 +93,9 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether every position and direction that is given is three finite numbers, and joints are eight."""
+        """Whether the frame is known, every position and direction given is three finite numbers, and joints are eight."""
+        if self.frame not in HAND_FRAMES:
+            return False
         vectors = (self.left, self.right, self.left_direction, self.right_direction)
         return all(vector is None or _is_finite(vector, 3) for vector in vectors) and all(
             vector is None or _is_finite(vector, 8) for vector in (self.joints, self.joint_velocity)
@@ -101,7 +103,10 @@ class HandTargets:
 
 
 def _is_finite(vector: np.ndarray, size: int) -> bool:
-    return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
+    try:
+        return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
+    except (TypeError, ValueError):  # no numbers, or rows of several lengths
+        return False
 
 
 def position(name: str, value: object) -> np.ndarray:

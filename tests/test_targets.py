@@ -41,3 +41,13 @@ def test_a_hand_may_have_no_target_but_not_both():
     assert targets.is_usable
     with pytest.raises(TargetError, match="neither hand has a target"):
         HandTargets.of(None, None)
+
+
+@pytest.mark.parametrize("left", [np.array(["a", "b", "c"]), np.array([None, None, None]), "abc", 1.0])
+def test_whatever_arrives_is_usable_or_not_and_never_raises(left):
+    assert not HandTargets(left, None).is_usable
+
+
+def test_targets_in_a_frame_that_nobody_knows_are_not_usable():
+    assert not HandTargets(np.zeros(3), None, "wolrd").is_usable
+    assert HandTargets(np.zeros(3), None, "heading").is_usable

@@ -141,6 +141,7 @@ class ControlLoop:
         reading = self.simulation.sense()
         self._estimate = reading if self.estimator is None else self.estimator.reset(reading)
         self.safe.reset(self._estimate)
+        self.hands, self.ik_s = None, 0.0
         self._commanded_arms = None
         self._hand_back.reset()
         self._body_reach = None
@@ -167,12 +168,17 @@ class ControlLoop:
         return command
 
     def _reached(self, command: Command, state: RobotState) -> Command:
-        """The command, with h, p and w as hand targets need them that ask for the whole body."""
+        """The command, with h, p and w as hand targets need them that ask for the whole body.
+
+        Targets that the arms do not follow, such as the last ones of a stream that has ended, ask for nothing.
+        """
+        followed = self.upper_body is not None and self.upper_body.solution is not None
+        hands = self.hands if followed else None
         if self._body_reach is None:
-            if self.hands is None or not self.hands.whole_body:
+            if hands is None or not hands.whole_body:
                 return command
             self._body_reach = BodyReach()
-        return self._body_reach.update(self.hands, state, command, self.period)
+        return self._body_reach.update(hands, state, command, self.period)
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], the estimator following every physics step; the true state."""

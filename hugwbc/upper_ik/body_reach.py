@@ -52,13 +52,15 @@ class BodyReach:
 
     Attributes:
         values: h, p and w now [m, rad, rad], shape (3,).
+        rejected: how many ticks had targets, a state, a command or a time step that were not usable; each kept the last
+            values.
         failures: how many steps the solver failed in; each kept the last values.
     """
 
     def __init__(self, config: BodyReachConfig | None = None) -> None:
         self.config = config or BodyReachConfig()
         self._robot = load_robot()
-        self.failures = 0
+        self.rejected = self.failures = 0
         self.placo = upper_body(self._robot, on_column=True)
         arm, arms = self.config.arm, self._robot.arms
         self._arm_limits = self._robot.lower[arms] + arm.limit_margin, self._robot.upper[arms] - arm.limit_margin
@@ -118,19 +120,20 @@ class BodyReach:
         """
         wanted = np.array([getattr(command, name) for name in BODY_NAMES])
         wants_body = hands is not None and hands.whole_body
-        if not wants_body and not self._active:
-            return command
-        if not (np.all(np.isfinite(wanted)) and 0.0 < dt < np.inf):
-            return command
+        usable = bool(np.all(np.isfinite(wanted))) and 0.0 < dt < np.inf
         if not self._active:
+            if not wants_body or not usable:
+                return command
             self._begin(wanted, state)
-        points = None if hands is None or not wants_body else on_column(hands, state, self.values)
-        if points is None:
+        points = on_column(hands, state, self.values) if hands is not None and wants_body else None
+        if not usable or (wants_body and points is None):
+            self.rejected += 1
+        elif hands is None or points is None:
             step = np.array(self.config.speed) * dt
             self.values = self.values + np.clip(wanted - self.values, -step, step)
-            self._active = bool(wants_body or np.any(self.values != wanted))
+            self._active = bool(np.any(self.values != wanted))
         else:
-            self._step(points, hands.given if hands is not None else np.ones(2, dtype=bool), wanted, command, dt)
+            self._step(points, hands.given, wanted, command, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
         return dataclasses.replace(command, **values).clamp()[0]
 

@@ -49,6 +49,12 @@ class Scout:
         self.direct = np.full(2, np.inf)
         self.done = np.zeros(2, dtype=bool)
 
+    def reset(self, q: np.ndarray) -> None:
+        """Forget both arms' searches, and be where the real arms are: positions (8,) [rad]."""
+        for arm in range(2):
+            self.rest(arm)
+        self.q = q.copy()
+
     def rest(self, arm: int) -> None:
         """Forget an arm's search: the next one begins with where the arm then is."""
         self._searching[arm] = self.done[arm] = False

@@ -100,8 +100,7 @@ class ArmIK:
         self._detours.reset()
         self._last_points: np.ndarray | None = None
         self._jumped = np.zeros(2, dtype=bool)
-        for arm in range(2):
-            self._scout.rest(arm)
+        self._scout.reset(self._limiter.q)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
         """Positions of both hands in the pelvis frame [m], shape (2, 3), at arm positions (8,) and a waist angle."""

@@ -92,8 +92,9 @@ class Takeover:
         return self.phase is Phase.TAKEN and self._elapsed >= self.config.take_time
 
     def reset(self) -> None:
-        """Release the arms at once, for a new episode."""
+        """Release the arms at once, at the nominal pose, for a new episode."""
         self.phase = Phase.RELEASED
+        self._limiter.place(self._rest)
 
     def follow(self, q: np.ndarray, dq: np.ndarray, dt: float, start: np.ndarray | None = None) -> UpperBody:
         """One tick of external control.
@@ -199,6 +200,7 @@ class UpperBodySource:
         self.takeover.reset()
         self.watch.reset()
         self.solution = None
+        self._own = None
 
     def update(
         self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None

@@ -1,5 +1,7 @@
 """The control loop's joints: commands that stay within the limits, and times of what is really called."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from hugwbc.safety import target_limits
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 
 ROBOT = load_robot()
 TAKEN = 10  # ticks
@@ -109,3 +112,34 @@ def test_a_period_that_no_number_of_physics_steps_fills_is_refused():
     assert substeps_of(0.02, 0.002, "x") == 10
     with pytest.raises(ConfigError, match=r"controller 'x' is 0\.003 s"):
         substeps_of(0.003, 0.002, "x")
+
+
+def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targets_has_ended():
+    low = HandTargets.of((0.45, 0.2, 0.5), (0.45, -0.2, 0.5), "world", whole_body=True)
+
+    class Stream:
+        """Made anew in every tick, until the sender falls silent."""
+
+        hands = low
+
+        def command_at(self, t):
+            return Command()
+
+        def hands_at(self, t):
+            if t < 1.0:
+                self.hands = dataclasses.replace(low, stamp=t)
+            lost = dataclasses.replace(low, left=np.full(3, np.nan))
+            return lost if 0.7 < t < 0.8 else self.hands
+
+    source = UpperBodySource(gravity_compensation=True)
+    loop = ControlLoop(HoldController(), Stream(), Simulation(), source)
+    loop.reset()
+    heights = []
+    for tick in range(round(4.0 / loop.period)):
+        loop.decide(tick * loop.period)
+        heights.append(loop.safe.command.h)
+        loop.simulation.data.time += loop.period  # the robot stays as it is: this is about commands
+    second = round(1.0 / loop.period)
+    assert heights[second] < -0.1
+    assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
+    assert heights[-1] == 0.0, "nobody asks for it any more"

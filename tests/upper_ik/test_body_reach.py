@@ -135,3 +135,11 @@ def test_the_whole_body_reaches_more_than_the_arms():
     assert 0.0 < space.arms < space.whole_body < 0.6
     with pytest.raises(ConfigError, match="spacing is 0"):
         measure_workspace(0.0)
+
+
+def test_targets_that_are_not_usable_leave_the_body_where_it_is(standing):
+    reach = BodyReach()
+    low, _ = run(reach, LOW, standing, Command())
+    bad = HandTargets(np.full(3, math.nan), None, "world", whole_body=True)
+    for hands, state in ((bad, standing), (LOW, dataclasses.replace(standing, position=None))):
+        assert reach.update(hands, state, Command(), DT) == low

@@ -65,3 +65,13 @@ def test_a_target_that_moves_starts_the_search_over_and_one_that_creeps_does_not
     scout.search(0, AHEAD + np.array([0.06, 0.0, 0.0]), q, robot.nominal)
     assert scout.done.tolist() == [False, True] and scout.direct[0] == np.inf
     assert np.array_equal(scout.q[:4], q[:4]), "from where the arm is"
+
+
+def test_a_reset_leaves_nothing_of_the_searches_before(robot):
+    scout, q = Scout(ArmIKConfig()), robot.nominal[robot.arms]
+    _search(scout, robot, np.array([1.5, 0.2136, 0.4389]) * MIRROR, q)
+    scout.reset(q)
+    assert np.array_equal(scout.q, q) and not scout.done.any()
+    fresh = Scout(ArmIKConfig())
+    assert _search(scout, robot, AHEAD, q) == _search(fresh, robot, AHEAD, q)
+    assert np.array_equal(scout.q, fresh.q)

@@ -355,3 +355,20 @@ def test_a_tick_is_fast(nominal_state):
         ik.solve(hands, nominal_state, DT)
         times.append(time.thread_time() - begin)
     assert np.median(times) < 0.5e-3
+
+
+def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_state):
+    """Otherwise an episode would depend on the ones before it."""
+    awkward = HandTargets.of((-0.385, 0.488, 0.987), None)  # behind the head, where the direct way ends short of it
+
+    def path(ik):
+        ik.reset(robot.nominal[robot.arms])
+        return np.array([ik.solve(awkward, nominal_state, 0.02).q for _ in range(60)])
+
+    used = ArmIK()
+    used.reset(robot.nominal[robot.arms])
+    for _ in range(30):
+        used.solve(HandTargets.of((0.2, 0.3, 1.0), (0.1, 0.35, 0.2)), nominal_state, 0.02)
+    before = used.detours
+    assert np.array_equal(path(used), path(ArmIK()))
+    assert used.detours > before

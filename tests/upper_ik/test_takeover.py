@@ -212,3 +212,12 @@ def test_config_refuses_nonsense():
         TakeoverConfig(take_time=0)
     with pytest.raises(ConfigError, match="speed_fraction is 2"):
         TakeoverConfig(speed_fraction=2)
+
+
+def test_a_takeover_after_a_reset_begins_where_the_first_one_did(robot):
+    takeover, q = Takeover(), robot.nominal[robot.arms] + 0.3
+    first = takeover.follow(q, np.zeros(8), 0.02).q
+    for _ in range(50):
+        takeover.follow(q, np.zeros(8), 0.02)
+    takeover.reset()
+    assert takeover.follow(q, np.zeros(8), 0.02).q == pytest.approx(first)
