@@ -117,7 +117,7 @@ class Command:
             if not low <= value <= high:
                 raise CommandError(
                     f"command {name} = {value:g} {unit} is out of range for the {self.gait.label} gait; "
-                    f"valid: {low:g} to {high:g} {unit}. Choose a value in the range, or call clamp()"
+                    f"valid: {low:g} to {high:g} {unit}; choose a value in that range"
                 )
         return self
 

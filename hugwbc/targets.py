@@ -93,7 +93,7 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, every position and direction given is three finite numbers, and joints are eight."""
+        """Whether the frame is known, what is given of positions and directions three finite numbers, joints eight."""
         if self.frame not in HAND_FRAMES:
             return False
         vectors = (self.left, self.right, self.left_direction, self.right_direction)

@@ -47,18 +47,21 @@ class BenchOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
-    check_writable(options.json)
     counts = ("count", "control_steps", "iterations", "threads", "rollouts", "calls", "ik_targets")
     for name in (*counts, "seconds", "spacing"):
         if not getattr(options, name) > 0:
             raise ConfigError(f"{name} is {getattr(options, name)}; give a value above 0")
+    if options.ik_targets < 2:
+        raise ConfigError(f"ik_targets is {options.ik_targets}; give 2 or more: within reach and out of it in turn")
     if options.side_by_side > 0 and not all(map(importlib.util.find_spec, ("qpsolvers", "daqp"))):
         raise ConfigError("--side-by-side needs qpsolvers and DAQP; install them with: pip install 'hugwbc[dev]'")
     from hugwbc.evaluation import benchmark
     from hugwbc.evaluation.ik_benchmark import compare_solvers
     from hugwbc.learned.policy import load_policy
-    from hugwbc.upper_ik.workspace import measure_workspace
+    from hugwbc.upper_ik.workspace import check_spacing, measure_workspace
 
+    check_spacing(options.spacing)
+    check_writable(options.json)
     with progress("benchmark") as advance:
         environment = benchmark.environment_speed(options.count, options.control_steps, threads=options.threads)
         advance(0.1)

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hugwbc.cli.output import check_folder, check_writable, format_table, hand_rows, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
+from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.compare import Outcome
+    from hugwbc.evaluation.controllers import ControllerSpec
     from hugwbc.evaluation.rollout import Trace
 
 
@@ -22,7 +24,8 @@ class CompareOptions:
     walk: float | None = None
     """Play the script while walking ahead at this velocity [m/s], where it says nothing else."""
     controllers: tuple[str, ...] = ("learned", "qp")
-    """Which controllers: learned, qp, hold, plug-ins' names, paths of policies or contracts (docs/evaluation.md)."""
+    """Which controllers: learned, qp, hold, plug-ins' names, paths of policies or contracts (docs/evaluation.md), or
+    with a policy of their own, as unitree-h1=motion.pt."""
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     seed: int = 0
@@ -42,17 +45,19 @@ class CompareOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
     options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
-    check_folder(options.out)
-    check_writable(options.json)
-    from hugwbc.evaluation.compare import compare, summarise
-    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.evaluation.compare import check_names, compare, summarise
     from hugwbc.script import while_walking
     from hugwbc.script_file import load_script
+    from hugwbc.viz.trace import check_count
 
+    check_count(len(options.controllers))
     script = load_script(options.script)
     if options.walk is not None:
         script = while_walking(script, options.walk)
-    controllers = [ControllerSpec(name, options.policy).build() for name in options.controllers]
+    controllers = [spec.build() for spec in _specs(options)]
+    check_names(controllers)
+    check_folder(options.out)
+    check_writable(options.json)
     with progress(f"{script.name} with {', '.join(options.controllers)}") as advance:
         traces = compare(controllers, script, seed=options.seed, noise=options.noise, on_progress=advance)
     outcomes = {trace.name: summarise(trace) for trace in traces}
@@ -71,6 +76,25 @@ def run(words: Sequence[str]) -> int:
     written = _write_files(options, summary, traces)
     say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
+
+
+def _specs(options: CompareOptions) -> list["ControllerSpec"]:
+    """The controllers, the learned one with `--policy`.
+
+    Raises:
+        ConfigError: if there is a policy and nobody to take it.
+    """
+    from hugwbc.evaluation.controllers import ControllerSpec
+
+    specs = [ControllerSpec.parse(words) for words in options.controllers]
+    if options.policy is None:
+        return specs
+    if ControllerSpec("learned") not in specs:
+        raise ConfigError(
+            f"--policy is for learned, and the controllers are {', '.join(options.controllers)}; add learned, or leave "
+            "the policy out"
+        )
+    return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
 def describe(outcomes: Mapping[str, "Outcome"]) -> str:

@@ -80,11 +80,12 @@ class EvaluateOptions:
     noise: bool = False
     """Give the sensors a real robot's noise and latency, and estimate the state from them."""
     workers: int = 1
-    """Processes that share the episodes."""
+    """Processes that share the episodes; the hands protocol runs in one."""
     cluster: str | None = None
     """Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers share the episodes instead."""
     results: pathlib.Path | None = DEFAULT_FOLDER
-    """Folder where finished episodes are kept, and read from when they are asked for again; None keeps none."""
+    """Folder where finished episodes are kept, and read from when they are asked for again; None keeps none, nor does
+    the hands protocol."""
     fresh: bool = False
     """Run all episodes anew; the files of earlier results are kept under other names."""
     json: pathlib.Path | None = None
@@ -157,6 +158,10 @@ def _one_gait(config: type[Any], *names: str, default: Gait = Gait.WALKING) -> C
 
 def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
     options.refuse_other_sizes(["episodes"])
+    given = {"--workers": options.workers != 1, "--cluster": options.cluster is not None, "--fresh": options.fresh}
+    if any(given.values()):
+        names = ", ".join(name for name, there in given.items() if there)
+        raise ConfigError(f"the hands protocol runs in one process and keeps no episodes; leave out {names}")
     return protocols.HandsConfig(
         gait=Gait.parse(options.gait or "walking"),
         conditions=options.conditions(),
@@ -216,7 +221,6 @@ _PROTOCOLS = {
 def run(words: Sequence[str]) -> int:
     """Parse, run, print, write."""
     options = parse(EvaluateOptions, words, "evaluate", EvaluateOptions.__doc__)
-    check_writable(options.json)
     if options.protocol not in _PROTOCOLS:
         raise UnknownNameError("protocol", options.protocol, _PROTOCOLS)
     protocol, spec = _PROTOCOLS[options.protocol], ControllerSpec(options.controller, options.policy)
@@ -225,6 +229,7 @@ def run(words: Sequence[str]) -> int:
     config = protocol.config(options)
     if options.results is not None and options.protocol != "hands":  # which keeps no episodes
         check_folder(options.results)
+    check_writable(options.json)
     done = 0
     with progress(f"{options.controller}, {options.protocol}: {config.episodes} episodes") as advance:
 

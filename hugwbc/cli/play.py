@@ -88,16 +88,26 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if options.live:
         return _run_live(options)
+    _refuse_options_of_the_page(options)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
     loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
     draw = None if options.headless else _viewer(controller.name, options.browser)
-    falls, simulated = _run(loop, duration, draw)
-    say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
-    for message in loop.safe.report().messages:
-        say(f"safety: {message}")
+    _run(loop, duration, draw)
     return 0
+
+
+def _refuse_options_of_the_page(options: PlayOptions) -> None:
+    """Tell who forgot `--live` that the options of its page do nothing.
+
+    Raises:
+        ConfigError: naming them.
+    """
+    given = [name for name in ("host", "port", "expose") if getattr(options, name) != getattr(PlayOptions(), name)]
+    if given:
+        names = ", ".join(f"--{name}" for name in given)
+        raise ConfigError(f"{names} is for the live page; add --live, or leave it out")
 
 
 def _run_live(options: PlayOptions) -> int:
@@ -131,10 +141,9 @@ def _run_live(options: PlayOptions) -> int:
         page.show(simulation)
 
     try:
-        falls, simulated = _run(loop, options.duration or np.inf, draw, page.source.restart)
+        _run(loop, options.duration or np.inf, draw, page.source.restart)
     finally:
         page.close()
-    say(f"{controller.name}: {simulated:.1f} s simulated, {falls} falls")
     return 0
 
 
@@ -198,15 +207,13 @@ def _viewer(name: str, browser: bool) -> Draw:
     return draw
 
 
-def _run(
-    loop: ControlLoop, duration: float, draw: Draw | None, on_reset: Callable[[], None] | None = None
-) -> tuple[int, float]:
-    """Run the loop, in real time if there is a viewer; a robot that fell stands up again and the commands start anew.
+def _run(loop: ControlLoop, duration: float, draw: Draw | None, on_reset: Callable[[], None] | None = None) -> None:
+    """Run the loop, in real time if there is a viewer, and say how it went.
 
-    Returns:
-        How often the robot fell, and the simulated time [s].
+    A robot that fell stands up again and the commands start anew.
     """
     falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
+    changed: list[str] = []
     loop.reset()
     begin = time.monotonic()
     while simulated < duration - 1e-9:
@@ -223,11 +230,14 @@ def _run(
             if draw is not None:
                 time.sleep(FALLEN_PAUSE)
                 begin += FALLEN_PAUSE
+            changed += loop.safe.report().messages  # which the reset clears
             loop.reset()
             t = 0.0
             if on_reset is not None:
                 on_reset()
-    return falls, simulated
+    say(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
+    for message in dict.fromkeys([*changed, *loop.safe.report().messages]):
+        say(f"safety: {message}")
 
 
 def _keep_pace(begin: float, simulated: float) -> float:

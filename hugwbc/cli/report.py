@@ -55,20 +55,20 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.evaluation.report.export import figures_csv
     from hugwbc.evaluation.report.profiles import profile_cells
     from hugwbc.evaluation.report.sections import all_figures
+    from hugwbc.viz.trace import check_count
 
+    check_count(len(options.controllers))
     specs = [ControllerSpec.parse(words) for words in options.controllers]
     further = _further(specs, options.ablation)
     labels, others = ([spec.label for spec in some] for some in (specs, further))
-    if not specs or len({*labels, *others}) < len(labels) + len(others):
-        raise ConfigError(f"controllers are {[*labels, *others]}; give at least one, each once")
+    if len({*labels, *others}) < len(labels) + len(others):
+        raise ConfigError(f"controllers are {[*labels, *others]}; give each once")
     cells = _wanted(profile_cells(options.profile, specs, further, seed=options.seed), options.protocols)
+    store = ResultStore(options.results, fresh=options.fresh)
+    execution = Execution(options.workers, cluster=options.cluster, store=store)
     check_folder(options.out)
     check_folder(options.results)
-    store = ResultStore(options.results, fresh=options.fresh)
-    with (
-        progress(f"report, {options.profile}") as advance,
-        Execution(options.workers, cluster=options.cluster, store=store) as execution,
-    ):
+    with progress(f"report, {options.profile}") as advance, execution:
         results = run_cells(cells, execution, advance)
     total = sum(len(result.result["rows"]) for result in results)
     figures = all_figures(results)

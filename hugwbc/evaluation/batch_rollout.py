@@ -124,7 +124,7 @@ class _BatchRun:
         self.episodes, self.duration, self.period = episodes, duration, controller.period
         self.timestep = episodes[0].conditions.timestep
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
-        self.ticks = round(duration / self.period)
+        self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(), len(episodes)
         self.filters = [SafetyFilter(controller) for _ in episodes]
         self.policy: Rows = controller.for_many(count)

@@ -64,6 +64,17 @@ def upper_body_source(controller: Controller) -> UpperBodySource:
     return UpperBodySource(gravity_compensation=not getattr(controller, "carries_arms", False))
 
 
+def check_names(controllers: Sequence[Controller]) -> None:
+    """Refuse controllers whose runs nobody could tell apart.
+
+    Raises:
+        ConfigError: if there is no controller, or two have the same name.
+    """
+    names = [controller.name for controller in controllers]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"controllers are {names}; give at least one, each once")
+
+
 def compare(
     controllers: Sequence[Controller],
     script: Script,
@@ -85,9 +96,7 @@ def compare(
     Raises:
         ConfigError: if there is no controller, or two have the same name.
     """
-    names = [controller.name for controller in controllers]
-    if not names or len(set(names)) < len(names):
-        raise ConfigError(f"controllers are {names}; give at least one, each once")
+    check_names(controllers)
     traces = []
     for index, controller in enumerate(controllers):
         simulation = noisy_simulation(seed=seed) if noise else Simulation()

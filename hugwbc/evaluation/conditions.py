@@ -12,7 +12,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.estimation import StateEstimator
 from hugwbc.evaluation.identity import file_digest
 from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
-from hugwbc.sim.scene import SIMULATION_TIMESTEP
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.intervention import ArmIntervention
@@ -57,6 +57,7 @@ class Conditions:
     strength: float = 1.0
 
     def __post_init__(self) -> None:
+        check_timestep(self.timestep)
         if self.intervention not in INTERVENTIONS:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):

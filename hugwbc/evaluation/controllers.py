@@ -11,6 +11,7 @@ import hashlib
 import importlib.metadata
 import inspect
 import pathlib
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -96,22 +97,36 @@ class ControllerSpec:
         name: one of `controller_names()`, the path of a policy file or of a folder with one, or the path of a contract
             of a foreign policy or of a folder with a `contract.yaml`.
         policy: of the learned controller: name of a shipped policy or path of a policy file; of a foreign policy: its
-            network's file; None for the default.
+            network's file; of a plug-in that takes one, whatever that is; None for the default.
     """
 
     name: str
     policy: str | pathlib.Path | None = None
 
     def __post_init__(self) -> None:
-        if self.name in controller_names():
-            return
         path = pathlib.Path(self.name)
-        if path.suffix in SUFFIXES:
+        if self.name not in controller_names() and path.suffix in SUFFIXES:
             raise ConfigError(
                 f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
             )
-        if not path.exists():
+        if self.name not in controller_names() and not path.exists():
             raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
+        if self.policy is not None and not self._is_foreign:
+            self._check_policy()
+
+    def _check_policy(self) -> None:
+        """Refuse a policy that nobody would read.
+
+        Raises:
+            ConfigError: if the controller takes none.
+        """
+        if self.name not in plugins():
+            raise ConfigError(f"controller '{self.name}' takes no policy: it is one; leave out '{self.policy}'")
+        if not _takes_policy(_loaded(plugins()[self.name])):
+            raise ConfigError(
+                f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
+                "takes one, such as learned"
+            )
 
     @classmethod
     def parse(cls, words: str) -> "ControllerSpec":
@@ -180,7 +195,15 @@ class ControllerSpec:
             "package": package,
             "modules": [entry.value.partition(":")[0] if entry else "hugwbc.evaluation.controllers"],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
+            "policy": self._policy_word,
         }
+
+    @property
+    def _policy_word(self) -> str | None:
+        """A plug-in's policy that is a word to itself: neither of ours, nor a file or folder."""
+        ours = self.name not in plugins() or self.name in _OURS
+        given = None if self.policy is None or ours else pathlib.Path(self.policy)
+        return None if given is None or given.exists() else str(self.policy)
 
     def files(self) -> list[pathlib.Path]:
         """The files that it is made of: contract and network, or policy."""
@@ -195,17 +218,33 @@ class ControllerSpec:
             return [policy_file(self.name)]
         if self.name == "learned":
             return [policy_file(given or DEFAULT_POLICY)]
+        if given is not None and given.is_dir():
+            return sorted(path for path in given.rglob("*") if path.is_file())
         return [] if given is None or not given.is_file() else [given]
+
+
+def _loaded(entry: EntryPoint) -> Callable[..., Any]:
+    """What a plug-in is made by.
+
+    Raises:
+        ConfigError: if it cannot be loaded.
+    """
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"controller '{entry.name}' ({entry.value}) cannot be loaded: {error}; install its package again"
+        ) from error
+
+
+def _takes_policy(factory: Callable[..., Any]) -> bool:
+    return "policy" in inspect.signature(factory).parameters
 
 
 def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None) -> Controller:
     """What a plug-in makes, if that is a controller."""
-    try:
-        factory = entry.load()
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(f"controller '{entry.name}' ({entry.value}) cannot be loaded: {error}") from error
-    takes_policy = "policy" in inspect.signature(factory).parameters
-    controller = factory(policy=policy) if takes_policy else factory()
+    factory = _loaded(entry)
+    controller = factory(policy=policy) if _takes_policy(factory) else factory()
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         raise ConfigError(

@@ -117,7 +117,7 @@ def rollout(
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
     recorder = _Recorder(loop, Disturber(simulation.model, forces))
     loop.reset()
-    ticks = round(duration / loop.period)
+    ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
         t = tick * loop.period
         joint_command = loop.decide(t)

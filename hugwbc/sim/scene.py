@@ -25,8 +25,7 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, lean: boo
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
     """
-    if not 0.0 < timestep <= 0.01:
-        raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
+    check_timestep(timestep)
     spec = mujoco.MjSpec.from_file(str(load_robot().xml_path))
     spec.option.timestep = timestep
     if lean:
@@ -34,6 +33,16 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, lean: boo
     if terrain is not None:
         _replace_floor(spec, terrain)
     return spec.compile()
+
+
+def check_timestep(timestep: float) -> None:
+    """Refuse a time step of the physics [s] with which the robot cannot be simulated.
+
+    Raises:
+        ConfigError: if it is not in (0, 0.01] s.
+    """
+    if not 0.0 < timestep <= 0.01:
+        raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
 
 
 @functools.cache

@@ -45,6 +45,16 @@ class Workspace:
     tolerance: float = TOLERANCE
 
 
+def check_spacing(spacing: float) -> None:
+    """Refuse a spacing of the grid [m] with which it has no points beside the middle one.
+
+    Raises:
+        ConfigError: if it is not above 0 and up to the cube's side.
+    """
+    if not 0.0 < spacing <= SIDE:
+        raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
+
+
 def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None] | None = None) -> Workspace:
     """Try every grid point of a 2 m cube on the ground with the left hand; the right one reaches the mirror image.
 
@@ -55,8 +65,7 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
     Raises:
         ConfigError: if the spacing is not above 0 and up to the cube's side.
     """
-    if not 0.0 < spacing <= SIDE:
-        raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
+    check_spacing(spacing)
     half = int(SIDE / 2.0 / spacing + 1e-9)
     ticks = spacing * np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)

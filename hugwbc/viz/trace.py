@@ -114,14 +114,23 @@ def moment(trace: Trace, sample: int) -> Moment:
     return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
+def check_count(runs: int) -> None:
+    """Refuse a number of runs, or of controllers, that cannot be told apart in a picture.
+
+    Raises:
+        ConfigError: if there is none, or more than there are colours.
+    """
+    if not 1 <= runs <= len(LABEL_COLOURS):
+        raise ConfigError(f"{runs} runs to draw; give 1 to {len(LABEL_COLOURS)}")
+
+
 def check_traces(traces: Sequence[Trace]) -> None:
     """Refuse what cannot be drawn.
 
     Raises:
         ConfigError: if there is no trace, more than there are colours, or one without samples.
     """
-    if not 1 <= len(traces) <= len(LABEL_COLOURS):
-        raise ConfigError(f"{len(traces)} runs to draw; give 1 to {len(LABEL_COLOURS)}")
+    check_count(len(traces))
     for trace in traces:
         if len(trace.time) == 0:
             raise ConfigError(f"the run of '{trace.name}' has no samples; record at least one")

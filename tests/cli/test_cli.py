@@ -21,6 +21,7 @@ BAD_INPUT = {
     "size": (["evaluate", "--controller", "hold", "--protocol", "heatmap", "--episodes", "3"], "it takes --points"),
     "no size": (["evaluate", "--protocol", "effort", "--rollouts", "3"], "none: its size is fixed"),
     "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
+    "no time step": (["evaluate", "--timestep", "0", "--episodes", "9"], "time step is 0.0 s; give a value above"),
     "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
     "script": (["compare", "--script", "loco"], "unknown script 'loco'"),
     "script to play": (["play", "--script", "wakl"], "unknown script 'wakl'. Did you mean 'walk'?"),
@@ -42,6 +43,15 @@ BAD_INPUT = {
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
     "motions' folder": (["motions", "--out", "/dev/null/m"], "give a folder that can be written"),
     "training field": (["train", "--ppo.gamma", "2"], "ppo.gamma = 2.0; valid: above 0, up to 1"),
+    "policy of the QP": (["play", "--controller", "qp", "--policy", "h1"], "controller 'qp' takes no policy"),
+    "policy of no controller": (["compare", "--controllers", "hold", "--policy", "h1"], "--policy is for learned"),
+    "runs to draw": (["compare", "--controllers", *"abcde"], "give 1 to 4"),
+    "runs of a report": (["report", "--controllers", *(f"learned={name}" for name in "abcde")], "give 1 to 4"),
+    "port of no page": (["play", "--controller", "hold", "--port", "99"], "--port is for the live page; add --live"),
+    "host of no page": (["play", "--headless", "--host", "::1", "--expose"], "--host, --expose is for the live page"),
+    "workers of the hands": (["evaluate", "--protocol", "hands", "--workers", "2"], "leave out --workers"),
+    "benchmark of too few targets": (["bench", "--ik-targets", "1"], "ik_targets is 1; give 2 or more"),
+    "benchmark of a wide grid": (["bench", "--spacing", "3"], "spacing is 3.0 m; give a distance above 0, up to 2 m"),
     "benchmark size": (["bench", "--count", "0"], "give a value above 0"),
 }  # fmt: skip
 
@@ -222,3 +232,19 @@ def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(cap
     assert result["gait"] == "hopping" and {row["gait"] for row in result["rows"]} == {"hopping_left", "hopping_right"}
     assert result["paper"]["E_h"] == 0.103
     assert "held foot on the ground: 100.0 % of the time" in printed.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["compare", "--script", "loco", "--out", "new", "--json", "other/out.json"],
+        ["compare", "--controllers", "holt", "--out", "new"],
+        ["evaluate", "--protocol", "single", "--json", "new/out.json"],
+        ["evaluate", "--controller", "hold", "--episodes", "3", "--json", "new/out.json"],
+        ["report", "--workers", "0", "--out", "new"],
+        ["bench", "--calls", "0", "--json", "new/out.json"],
+    ],
+)
+def test_what_is_refused_leaves_no_folder_behind(words, tmp_path, capsys):
+    assert main(words) == 2
+    assert list(tmp_path.iterdir()) == []

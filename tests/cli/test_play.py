@@ -1,9 +1,12 @@
 import pytest
 
+from hugwbc import Command
 from hugwbc.cli import main, play
-from hugwbc.evaluation import Constant
+from hugwbc.evaluation import Constant, ControlLoop
+from hugwbc.evaluation.controllers import HoldController
 from hugwbc.gait import Gait
 from hugwbc.script import Script
+from hugwbc.sim import Simulation
 
 
 def test_play_stands_up_again_after_a_fall(capsys):
@@ -55,3 +58,23 @@ def test_play_on_the_estimate_of_noisy_sensors(capsys):
     options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--noise"]
     assert main(options) == 0
     assert "2.0 s simulated, 0 falls" in capsys.readouterr().out
+
+
+def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):
+    """A fall clears the filter's counters."""
+
+    class Stumbling(HoldController):
+        """Fails once, and falls; then it stands until the end."""
+
+        ticks = 0
+
+        def act(self, state, command, upper_body):
+            self.ticks += 1
+            if self.ticks == 3:
+                raise RuntimeError("stumbled")
+            return super().act(state, command, upper_body)
+
+    play._run(ControlLoop(Stumbling(), Constant(Command()), Simulation()), 1.7, None)
+    text = capsys.readouterr().out
+    assert "standing up again" in text and "hold: 1.7 s simulated, 1 falls" in text
+    assert "safety: hold raised RuntimeError: stumbled" in text

@@ -104,7 +104,8 @@ def test_identity_is_that_of_the_files(tmp_path):
     copy = ControllerSpec("learned", tmp_path / "copy").identity()
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
-        "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": []
+        "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
+        "policy": None,
     }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
     network.write_bytes(b"a")
@@ -128,3 +129,27 @@ def test_a_source_tree_that_is_not_installed_has_an_identity(monkeypatch):
 def test_the_command_line_names_what_is_valid(capsys):
     assert main(["evaluate", "--controller", "lernt"]) == 2
     assert "Valid: learned, qp, hold, unitree-h1" in capsys.readouterr().err
+
+
+def test_a_policy_for_what_takes_none_is_refused(tmp_path):
+    for name in ("hold", "qp"):
+        with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
+            ControllerSpec(name, "h1")
+    with pytest.raises(ConfigError, match="takes no policy: it is one"):
+        ControllerSpec(str(policy_dir() / "h1"), "h1")
+    with pytest.raises(ConfigError, match="takes no policy"):
+        ControllerSpec.parse("qp=h1")
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").policy == "net.pt"
+
+
+def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, monkeypatch, tmp_path):
+    monkeypatch.setattr(controllers, "Tuned", Tuned, raising=False)
+    third_party(tuned="hugwbc.evaluation.controllers:Tuned")
+    folder = tmp_path / "weights"
+    folder.mkdir()
+    (folder / "a").write_bytes(b"a")
+    found = [ControllerSpec("tuned", policy).identity() for policy in (None, "small", "large", str(folder))]
+    (folder / "b").write_bytes(b"b")
+    found.append(ControllerSpec("tuned", str(folder)).identity())
+    assert all(one != other for index, one in enumerate(found) for other in found[:index])

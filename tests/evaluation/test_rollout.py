@@ -152,3 +152,8 @@ def test_controllers_by_name():
     with pytest.raises(HugwbcError, match="Did you mean 'learned'") as info:
         ControllerSpec("learnd")
     assert all(name in str(info.value) for name in controller_names())
+
+
+def test_a_run_shorter_than_a_control_period_has_one_step():
+    trace = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.005)
+    assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell
