@@ -164,7 +164,7 @@ def test_the_documented_example_is_a_script_and_its_mistake_is_told_so():
     assert [segment.label for segment in parse(text).segments] == ["reach", "wipe while walking", "stop"]
     with pytest.raises(ScriptError) as caught:
         parse(text.replace("h: -0.1", "h: -1"))
-    assert str(caught.value).split(" Choose")[0] in page
+    assert str(caught.value) in page
 
 
 @pytest.mark.parametrize("name", SCRIPT_NAMES)
