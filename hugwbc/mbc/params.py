@@ -10,6 +10,10 @@ _POSITIVE = (
     *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon"),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *("leg_length", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
+    # Of pairs the largest rate and the largest rate of it,
+    *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
+    # and stiffness and damping, whose ratio is the speed at which a gap is closed.
+    *("waist_gains", "arm_gains", "takeover_gains", "free_leg_gains"),
 )
 
 
@@ -257,7 +261,11 @@ class ControllerParams:
             if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
                 raise ConfigError(f"ControllerParams.{field.name} is {value}; give finite numbers")
         for name in _POSITIVE:
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"ControllerParams.{name} is {getattr(self, name)}; give a number above 0")
+            value = getattr(self, name)
+            several = isinstance(value, tuple)
+            if not all(number > 0 for number in (value if several else (value,))):
+                raise ConfigError(
+                    f"ControllerParams.{name} is {value}; give {'numbers' if several else 'a number'} above 0"
+                )
         if not 0.0 <= self.step_timing < 1.0:
             raise ConfigError(f"ControllerParams.step_timing is {self.step_timing}; give a share from 0 to below 1")
