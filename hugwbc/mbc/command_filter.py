@@ -17,6 +17,7 @@ from hugwbc.mbc.reach import (
 
 _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
+_NOTABLE = 0.005  # [m], from which on a change of h or l is reported
 
 
 class SmoothCommand(NamedTuple):
@@ -83,7 +84,7 @@ class CommandFilter:
         """
         if command is not self._given:
             self._given = command
-            self._valid = self._clamp(command)
+            self._valid = command.clamp()
         elif self._reached == (stepping, running, waiting):
             return self._result
         before = self._state
@@ -117,18 +118,9 @@ class CommandFilter:
 
         h = command.h
         if stepping:
-            lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
-            h -= lowering
-            lowest = lowest_walking_height(params, speed, 0.5 / self._frequency, self._posture[1])
-            if limiting in _HOPS:
-                h = min(h, -params.hop_lowering)
-            if limiting in _LEAPS:
-                lowest = max(lowest, lowest_leaping_height(params, self._frequency, 1 if limiting in _HOPS else 2))
-            if command.h < lowest:
-                # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
-                h = max(h, lowest if limiting in _LEAPS else lowest - lowering)
-            if command.h < lowest - 0.005:
-                report += (f"h = {command.h:g} m leaves the stance leg no room to move: using {h:.2f} m",)
+            h, why = self._stepping_height(h, speed, self._frequency, limiting)
+            if abs(h - command.h) > _NOTABLE:
+                report += (f"h = {command.h:g} m {why}: using {h:.2f} m",)
         self._follow((h, command.p, command.w), dt)
         height = self._posture[0]
         if limiting in _LEAPS:
@@ -136,7 +128,7 @@ class CommandFilter:
         else:
             apex = highest_clearance(params, height, self._frequency, speed)
         apex = min(command.l, apex)
-        if stepping and apex < command.l - 0.005:
+        if stepping and apex < command.l - _NOTABLE:
             report += (
                 f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
             )
@@ -145,9 +137,29 @@ class CommandFilter:
             gait, velocity, self._velocity[2], self._frequency, apex, *self._posture, *self._rate
         ), report
 
-    @staticmethod
-    def _clamp(command: Command) -> tuple[Command, tuple[str, ...]]:
-        return command.clamp()
+    def _stepping_height(self, h: float, speed: float, f: float, gait: Gait) -> tuple[float, str]:
+        """The h that a commanded one becomes while the legs move [m], and why.
+
+        Args:
+            h: as commanded [m].
+            speed: along the heading [m/s].
+            f: stride frequency [Hz].
+            gait: whose limits hold.
+        """
+        params = self._params
+        lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
+        lowest = lowest_walking_height(params, speed, 0.5 / f, self._posture[1])
+        wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
+        if gait in _HOPS and wanted > -params.hop_lowering:
+            wanted, why = -params.hop_lowering, "is too high for a leg that leans"
+        if gait in _LEAPS:
+            lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
+        if h < lowest:
+            # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
+            least = lowest if gait in _LEAPS else lowest - lowering
+            if wanted < least:
+                wanted, why = least, "leaves the stance leg no room to move"
+        return wanted, why
 
     def _follow(self, target: tuple[float, float, float], dt: float) -> None:
         """Move the posture towards a target with bounded rate and bounded rate of the rate."""

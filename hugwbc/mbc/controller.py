@@ -22,6 +22,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # of the norm of a state: beyond, products overflow
+_NOTABLE = 1e-3  # [rad], from which on a change of an arm's target is reported
 _LARGEST_EXCESS = 0.1  # of an orientation's squared norm over 1; an IMU that died may give zeros
 
 
@@ -95,12 +96,13 @@ class WholeBodyController:
     @property
     def footholds(self) -> np.ndarray:
         """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
-        return self._locomotion.footholds if self._started else np.full((2, 2), np.nan)
+        return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)
 
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, standing."""
         self._clear()
         self._qp.reset()
+        self._locomotion.plan.reset()
         if _usable(state):
             self._start(state)
 
@@ -160,10 +162,14 @@ class WholeBodyController:
                 self._free_arms()
             return ()
         self._arms_free = False
-        mask = upper_body.mask & np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
-        report = () if np.array_equal(mask, upper_body.mask) else ("arm targets that are not finite are ignored",)
-        low, high = robot.lower[robot.arms], robot.upper[robot.arms]
-        self._arms.target[:] = np.where(mask, np.clip(upper_body.q, low, high), robot.nominal[robot.arms])
+        finite = np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
+        mask, report = upper_body.mask & finite, ()
+        if (upper_body.mask & ~finite).any():
+            report += ("arm targets that are not finite are ignored",)
+        target = np.clip(upper_body.q, robot.lower[robot.arms], robot.upper[robot.arms])
+        if (mask & (np.abs(target - upper_body.q) > _NOTABLE)).any():
+            report += ("arm targets beyond the joints' ranges are clamped",)
+        self._arms.target[:] = np.where(mask, target, robot.nominal[robot.arms])
         self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
         self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
         # Sampled at the control period, a servo must stay well below the sampling frequency.
@@ -231,6 +237,8 @@ class WholeBodyController:
             next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
+            out_of_reach=self._locomotion.out_of_reach if self._started else 0,
+            failed_plans=self._locomotion.failed_plans if self._started else 0,
             report=report,
         )
 

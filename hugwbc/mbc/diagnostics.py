@@ -34,12 +34,15 @@ class Diagnostics:
         status: of the QP; FAILED also when it was not tried because the state was not finite.
         iterations: of the QP solver.
         mode: of the gait plan.
-        swing: side of the foot in the air, or None.
+        swing: side of the swinging foot of a walk, or None.
         contact_forces: by contact point, world axes [N], each of shape (3,).
         task_errors: by task name.
-        next_foothold: where the sole's centre of the swing foot is to land, world x and y [m], or None.
+        next_foothold: where the sole's centre of the foot in the air is to land, world x and y [m]; None if none or
+            both are. The controller's `footholds` has both.
         fallbacks: ticks since the reset whose command did not come from a solution.
         relaxed: ticks since the reset whose joint limits had to be dropped.
+        out_of_reach: ticks since the reset in which the foothold of a walk was further away than a step reaches.
+        failed_plans: force plans of leaps since the reset that were not solved, in whose place the feet pushed evenly.
         report: what of the command was clamped, replaced or not followed as asked.
     """
 
@@ -55,4 +58,6 @@ class Diagnostics:
     next_foothold: np.ndarray | None = None
     fallbacks: int = 0
     relaxed: int = 0
+    out_of_reach: int = 0
+    failed_plans: int = 0
     report: tuple[str, ...] = ()

@@ -54,10 +54,10 @@ class Locomotion:
         plan: the gait clock.
         ground: as the feet have found it.
         contact: whether the left and the right foot stand, shape (2,), bool.
-        foothold: where the sole's centre of the swing foot is to land, world [m], shape (2,), or None.
-        footholds: the same of both feet, shape (2, 2); NaN for one that stands.
+        footholds: where the soles' centres of the feet in the air are to land, world [m], shape (2, 2); NaN for the
+            others.
         height, orientation, momentum, com, travel, stance, swing: tasks.
-        clipped: number of ticks with a foothold out of reach.
+        out_of_reach: ticks since the reset in which the foothold of a walk was out of reach.
     """
 
     def __init__(self, params: ControllerParams) -> None:
@@ -103,9 +103,8 @@ class Locomotion:
         self._trim.reset()
         self._leap.reset()
         self.contact = np.ones(2, dtype=bool)
-        self.foothold: np.ndarray | None = None
         self.footholds = np.full((2, 2), np.nan)
-        self.clipped = 0
+        self.out_of_reach = 0
         self._landed = self._loaded = False
         self._noted = False
         self.ground.reset()
@@ -164,7 +163,6 @@ class Locomotion:
             self._jump(dynamics, command, dt, lift_off)
         else:
             self.contact[:] = True
-            self.foothold = None
             self._trim.reset()
             self._leap.fly()
             self._stand(dynamics, command)
@@ -172,6 +170,17 @@ class Locomotion:
             if self.contact[foot]:
                 stance.settle = self._settle_speed(dynamics, foot)
                 stance.slope = float(self.ground.slopes[foot])
+
+    @property
+    def foothold(self) -> np.ndarray | None:
+        """The foothold of the only foot in the air, world [m], shape (2,); None if none or both are."""
+        planned = self.footholds[np.isfinite(self.footholds[:, 0])]
+        return planned[0] if len(planned) == 1 else None
+
+    @property
+    def failed_plans(self) -> int:
+        """Force plans since the reset that were not solved."""
+        return self._leap.failures
 
     @property
     def planned_forces(self) -> np.ndarray | None:
@@ -308,11 +317,11 @@ class Locomotion:
             self._trim.end_step()
         pendulum = Pendulum.about(self._pivot(dynamics, stance), dynamics, self.ground.gradient)
         step = self._plan_step(command, pendulum, swing)
-        self.clipped += any(step.missed)
+        self.out_of_reach += any(step.missed)
         landing_yaw = self._yaw + command.omega * plan.remaining
         ahead = _SOLE_MIDDLE - self._balance
-        self.foothold = step.foothold + np.array([ahead * math.cos(landing_yaw), ahead * math.sin(landing_yaw)])
-        self.footholds[swing] = self.foothold
+        foothold = step.foothold + np.array([ahead * math.cos(landing_yaw), ahead * math.sin(landing_yaw)])
+        self.footholds[swing] = foothold
         elapsed = plan.duration - plan.remaining
         if not self._noted and 2.0 * elapsed > plan.duration:
             self.ground.note(dynamics, stance)
@@ -322,13 +331,13 @@ class Locomotion:
         upright = self.height.target + self._crouch.depth - height
         self._crouch.prepare(dynamics, pendulum, step, swing, plan.remaining, upright)
         self._trajectory.advance(
-            self.foothold,
+            foothold,
             command.l,
             height,
             elapsed,
             plan.remaining,
             dt,
-            landing=height + self.ground.rise(standing, self.foothold),
+            landing=height + self.ground.rise(standing, foothold),
             overdue=plan.overdue,
         )
         self.contact[stance], self.contact[swing] = True, self._landed
@@ -417,9 +426,8 @@ class Locomotion:
         yaw = self._leap.landing_yaw(command, plan, self._yaw)
         pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot)
         ahead = _SOLE_MIDDLE - self._balance
-        self.foothold = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
-        self.footholds[foot] = self.foothold
-        trajectory.advance(self.foothold, command.l, self._ground, elapsed, plan.remaining, dt)
+        self.footholds[foot] = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
+        trajectory.advance(self.footholds[foot], command.l, self._ground, elapsed, plan.remaining, dt)
         if elapsed > self._params.early_contact_phase * plan.step_time:
             self.contact[foot] |= self._lowest(dynamics, foot) - self._ground < self._params.early_contact_height
         task.position, task.velocity = trajectory.position, trajectory.velocity

@@ -72,6 +72,27 @@ def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
     assert any(line.startswith("l = 0.3") for line in report)
 
 
+@pytest.mark.parametrize(
+    ("command", "report"),
+    [
+        (Command(v_x=0.9, gait=Gait.WALKING), ()),
+        (Command(gait=Gait.JUMPING), ()),
+        (
+            Command(v_x=2.0, f=2.5, l=0.1, gait=Gait.WALKING),
+            ("h = 0 m leaves the trailing leg too short at this speed: using -0.06 m",),
+        ),
+        (Command(gait=Gait.HOPPING_LEFT), ("h = 0 m is too high for a leg that leans: using -0.06 m",)),
+        (Command(h=-0.08, gait=Gait.HOPPING_LEFT), ()),
+    ],
+    ids=str,
+)
+def test_a_height_that_the_gait_lowers_is_reported(command, report):
+    command_filter = CommandFilter(PARAMS)
+    for _ in range(1500):
+        last = command_filter.update(command, DT)
+    assert last[1] == report
+
+
 @pytest.mark.parametrize("v_x", [0.3, 1.8])
 def test_the_report_names_the_height_that_is_used(v_x):
     command_filter = CommandFilter(PARAMS)
