@@ -127,15 +127,15 @@ class Conditions:
         import torch
 
         from hugwbc.evaluation.intervention import ArmIntervention
-        from hugwbc.learned.arm_targets import MotionTargets, NoiseTargets
-        from hugwbc.motion import generate_motions, load_motions
+        from hugwbc.learned.arm_targets import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
-        if self.intervention == "noise":
-            return ArmIntervention(NoiseTargets(1, NOISE_INTERVAL, generator))
-        motions = (
-            generate_motions(GENERATED_MOTIONS_SEED)
-            if self.motions is None
-            else load_motions(pathlib.Path(self.motions))
+        targets = make_arm_targets(
+            self.intervention,
+            1,
+            interval=NOISE_INTERVAL,
+            motions=None if self.motions is None else pathlib.Path(self.motions),
+            motions_seed=GENERATED_MOTIONS_SEED,
+            generator=generator,
         )
-        return ArmIntervention(MotionTargets(1, motions, generator))
+        return ArmIntervention(targets)

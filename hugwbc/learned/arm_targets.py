@@ -4,12 +4,13 @@ Noise: uniform targets every t_interval steps, approached linearly during the fi
 paper's section on intervention training). Motions: each robot plays one after the other, faded into each other.
 """
 
+import pathlib
 from collections.abc import Sequence
 from typing import Protocol
 
 import torch
 
-from hugwbc.motion import ArmMotion, arm_noise_range
+from hugwbc.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
 from hugwbc.robot import load_robot
 
 RAMP_FRACTION = 2.0 / 3.0
@@ -62,8 +63,7 @@ class NoiseTargets:
         self._low, self._high = (torch.tensor(bound, dtype=torch.float32) for bound in arm_noise_range())
         self._initial = _nominal_arms(count)
         self._target = self._draw(count)
-        # Spread over the interval, so that the robots' draws do not coincide.
-        self._age = torch.randint(interval, (count,), generator=generator)
+        self._age = torch.randint(interval, (count,), generator=generator)  # spread, until a robot's first reset
 
     def _draw(self, count: int) -> torch.Tensor:
         sample = torch.rand((count, _ARMS), generator=self._generator)
@@ -158,3 +158,31 @@ class MotionTargets:
         if bool((state["frame"] < self._length[state["clip"]]).all()):
             self._previous, self._clip = state["previous"].clone(), state["clip"].clone()
             self._frame, self._played = state["frame"].clone(), state["played"].clone()
+
+
+def make_arm_targets(
+    kind: str,
+    count: int,
+    *,
+    interval: int,
+    motions: pathlib.Path | None,
+    motions_seed: int,
+    generator: torch.Generator,
+) -> ArmTargets:
+    """The source of arm targets that an intervention has, in training and in evaluation.
+
+    Args:
+        kind: "motion", or anything else for noise, which does no harm where nothing is intervened.
+        count: number of robots.
+        interval: control steps between two draws of the noise.
+        motions: folder of motion files; None for generated motions.
+        motions_seed: of the generated ones.
+        generator: of the draws.
+
+    Raises:
+        MotionFileError: if the motion files cannot be used.
+    """
+    if kind != "motion":
+        return NoiseTargets(count, interval, generator)
+    clips = generate_motions(motions_seed) if motions is None else load_motions(motions)
+    return MotionTargets(count, clips, generator)

@@ -10,7 +10,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed, env_state, terminations
 from hugwbc.learned import observations as obs
-from hugwbc.learned.arm_targets import ArmTargets, MotionTargets, NoiseTargets
+from hugwbc.learned.arm_targets import make_arm_targets
 from hugwbc.learned.command_sampling import draw_commands
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.curriculum import Curriculum
@@ -23,7 +23,6 @@ from hugwbc.learned.readings import read, tensor
 from hugwbc.learned.rewards import Body, Transition, evaluate_terms
 from hugwbc.learned.starts import draw_starts, stand_on_one_leg
 from hugwbc.learned.statistics import Statistics
-from hugwbc.motion import generate_motions, load_motions
 from hugwbc.robot import load_robot
 from hugwbc.sim.scene import TRAINING_TIMESTEP
 from hugwbc.sim.warp_batch import robots_on
@@ -90,9 +89,15 @@ class HumanoidEnv:
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
-        self.intervention = Intervention(
-            self._intervenable, config.flip_probability, self._arm_targets(), self.generator
+        targets = make_arm_targets(
+            config.intervention,
+            self.count,
+            interval=config.noise_interval,
+            motions=config.motions,
+            motions_seed=GENERATED_MOTIONS_SEED,
+            generator=self.generator,
         )
+        self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self._body = self._make_body()
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
@@ -124,13 +129,6 @@ class HumanoidEnv:
             waist=robot.waist,
             dt=self.dt,
         )
-
-    def _arm_targets(self) -> ArmTargets:
-        config = self.config
-        if config.intervention != "motion":
-            return NoiseTargets(self.count, config.noise_interval, self.generator)
-        motions = generate_motions(GENERATED_MOTIONS_SEED) if config.motions is None else load_motions(config.motions)
-        return MotionTargets(self.count, motions, self.generator)
 
     # Stepping -----------------------------------------------------------------------------------------------------
 

@@ -1,9 +1,12 @@
+import pathlib
+
 import numpy as np
 import pytest
 import torch
 
-from hugwbc.learned.arm_targets import FADE_STEPS, MotionTargets, NoiseTargets
-from hugwbc.motion import MOTION_FPS, ArmMotion
+from hugwbc.errors import MotionFileError
+from hugwbc.learned.arm_targets import FADE_STEPS, ArmTargets, MotionTargets, NoiseTargets, make_arm_targets
+from hugwbc.motion import MOTION_FPS, ArmMotion, generate_motions
 from hugwbc.robot import load_robot
 
 FIRST = torch.tensor([0])
@@ -83,3 +86,21 @@ def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> 
     foreign = MotionTargets(5, ramps(), generator()) if kind == "noise" else NoiseTargets(5, 90, generator())
     other.load_state_dict(foreign.state_dict())
     assert torch.equal(other.targets(), before)
+
+
+def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
+    def make(kind: str, motions: pathlib.Path | None = None) -> ArmTargets:
+        return make_arm_targets(
+            kind, 2, interval=7, motions=motions, motions_seed=3, generator=torch.Generator().manual_seed(0)
+        )
+
+    noise = make("noise")
+    assert isinstance(noise, NoiseTargets) and noise.interval == 7
+    generated = make("motion")
+    expected = MotionTargets(2, generate_motions(3), generator())
+    for _ in range(60):
+        generated.step()
+        expected.step()
+    assert torch.equal(generated.targets(), expected.targets())
+    with pytest.raises(MotionFileError):
+        make("motion", tmp_path / "nothing")
