@@ -5,11 +5,11 @@ import torch
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig
-from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
+from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Curriculum
 
-_V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
+_V_X, _OMEGA = SPEED_COLUMNS
 _HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
-_SPEEDS = torch.tensor([_V_X, _OMEGA])
+_SPEEDS = torch.tensor(SPEED_COLUMNS)
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 

@@ -9,11 +9,13 @@ from typing import Any
 
 import torch
 
+from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import CurriculumConfig
 from hugwbc.learned.speed_grid import SpeedGrid
 
 MAX_SPEED = (0.6, 2.0)  # [m/s], the paper's initial and finishing range of v_x
 MAX_YAW_RATE = (0.6, 1.0)  # [rad/s], likewise of omega
+SPEED_COLUMNS = [COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")]  # of a command, that the grid draws
 
 
 @dataclasses.dataclass
@@ -101,6 +103,17 @@ class Curriculum:
             self.gates["speed"] = "open"
         else:
             self.gates["speed"] = f"closed: linear velocity reward {linear:.2f} < {threshold:.2f}"
+
+    def judge(self, gait: torch.Tensor, command: torch.Tensor, tracking: torch.Tensor) -> None:
+        """Tell the speed grid, if there is one, how commands of the agile group went that have ended.
+
+        Args:
+            gait: values of `Gait`, shape (k,).
+            command: in the order of `COMMAND_NAMES`, shape (k, 8).
+            tracking: linear and angular tracking reward relative to their maxima, shape (k, 2); 0 after a fall.
+        """
+        if self.grid is not None:
+            self.grid.judge(gait, command[:, SPEED_COLUMNS], tracking, self.speed_thresholds)
 
     @property
     def speed_thresholds(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed, env_state, terminations
+from hugwbc.learned import distributed, env_observations, env_state, terminations
 from hugwbc.learned import observations as obs
 from hugwbc.learned.arm_targets import make_arm_targets
 from hugwbc.learned.command_sampling import draw_commands
@@ -18,18 +18,18 @@ from hugwbc.learned.ground import RoughGround
 from hugwbc.learned.intervention import Intervention
 from hugwbc.learned.latency import Latency, draw_delays
 from hugwbc.learned.observations import Observation
-from hugwbc.learned.randomization import randomize
+from hugwbc.learned.randomization import push, randomize
 from hugwbc.learned.readings import read, tensor
-from hugwbc.learned.rewards import Body, Transition, evaluate_terms
+from hugwbc.learned.rewards import evaluate_terms, relative_tracking
 from hugwbc.learned.starts import draw_starts, stand_on_one_leg
 from hugwbc.learned.statistics import Statistics
+from hugwbc.learned.transition import Body, Transition
 from hugwbc.robot import load_robot
 from hugwbc.sim.scene import TRAINING_TIMESTEP
 from hugwbc.sim.warp_batch import robots_on
 
-LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 GENERATED_MOTIONS_SEED = 0
-_W = COMMAND_NAMES.index("w")
+_F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
 _ALL = slice(None)
 
 
@@ -66,6 +66,9 @@ class HumanoidEnv:
         age: control steps since the episode's start, shape (n,).
         actions: the last three policy outputs, newest first, shape (3, n, 19).
         history: last five proprioceptive frames, shape (n, 5, 63).
+        friction: sliding friction of each robot, shape (n,).
+        noise: half-widths of the observation noise, shape (63,).
+        body: constants of the robot.
         waist: the waist's joint target before the action [rad], shape (n,).
     """
 
@@ -82,7 +85,7 @@ class HumanoidEnv:
         self._action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
-        self._friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
+        self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
@@ -99,9 +102,9 @@ class HumanoidEnv:
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
-        self._body = self._make_body()
+        self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
-        self._noise = obs.noise_amplitude() * config.randomization.noise
+        self.noise = obs.noise_amplitude() * config.randomization.noise
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
         self.phase = torch.zeros(self.count)
@@ -116,20 +119,6 @@ class HumanoidEnv:
         terrain = self.config.terrain
         return RoughGround(self.count, terrain, np.random.default_rng(seed)) if terrain.roughness > 0.0 else None
 
-    def _make_body(self) -> Body:
-        robot = self.robot
-        others = np.setdiff1d(np.arange(len(robot.joint_names)), robot.arms)
-        return Body(
-            nominal=tensor(robot.nominal),
-            lower=tensor(robot.lower),
-            upper=tensor(robot.upper),
-            arms=torch.as_tensor(robot.arms),
-            hips=torch.as_tensor(robot.hip_yaw_roll),
-            waist_and_legs=torch.as_tensor(others),
-            waist=robot.waist,
-            dt=self.dt,
-        )
-
     # Stepping -----------------------------------------------------------------------------------------------------
 
     def step(self, action: torch.Tensor) -> StepResult:
@@ -137,25 +126,26 @@ class HumanoidEnv:
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous_dq = self.readings.dq
         self._apply(action)
-        self._push()
-        self._stay_on_ground()
+        push(self.simulation, self.config.randomization, self.generator)
+        if self.ground is not None:
+            self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
         diverged = torch.from_numpy(self._simulate())
         self.age += 1
-        self.phase = gaits.advance_phase(self.phase, self.command[:, 3], self.dt)
+        self.phase = gaits.advance_phase(self.phase, self.command[:, _F], self.dt)
         self.readings = read(self.simulation, self.ground)
         fallen = self._fallen() | diverged
         transition = self._transition(previous_dq, fallen)
-        rewards = evaluate_terms(transition, self._body, self._weights, self.curriculum.penalty_scale)
+        rewards = evaluate_terms(transition, self.body, self._weights, self.curriculum.penalty_scale)
         # A diverged state may hold anything; its robot ends as a failure and must not touch the sums.
         reward = torch.nan_to_num(torch.stack(tuple(rewards.values())).sum(0), nan=0.0, posinf=0.0, neginf=0.0)
         done = fallen | (self.age >= self.config.episode_steps)
         timed_out = (done & ~fallen).nonzero().squeeze(1)
-        tracking = self._relative_tracking(rewards)
+        tracking = relative_tracking(rewards, self._weights, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
-        self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
+        self.history = torch.cat((self.history[:, 1:], env_observations.frame(self)[:, None]), dim=1)
         final_critic = self.observe(timed_out).critic
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
         self._judge_speeds(done, due, fallen)
@@ -167,14 +157,14 @@ class HumanoidEnv:
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
-        target = self._body.nominal + self._action_scale * action
+        target = self.body.nominal + self._action_scale * action
         self.waist = self.next_waist()
-        target[:, self._body.waist] += self.waist
+        target[:, self.body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
         # The paper: hopping is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
         self.intervention.step()
-        target[:, self._body.arms] = self.intervention.blend(target[:, self._body.arms])
+        target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
         self.simulation.ctrl[:] = target.numpy()
 
     def next_waist(self) -> torch.Tensor:
@@ -187,45 +177,24 @@ class HumanoidEnv:
             return self.simulation.step(self.config.substeps)
         return self.latency.step(self.simulation)
 
-    def _push(self) -> None:
-        settings = self.config.randomization
-        pushed = torch.rand(self.count, generator=self.generator) < 1.0 / settings.push_interval
-        ids = pushed.nonzero().squeeze(1)
-        if ids.numel():
-            kick = (2.0 * torch.rand((ids.numel(), 2), generator=self.generator) - 1.0) * settings.push_velocity
-            self.simulation.qvel[ids.numpy(), :2] += kick.numpy()
-
-    def _stay_on_ground(self) -> None:
-        """Move robots that near the end of their region to where the ground is the same."""
-        if self.ground is None:
-            return
-        shift = self.ground.shift(self.readings.position[:, :2])
-        ids = shift.any(1).nonzero().squeeze(1)
-        if ids.numel():
-            self.simulation.qpos[ids.numpy(), :2] += shift[ids].numpy()
-            self.simulation.forward(ids.numpy())
-
     def _fallen(self) -> torch.Tensor:
         """Robots whose episode ends early, shape (n,), bool."""
-        return terminations.fallen(self.readings, self.robot) | self._dropped_foot()
+        fallen, grace = terminations.fallen(self.readings, self.robot), self.config.held_foot_grace
+        if grace > 0.0:  # there is time to lift a foot after a new command
+            fallen |= terminations.held_foot_down(self.readings, self.gait) & (self.command_time >= grace)
+        return fallen
 
     @property
     def command_time(self) -> torch.Tensor:
         """Time since each robot's command was drawn [s], shape (n,)."""
         return self.age % self.config.command.resample_steps * self.dt
 
-    def _dropped_foot(self) -> torch.Tensor:
-        """Whether a hop ends because its held foot came down; there is time to lift it after a new command."""
-        if self.config.held_foot_grace == 0.0:
-            return torch.zeros(self.count, dtype=torch.bool)
-        settled = self.command_time >= self.config.held_foot_grace
-        return settled & terminations.held_foot_down(self.readings, self.gait)
-
-    def _bar_phase(self) -> torch.Tensor:
+    def bar_phase(self) -> torch.Tensor:
+        """Homogenised phases of the left and the right foot, shape (n, 2)."""
         return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
 
     def _transition(self, previous_dq: torch.Tensor, fallen: torch.Tensor) -> Transition:
-        r, bar_phase = self.readings, self._bar_phase()
+        r, bar_phase = self.readings, self.bar_phase()
         return Transition(
             command=self.command,
             velocity=r.velocity,
@@ -245,7 +214,7 @@ class HumanoidEnv:
             foot_velocity=r.foot_velocity,
             foot_force=r.foot_force,
             foot_offset=r.foot_offset,
-            target_clearance=gaits.swing_height(bar_phase, self.command[:, 4:5]),
+            target_clearance=gaits.swing_height(bar_phase, self.command[:, [_L]]),
             contact=gaits.expected_contact(bar_phase),
             in_phase=bar_phase[:, 0] == bar_phase[:, 1],
             intervention=self.intervention.active,
@@ -253,18 +222,11 @@ class HumanoidEnv:
         )
 
     def _judge_speeds(self, done: torch.Tensor, due: torch.Tensor, fallen: torch.Tensor) -> None:
-        """Tell the speed grid how the commands went that end now; those of other gaits do not count."""
-        if self.curriculum.grid is None:
-            return
+        """Tell the curriculum how the commands of the agile group went that end now."""
         over = done & self.agile
         over[due] = self.agile[due]
         tracking = self.statistics.tracking[over] * ~fallen[over, None]
-        speeds = self.command[over][:, [COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")]]
-        self.curriculum.grid.judge(self.gait[over], speeds, tracking, self.curriculum.speed_thresholds)
-
-    def _relative_tracking(self, rewards: dict[str, torch.Tensor]) -> torch.Tensor:
-        names = ("linear_velocity_tracking", "angular_velocity_tracking")
-        return torch.stack([rewards[name] / (self._weights[name] * self.dt) for name in names], dim=1)
+        self.curriculum.judge(self.gait[over], self.command[over], tracking)
 
     def update_curriculum(self) -> None:
         """Move the curricula after an iteration, from the running tracking rewards of both groups."""
@@ -309,7 +271,7 @@ class HumanoidEnv:
         self._draw_commands(robots)
         self._lift_held_legs(robots)
         self.readings = read(self.simulation, self.ground)
-        self.history[robots] = self._frame()[robots, None]
+        self.history[robots] = env_observations.frame(self)[robots, None]
 
     def _lift_held_legs(self, robots: torch.Tensor) -> None:
         """Let some of the robots that start hopping stand on one leg."""
@@ -324,42 +286,9 @@ class HumanoidEnv:
                 self.latency.reset(ids, qpos[:, 7:])
             self.simulation.forward(ids)
 
-    # Observations -------------------------------------------------------------------------------------------------
-
-    def _frame(self) -> torch.Tensor:
-        r = self.readings
-        frame = obs.proprioception(r.angular_velocity, r.gravity, r.q - self._body.nominal, r.dq, self.actions[0])
-        noise = 2.0 * torch.rand(frame.shape, generator=self.generator) - 1.0
-        return frame + noise * self._noise
-
     def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
         """Observations of the current state, of all robots or of some (indices)."""
-        r = self.readings
-        history = self.history[robots].flatten(1)
-        clock = gaits.clock(self._bar_phase()[robots])
-        active = self.intervention.active[robots]
-        command = obs.command_observation(self.command[robots], self.gait[robots], clock, active)
-        velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
-        privileged = obs.privileged(
-            velocity,
-            height - self.command[robots, 5],
-            clearance,
-            self._friction[robots],
-            r.foot_force[robots],
-            r.link_force[robots] > LINK_CONTACT_FORCE,
-        )
-        terrain = self._terrain_samples(height, robots)
-        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
-        return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
-
-    def _terrain_samples(self, height: torch.Tensor, robots: torch.Tensor | slice) -> torch.Tensor:
-        """How far the ground around the robots lies below their pelvises, minus the nominal height, scaled."""
-        if self.ground is None:  # every sample lies the same distance below
-            return (height * obs.LENGTH_SCALE)[:, None].expand(-1, obs.TERRAIN_SIZE)
-        position = self.readings.position[robots]
-        ground = self.ground.samples(position[:, :2], self.readings.heading[robots])
-        below = position[:, 2:] - self.robot.nominal_height - ground
-        return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
+        return env_observations.observe(self, robots)
 
     # Checkpointing ------------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ import torch
 from hugwbc.learned import distributed
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import TerrainConfig
+from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.terrain import level_terrain
 
 _LATE = 0.25  # [m] beyond half a period before a robot is moved back by a period, so that none is moved to and fro
@@ -86,6 +87,19 @@ class RoughGround:
         offset = xy - self._centres[self.level]
         far = offset.abs() > 0.5 * self._period + _LATE
         return torch.where(far, -self._period * torch.round(offset / self._period), 0.0)
+
+    def keep_inside(self, simulation: BatchSimulation, xy: torch.Tensor) -> None:
+        """Move robots that near the end of their region to where the ground is the same.
+
+        Args:
+            simulation: the batch.
+            xy: positions of the pelvises, shape (n, 2).
+        """
+        shift = self.shift(xy)
+        ids = shift.any(1).nonzero().squeeze(1)
+        if ids.numel():
+            simulation.qpos[ids.numpy(), :2] += shift[ids].numpy()
+            simulation.forward(ids.numpy())
 
     def lost(self, xy: torch.Tensor) -> torch.Tensor:
         """Which robots are outside of their level's region, as in the state of a run on other ground, shape (n,), bool.

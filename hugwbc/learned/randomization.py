@@ -1,6 +1,7 @@
-"""Per-robot model parameters, drawn once: friction, masses and their centres; joint gains, strength and offset."""
+"""Per-robot model parameters, drawn once: friction, masses and their centres, joint gains, strength, offset; pushes."""
 
 import numpy as np
+import torch
 
 from hugwbc.learned.config import RandomizationConfig
 from hugwbc.sim.batch import BatchSimulation
@@ -74,3 +75,18 @@ def _randomize_motors(simulation: BatchSimulation, config: RandomizationConfig, 
         stiffness = simulation.batch.expand("actuator_gainprm")[:, :, 0]
         bias = simulation.batch.expand("actuator_biasprm")
         bias[:, :, 0] += stiffness * rng.uniform(-config.offset, config.offset, shape)
+
+
+def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> None:
+    """Change the horizontal velocity of the pelvis of some robots, before a control step.
+
+    Args:
+        simulation: the batch.
+        config: how often and how much.
+        generator: of the draws.
+    """
+    pushed = torch.rand(simulation.count, generator=generator) < 1.0 / config.push_interval
+    ids = pushed.nonzero().squeeze(1)
+    if ids.numel():
+        kick = (2.0 * torch.rand((ids.numel(), 2), generator=generator) - 1.0) * config.push_velocity
+        simulation.qvel[ids.numpy(), :2] += kick.numpy()

@@ -8,6 +8,8 @@ import torch
 from hugwbc.learned.ground import RoughGround
 from hugwbc.sim.batch import BatchSimulation
 
+CONTACT_THRESHOLD = 5.0  # [N], above which a foot is on the ground
+
 
 def tensor(array: np.ndarray) -> torch.Tensor:
     """A float32 copy of an array."""
@@ -94,3 +96,8 @@ def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
     cos, sin = heading.cos(), heading.sin()
     x, y, z = vector.unbind(1)
     return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=1)
+
+
+def feet_on_ground(foot_force: torch.Tensor) -> torch.Tensor:
+    """Which feet carry more than `CONTACT_THRESHOLD`, shape (n, 2), bool; forces on both feet [N], shape (n, 2, 3)."""
+    return foot_force.square().sum(2) > CONTACT_THRESHOLD**2

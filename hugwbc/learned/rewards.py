@@ -1,95 +1,21 @@
-"""The paper's reward table, one pure function per row, and the few terms that the table lacks.
+"""The paper's reward table, one pure function per row; with the terms that it lacks, weighted and by name.
 
 Every function maps a `Transition` to one number per robot, shape (n,); weights are in `hugwbc.learned.config`. The
-function's name is the row's; the docstring has the formula and says what was corrected.
+function's name is the row's; the docstring has the formula and says what was corrected. Terms of our own are in
+`hugwbc.learned.extra_rewards`.
 """
 
-import dataclasses
-from collections.abc import Callable
-
 import torch
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.learned.extra_rewards import EXTRA_TERMS
+from hugwbc.learned.readings import feet_on_ground
+from hugwbc.learned.transition import Body, Term, Transition
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
 CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
-LIMIT_FRACTION = 0.95
-PRECISION = 0.25  # [m/s] and [rad/s]
-POSTURE_PRECISION = 0.1  # [m] and [rad]
-SWING_PRECISION = 0.05  # [m]
-LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
-CONTACT_THRESHOLD = 5.0  # [N]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Transition:
-    """What the rewards read after a control step; n robots, SI units.
-
-    Attributes:
-        command: in the order of `COMMAND_NAMES`, shape (n, 8).
-        velocity: of the pelvis in the heading frame, shape (n, 3).
-        angular_velocity: of the pelvis in its own frame, shape (n, 3).
-        yaw_rate: about gravity, shape (n,).
-        height, pitch, roll: pelvis height minus nominal, pelvis pitch and roll, shape (n,).
-        q, dq, previous_dq: joint positions and velocities, shape (n, 19).
-        torque: joint torques, shape (n, 19).
-        action, previous_action, older_action: policy outputs, newest first, shape (n, 19).
-        clearance: of both soles above the ground, shape (n, 2).
-        foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
-        foot_offset: left minus right sole in the heading frame, shape (n, 3).
-        target_clearance: the swing profile of both feet, shape (n, 2).
-        contact: expected contact C of both feet, shape (n, 2).
-        in_phase: whether both feet have the same homogenised phase, shape (n,), bool.
-        intervention: the paper's I(t), shape (n,), bool.
-        fallen: early termination, shape (n,), bool.
-    """
-
-    command: torch.Tensor
-    velocity: torch.Tensor
-    angular_velocity: torch.Tensor
-    yaw_rate: torch.Tensor
-    height: torch.Tensor
-    pitch: torch.Tensor
-    roll: torch.Tensor
-    q: torch.Tensor
-    dq: torch.Tensor
-    previous_dq: torch.Tensor
-    torque: torch.Tensor
-    action: torch.Tensor
-    previous_action: torch.Tensor
-    older_action: torch.Tensor
-    clearance: torch.Tensor
-    foot_velocity: torch.Tensor
-    foot_force: torch.Tensor
-    foot_offset: torch.Tensor
-    target_clearance: torch.Tensor
-    contact: torch.Tensor
-    in_phase: torch.Tensor
-    intervention: torch.Tensor
-    fallen: torch.Tensor
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Body:
-    """Constants of the robot that the rewards read, as tensors.
-
-    Attributes:
-        nominal, lower, upper: joint positions and limits [rad], shape (19,).
-        arms, hips, waist_and_legs: joint indices.
-        waist: index of the waist joint.
-        dt: control period [s].
-    """
-
-    nominal: torch.Tensor
-    lower: torch.Tensor
-    upper: torch.Tensor
-    arms: torch.Tensor
-    hips: torch.Tensor
-    waist_and_legs: torch.Tensor
-    waist: int
-    dt: float
-
-
-Term = Callable[[Transition, Body], torch.Tensor]
+_OMEGA, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "h", "p", "w"))
 
 
 def linear_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
@@ -99,22 +25,22 @@ def linear_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
 
 def angular_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
     """exp(-(omega_target - omega_z)^2 / 0.2)."""
-    return torch.exp(-(t.command[:, 2] - t.yaw_rate).square() / TRACKING_SIGMA)
+    return torch.exp(-(t.command[:, _OMEGA] - t.yaw_rate).square() / TRACKING_SIGMA)
 
 
 def body_height_tracking(t: Transition, body: Body) -> torch.Tensor:
     """(h_target - h)^2."""
-    return (t.command[:, 5] - t.height).square()
+    return (t.command[:, _H] - t.height).square()
 
 
 def body_pitch_tracking(t: Transition, body: Body) -> torch.Tensor:
     """(p_target - p)^2."""
-    return (t.command[:, 6] - t.pitch).square()
+    return (t.command[:, _P] - t.pitch).square()
 
 
 def waist_yaw_tracking(t: Transition, body: Body) -> torch.Tensor:
     """(w_target - w)^2."""
-    return (t.command[:, 7] - t.q[:, body.waist]).square()
+    return (t.command[:, _W] - t.q[:, body.waist]).square()
 
 
 def foot_swing_tracking(t: Transition, body: Body) -> torch.Tensor:
@@ -148,8 +74,7 @@ def feet_slip(t: Transition, body: Body) -> torch.Tensor:
 
     Corrected: the printed 1 - sum_i exp(-v_i^2) rewards rest with a bonus and also judges the swing foot.
     """
-    on_ground = t.foot_force.square().sum(2) > CONTACT_THRESHOLD**2
-    return (on_ground * (1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2)))).sum(1)
+    return (feet_on_ground(t.foot_force) * (1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2)))).sum(1)
 
 
 def _upper_mask(t: Transition, body: Body) -> torch.Tensor:
@@ -200,57 +125,6 @@ def termination(t: Transition, body: Body) -> torch.Tensor:
     return t.fallen.to(t.command.dtype)
 
 
-def alive(t: Transition, body: Body) -> torch.Tensor:
-    """1 while not terminated (not in the paper)."""
-    return (~t.fallen).to(t.command.dtype)
-
-
-def body_roll_tracking(t: Transition, body: Body) -> torch.Tensor:
-    """roll^2 (not in the paper's table; part of the authors' pitch term)."""
-    return t.roll.square()
-
-
-def joint_limits(t: Transition, body: Body) -> torch.Tensor:
-    """Radians beyond 95 % of the range, summed over legs and waist (not in the paper)."""
-    centre, half = (body.upper + body.lower) / 2.0, (body.upper - body.lower) / 2.0
-    excess = ((t.q - centre).abs() - LIMIT_FRACTION * half).clamp(min=0.0)
-    return excess[:, body.waist_and_legs].sum(1)
-
-
-def linear_velocity_precision(t: Transition, body: Body) -> torch.Tensor:
-    """exp(-|v_xy_target - v_xy| / 0.25) (not in the paper)."""
-    return torch.exp(-torch.linalg.vector_norm(t.command[:, :2] - t.velocity[:, :2], dim=1) / PRECISION)
-
-
-def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
-    """exp(-|omega_target - omega_z| / 0.25) (not in the paper)."""
-    return torch.exp(-(t.command[:, 2] - t.yaw_rate).abs() / PRECISION)
-
-
-def yaw_rate_error(t: Transition, body: Body) -> torch.Tensor:
-    """(omega_target - omega_z)^2, at most 4 (not in the paper)."""
-    return (t.command[:, 2] - t.yaw_rate).square().clamp(max=LARGEST_YAW_RATE_ERROR)
-
-
-def posture_precision(t: Transition, body: Body) -> torch.Tensor:
-    """Mean of exp(-|e| / 0.1) over body height, body pitch and waist yaw (not in the paper)."""
-    errors = torch.stack(
-        (t.command[:, 5] - t.height, t.command[:, 6] - t.pitch, t.command[:, 7] - t.q[:, body.waist]), dim=1
-    )
-    return torch.exp(-errors.abs() / POSTURE_PRECISION).mean(1)
-
-
-def swing_precision(t: Transition, body: Body) -> torch.Tensor:
-    """sum_i (1 - C_i) exp(-|l_target_i - l_i| / 0.05) (not in the paper)."""
-    return ((1.0 - t.contact) * torch.exp(-(t.target_clearance - t.clearance).abs() / SWING_PRECISION)).sum(1)
-
-
-def unequal_support(t: Transition, body: Body) -> torch.Tensor:
-    """1[bar phi_1 = bar phi_2] while one foot is on the ground and the other is not (not in the paper)."""
-    on_ground = t.foot_force.square().sum(2) > CONTACT_THRESHOLD**2
-    return (t.in_phase & (on_ground[:, 0] != on_ground[:, 1])).to(t.command.dtype)
-
-
 PAPER_TERMS: dict[str, Term] = {
     term.__name__: term
     for term in (
@@ -272,20 +146,6 @@ PAPER_TERMS: dict[str, Term] = {
         hip_joint_deviation,
         feet_symmetry,
         termination,
-    )
-}
-EXTRA_TERMS: dict[str, Term] = {
-    term.__name__: term
-    for term in (
-        alive,
-        body_roll_tracking,
-        joint_limits,
-        linear_velocity_precision,
-        yaw_rate_precision,
-        yaw_rate_error,
-        posture_precision,
-        swing_precision,
-        unequal_support,
     )
 }
 # The paper's regularisation group: grows with the penalty curriculum. Termination does not.
@@ -322,3 +182,15 @@ def evaluate_terms(
             scale = penalty_scale if name in REGULARISATION else 1.0
             rewards[name] = weight * scale * body.dt * terms[name](transition, body)
     return rewards
+
+
+def relative_tracking(rewards: dict[str, torch.Tensor], weights: dict[str, float], dt: float) -> torch.Tensor:
+    """Linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2).
+
+    Args:
+        rewards: what `evaluate_terms` gave.
+        weights: that it was given.
+        dt: control period [s].
+    """
+    names = (linear_velocity_tracking.__name__, angular_velocity_tracking.__name__)
+    return torch.stack([rewards[name] / (weights[name] * dt) for name in names], dim=1)

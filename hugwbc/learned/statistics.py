@@ -6,7 +6,7 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned.rewards import Transition
+from hugwbc.learned.transition import Transition
 
 TRACKING_MEMORY = 0.99  # of the exponential averages of the tracking rewards, per control step
 _MEASURED_COLUMNS = tuple(COMMAND_NAMES.index(name) for name in ("v_x", "v_y", "omega", "h", "p", "w"))

@@ -3,8 +3,7 @@
 import torch
 
 from hugwbc.gait import Gait
-from hugwbc.learned.readings import Readings
-from hugwbc.learned.rewards import CONTACT_THRESHOLD
+from hugwbc.learned.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
@@ -21,5 +20,5 @@ def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
 
 def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
     """Whether a hopping robot's held foot touches the ground, shape (n,), bool; `gait` has values of `Gait`, (n,)."""
-    left, right = (readings.foot_force.square().sum(2) > CONTACT_THRESHOLD**2).unbind(1)
+    left, right = feet_on_ground(readings.foot_force).unbind(1)
     return ((gait == Gait.HOPPING_LEFT) & right) | ((gait == Gait.HOPPING_RIGHT) & left)

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError
+from hugwbc.learned import env_observations
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
@@ -139,9 +140,9 @@ def test_observation_noise_has_the_papers_widths() -> None:
     width = obs.noise_amplitude()
     differences = []
     for _ in range(60):
-        clean = truth._frame()
+        clean = env_observations.frame(truth)
         noisy.readings, noisy.actions = truth.readings, truth.actions
-        differences.append(noisy._frame() - clean)
+        differences.append(env_observations.frame(noisy) - clean)
     spread = torch.cat(differences).abs().amax(0)
     assert (spread <= width + 1e-6).all() and (spread >= 0.9 * width).all()
     assert width[0] == pytest.approx(0.2 * 0.25) and width[-1] == 0.0
