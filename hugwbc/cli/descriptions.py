@@ -56,8 +56,7 @@ def describe_single(result: SingleCommandResult) -> str:
         if error is None and paper is None:
             continue
         ratio = error / paper if error is not None and paper is not None else None
-        # Four decimals: the paper's three would print some of the errors as zero.
-        rows.append((name, unit, None if error is None else f"{error:.4f}", paper, ratio))
+        rows.append((name, unit, _four(error), paper, ratio))
     lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
     lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
     lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
@@ -107,7 +106,7 @@ def describe_intervention(result: InterventionResult) -> str:
 def describe_foot_displacement(result: FootDisplacementResult) -> str:
     """Length of the feet's paths by intervention and command, beside the paper's, and the falls."""
     rows = [
-        (*_beside(f"{kind}, {name}", length, result.paper[kind].get(name)), f"{result.creep[kind][name] or 0.0:.4f}")
+        (*_beside(f"{kind}, {name}", length, result.paper[kind].get(name)), _four(result.creep[kind][name]))
         for kind, lengths in result.displacement.items()
         for name, length in lengths.items()
     ]
@@ -223,7 +222,12 @@ def _range(low: float | None, high: float | None) -> str | None:
 
 def _beside(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:
     ratio = value / paper if value is not None and paper else None
-    return name, None if value is None else f"{value:.4f}", None if paper is None else f"{paper:.4f}", ratio
+    return name, _four(value), _four(paper), ratio
+
+
+def _four(value: float | None) -> str | None:
+    """Four decimals: the paper's three would print some of the figures as zero."""
+    return None if value is None else f"{value:.4f}"
 
 
 def _falls_by_third(result: RandomCommandsResult) -> dict[str, dict[str, str]]:

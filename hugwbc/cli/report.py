@@ -62,7 +62,7 @@ def run(words: Sequence[str]) -> int:
     further = _further(specs, options.ablation)
     labels, others = ([spec.label for spec in some] for some in (specs, further))
     if len({*labels, *others}) < len(labels) + len(others):
-        raise ConfigError(f"controllers are {[*labels, *others]}; give each once")
+        raise ConfigError(f"controllers are {[*labels, *others]}; give at least one, each once")
     cells = _wanted(profile_cells(options.profile, specs, further, seed=options.seed), options.protocols)
     store = ResultStore(options.results, fresh=options.fresh)
     execution = Execution(options.workers, cluster=options.cluster, store=store)

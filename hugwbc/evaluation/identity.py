@@ -109,13 +109,15 @@ def code_identity(modules: Iterable[str]) -> dict[str, Any]:
     """Of all code of this package that some modules import, of the robot's description, and of the libraries.
 
     Comments, docstrings and layout do not count, and no other module does: a new protocol leaves the results of the
-    others as they are.
+    others as they are. Tables (.yaml) that stand beside the code do: results hold the paper's figures.
 
     Args:
         modules: dotted names; those outside this package are left out.
     """
+    files = _imported(frozenset(modules))
+    tables = sorted(table for folder in {path.parent for path in files} for table in folder.glob("*.yaml"))
     return {
-        "code": digest([_meaning(path) for path in _imported(frozenset(modules))]),
+        "code": digest([*(_meaning(path) for path in files), *map(file_digest, tables)]),
         "robot": [file_digest(path) for path in (load_robot().xml_path, load_robot().urdf_path)],
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }

@@ -1,6 +1,7 @@
 """What a person asks for from a page, turned into commands and hand targets that a robot can follow."""
 
 import dataclasses
+import threading
 
 import numpy as np
 
@@ -16,7 +17,7 @@ SLOW = 0.02  # [m/s, rad/s]; below it a robot stands
 class LiveSource:
     """Commands that ramp towards what is wanted; a robot comes to rest before it changes its gait.
 
-    The wanted values may be set from other threads at any time: each is replaced as a whole.
+    The wanted values may be asked for from several threads at any time.
 
     Attributes:
         wanted: the command that is asked for, with its gait.
@@ -28,6 +29,7 @@ class LiveSource:
         self.hands: HandTargets | None = None
         self._command = default_command(self.wanted.gait)
         self._t = 0.0
+        self._asking = threading.Lock()
 
     def restart(self) -> None:
         """The time starts anew, with the robot at rest in the wanted gait."""
@@ -36,11 +38,13 @@ class LiveSource:
 
     def ask(self, name: str, value: float) -> None:
         """Ask for a value of one command; it is brought into the range of the gait."""
-        self.wanted = dataclasses.replace(self.wanted, **{name: value}).clamp()[0]
+        with self._asking:
+            self.wanted = dataclasses.replace(self.wanted, **{name: value}).clamp()[0]
 
     def ask_gait(self, gait: Gait) -> None:
         """Ask for a gait; the values are brought into its ranges."""
-        self.wanted = dataclasses.replace(self.wanted, gait=gait).clamp()[0]
+        with self._asking:
+            self.wanted = dataclasses.replace(self.wanted, gait=gait).clamp()[0]
 
     def command_at(self, t: float) -> Command:
         """The command at time t [s], as far as the ramps have come."""

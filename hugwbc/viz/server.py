@@ -7,8 +7,10 @@ host only, so that a page of another site cannot talk to it through a changed na
 import atexit
 import contextlib
 import io
+import os
 import subprocess
 import sys
+import threading
 from typing import Any
 
 import meshcat
@@ -41,11 +43,18 @@ class _LoopbackBridge(Bridge):
 
 
 def serve() -> None:
-    """Run a server until the process ends, writing its address as the first line of standard output."""
+    """Run a server until the process or its standard input ends, with its address as first line of standard output."""
+    threading.Thread(target=_end_with_input, daemon=True).start()
     bridge = _LoopbackBridge(host=HOST)
     sys.stdout.write(f"{_READY}{bridge.zmq_url}\n")
     sys.stdout.flush()
     bridge.run()
+
+
+def _end_with_input() -> None:
+    """End when nobody holds the other end any more: whoever started the server may have been killed."""
+    sys.stdin.buffer.read()
+    os._exit(0)
 
 
 def open_visualizer() -> tuple[meshcat.Visualizer, str]:
@@ -58,7 +67,11 @@ def open_visualizer() -> tuple[meshcat.Visualizer, str]:
         HugwbcError: if the server does not start.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "hugwbc.viz.server"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, "-m", "hugwbc.viz.server"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     atexit.register(_stop, process)
     assert process.stdout is not None

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from hugwbc.errors import UnknownNameError
+from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
 from hugwbc.viz.overlays import LAYERS
@@ -63,7 +64,7 @@ def write_video(
     ]
     geoms = [np.concatenate(rows) for rows in zip(*marks, strict=True)]
     with tempfile.TemporaryDirectory() as folder:
-        data, log = pathlib.Path(folder) / "frames.npz", pathlib.Path(folder) / "log.txt"
+        data, log, film = (pathlib.Path(folder) / name for name in ("frames.npz", "log.txt", "film.mp4"))
         np.savez(
             data,
             frames=frames,
@@ -71,7 +72,7 @@ def write_video(
             geoms=np.concatenate(geoms),
             ends=np.cumsum([len(rows) for rows in geoms]),
         )
-        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(path.resolve())]
+        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(film)]
         # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
         with log.open("w", encoding="utf-8") as errors:
             process = subprocess.Popen(
@@ -82,9 +83,18 @@ def write_video(
             if on_progress is not None and line.strip().isdigit():
                 on_progress(int(line) / len(frames))
         if process.wait() == 0:
-            return None
+            return _put(film, path)
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"
+
+
+def _put(film: pathlib.Path, path: pathlib.Path) -> str | None:
+    """Put a finished video where it belongs; None, or why that cannot be."""
+    try:
+        write_whole(path, film.read_bytes())
+    except OSError as error:
+        return f"no video: cannot write {path}: {error.strerror}"
+    return None
 
 
 def _environment() -> dict[str, str]:

@@ -52,6 +52,7 @@ def test_foot_displacement_says_what_is_creep():
     )
     text = descriptions.describe_foot_displacement(result)
     assert lines(text)["noise, h"] == ["0.0200", "0.0100", "2.000", "0.0150"]
+    assert lines(text)["noise, p"] == ["-", "0.1000", "-", "-"], "nobody was upright to creep"
     assert "in 9 s; falls: none 1 of 2, noise 1 of 2" in text
 
 

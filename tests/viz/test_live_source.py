@@ -1,4 +1,6 @@
 import dataclasses
+import sys
+import threading
 
 import numpy as np
 import pytest
@@ -47,3 +49,31 @@ def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
     play(source, 3.0)
     source.restart()
     assert source.command_at(0.0) == Command()
+
+
+def test_what_is_asked_for_at_one_time_is_all_kept():
+    """The page's server calls from several threads."""
+    source, asked, rounds = LiveSource(), {"h": -0.1, "p": 0.2, "w": 0.5}, 300
+    barrier, lost, switch = threading.Barrier(len(asked) + 1), 0, sys.getswitchinterval()
+
+    def person(name, value):
+        for _ in range(rounds):
+            barrier.wait()
+            source.ask(name, value)
+            barrier.wait()
+
+    threads = [threading.Thread(target=person, args=item) for item in asked.items()]
+    for thread in threads:
+        thread.start()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(rounds):
+            source.wanted = Command()
+            barrier.wait()
+            barrier.wait()
+            lost += source.wanted != Command(**asked)
+    finally:
+        sys.setswitchinterval(switch)
+    for thread in threads:
+        thread.join()
+    assert lost == 0

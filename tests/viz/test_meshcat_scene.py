@@ -1,7 +1,9 @@
 """The live scene and its server."""
 
 import pathlib
+import subprocess
 import sys
+import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -63,3 +65,15 @@ def test_live_scene_takes_poses(
     # 20 links and their marks, and the floor.
     assert page.count("handle_command_bytearray") > 2 * 22
     assert capsys.readouterr().out == ""
+
+
+def test_the_server_ends_with_whoever_started_it_even_if_that_is_killed() -> None:
+    script = "import os, signal; from hugwbc.viz.server import open_visualizer; "
+    script += "print(open_visualizer()[1], flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    url, deadline = killed.stdout.strip(), time.monotonic() + 10.0
+    assert killed.returncode < 0 and url.startswith("http://127.0.0.1")
+    with pytest.raises(urllib.error.URLError):
+        while time.monotonic() < deadline:
+            urllib.request.urlopen(url, timeout=5).close()
+            time.sleep(0.1)

@@ -98,7 +98,8 @@ class ForeignPolicy:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Joint targets for the next period; arms under external control take their targets.
 
-        A state that is not finite leaves the history as it was; an action that is not finite, the targets.
+        A state that is not finite leaves the history as it was; an action that is not finite, the targets, and clears
+        the network's memory, which would not forget the number that did it.
         """
         command, _ = command.clamp()
         frequency = command.f if self.contract.clock_period is None else 1.0 / self.contract.clock_period
@@ -113,6 +114,7 @@ class ForeignPolicy:
             self._action = np.clip(action, -self.contract.action_clip, self.contract.action_clip)
         else:
             self.held += 1
+            self._network.reset()
         q = self._reference.copy()
         q[self._joints] += self._scale * self._action
         zero = np.zeros_like(q)

@@ -100,7 +100,7 @@ class HandsResult:
         fell: in how many episodes the robot fell.
         saturated_ticks: control steps with an arm joint at its torque limit.
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
-        episodes, seed, duration, settle: as configured.
+        episodes, seed, duration, settle, conditions: as configured.
         rows: the episodes.
     """
 
@@ -116,6 +116,7 @@ class HandsResult:
     seed: int
     duration: float
     settle: float
+    conditions: Conditions
     rows: tuple[HandsEpisode, ...]
 
 
@@ -221,6 +222,7 @@ def run_hands(
         seed=config.seed,
         duration=config.duration,
         settle=config.settle,
+        conditions=config.conditions,
         rows=tuple(rows),
     )
 

@@ -7,6 +7,7 @@ significantly affect one another's tracking, without a number; here that is an e
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -229,10 +230,7 @@ def _orthogonal_range(
 ) -> OrthogonalRange:
     """One ordered pair; `lines` has, for each value of `against`, the errors over the values of `tracked`."""
     values = config.values(against)
-    ratios = [
-        float("inf") if single is None or None in line else float(np.mean(np.array(line, dtype=float))) / single
-        for line in lines
-    ]
+    ratios = [_multiple(line, single) for line in lines]
     good = [ratio <= ORTHOGONAL for ratio in ratios]
     default = command_ranges(config.gait)[against].default
     low = high = int(np.argmin(np.abs(np.array(values) - default)))
@@ -244,6 +242,16 @@ def _orthogonal_range(
     while high + 1 < len(good) and good[high + 1]:
         high += 1
     return OrthogonalRange(tracked, against, values[low], values[high], (high - low + 1) / len(good), worst)
+
+
+def _multiple(line: Sequence[float | None], single: float | None) -> float:
+    """Mean of some errors as a multiple of the error alone; infinite with a fall."""
+    if single is None or None in line:
+        return math.inf
+    error = float(np.mean(np.array(line, dtype=float)))
+    if single == 0.0:
+        return 1.0 if error == 0.0 else math.inf
+    return error / single
 
 
 @dataclasses.dataclass(frozen=True)

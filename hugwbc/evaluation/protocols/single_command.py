@@ -89,7 +89,7 @@ class SingleCommandResult(CountedResult[Episode]):
         fall_rate_slow: falls_slow / episodes_slow.
         errors: mean of the episodes' errors by the paper's names; None where the gait has no such command.
         arm_error: mean over the episodes with external control of the arms [rad].
-        foot_travel: mean over the episodes, standing only [m].
+        foot_travel: mean over the episodes without a fall, which would have short paths, standing only [m].
         held_foot_contact: mean over the episodes, hopping only.
         paper: the paper's errors under the same intervention, for the names that it reports.
     """
@@ -155,7 +155,7 @@ def run_single_command(
         fall_rate_slow=falls_slow / len(slow) if slow else 0.0,
         errors={error: mean(row.error for row in rows if row.error_name == error) for error in ERROR_NAMES},
         arm_error=mean(row.arm_error for row in rows),
-        foot_travel=mean(row.foot_travel for row in rows),
+        foot_travel=mean(row.foot_travel for row in rows if not row.fell),
         held_foot_contact=mean(row.held_foot_contact for row in rows),
         paper=dict(single_command_errors(config.gait, config.conditions.intervention)),
     )

@@ -55,10 +55,10 @@ class _Fixed:
     """A network that gives prepared actions."""
 
     def __init__(self, *actions):
-        self.actions, self.given = list(actions), []
+        self.actions, self.given, self.resets = list(actions), [], 0
 
     def reset(self):
-        self.given = []
+        self.resets += 1
 
     def __call__(self, observation):
         self.given.append(observation)
@@ -78,6 +78,19 @@ def test_numbers_that_are_not_finite_are_held_and_counted(state):
     np.testing.assert_allclose(third, np.array(contract.default_pose) + 0.25)
     np.testing.assert_array_equal(network.given[2], network.given[1])
     assert policy.held == 2
+
+
+def test_a_memory_that_is_not_finite_any_more_is_cleared(state):
+    """One bad number in a recurrent state comes back in all that follow."""
+    network = _Fixed(np.zeros(10), np.full(10, np.nan), np.zeros(10))
+    policy = ForeignPolicy(load_contract("unitree-h1"), network)
+    policy.reset(state)
+    before = network.resets
+    resets = []
+    for _ in range(3):
+        policy.act(state, WALK, UpperBody.none())
+        resets.append(network.resets - before)
+    assert resets == [0, 1, 1]
 
 
 def test_the_clock_may_follow_the_commanded_frequency_and_held_joints_have_a_pose(state):

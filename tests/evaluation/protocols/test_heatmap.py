@@ -89,3 +89,11 @@ def test_prescribed_errors_come_out(synthetic_trace):
 def test_bad_settings_are_refused():
     with pytest.raises(ConfigError, match="give 2 or more values"):
         HeatmapConfig(Gait.WALKING, points=1)
+
+
+def test_a_command_that_is_followed_exactly_alone_has_no_multiple_of_its_error(monkeypatch):
+    """As of a robot that is made to: pairs that are exact as well are orthogonal, all others are not."""
+    result = run_of(monkeypatch, lambda name, command: 0.1 * (name == "h" and command.w != 0.0))
+    share = {(entry.tracked, entry.against): entry.share for entry in result.orthogonality}
+    assert result.single == {"h": 0.0, "p": 0.0, "w": 0.0}
+    assert share["p", "w"] == 1.0 and share["h", "p"] == 1.0 and share["h", "w"] == pytest.approx(1 / 3)

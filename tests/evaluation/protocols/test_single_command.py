@@ -107,6 +107,12 @@ def test_falls_are_counted_and_fast_episodes_kept_apart():
     assert result.episodes_slow == 16 - sum(abs(row.value) > 0.6 for row in result.rows if row.command == "v_x") < 16
 
 
+def test_paths_of_the_feet_that_a_fall_cut_short_are_left_out():
+    result = run_single_command(Limp, SingleCommandConfig(Gait.STANDING, episodes=3, duration=3.0, settle=0.1))
+    assert result.falls == 3 and all(row.foot_travel is not None for row in result.rows)
+    assert result.foot_travel is None
+
+
 def test_two_workers_give_the_result_of_one():
     config = SingleCommandConfig(Gait.STANDING, episodes=3, duration=0.2, settle=0.1)
     factory = ControllerSpec("hold").build
