@@ -1,6 +1,8 @@
 """What a policy file promises: everything that someone needs who runs the network elsewhere."""
 
+import dataclasses
 import importlib.metadata
+import json
 import math
 import platform
 from typing import Any
@@ -45,6 +47,11 @@ def versions() -> dict[str, str]:
         "machine": platform.machine(),
         **{package: importlib.metadata.version(package) for package in packages},
     }
+
+
+def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
+    """Settings as JSON holds them, paths as text: what a policy says of how it was made."""
+    return json.loads(json.dumps(dataclasses.asdict(settings), default=str))
 
 
 def policy_contract(

@@ -7,8 +7,6 @@ does not do: the student's first small errors lead to states that the teacher ne
 """
 
 import abc
-import dataclasses
-import json
 import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -18,7 +16,7 @@ import torch
 from hugwbc.errors import ConfigError
 from hugwbc.learned import observations as obs
 from hugwbc.learned.config import DistillationConfig, ImitationConfig
-from hugwbc.learned.contract import versions
+from hugwbc.learned.contract import settings_record, versions
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.observations import Observation
@@ -134,7 +132,7 @@ class Dagger(abc.ABC, Generic[Config]):
         record = {
             "seconds": time.monotonic() - begin,
             "versions": versions(),
-            "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
+            "config": settings_record(self.config),
         }
         save_product(self.config.out, self.network, self.config.env, self.metadata(record))
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import pathlib
 from collections.abc import Iterable, Iterator
 
 import torch
@@ -38,6 +39,11 @@ def local_rank() -> int:
 def size() -> int:
     """Number of processes."""
     return dist.get_world_size() if dist.is_initialized() else 1
+
+
+def own_path(path: pathlib.Path) -> pathlib.Path:
+    """A file's name in this process: the first one's is as given."""
+    return path.with_stem(f"{path.stem}-rank{rank()}") if rank() else path
 
 
 def total(value: torch.Tensor) -> torch.Tensor:

@@ -1,8 +1,6 @@
 """The training loop: collect, learn, move curricula, log, save; stops and resumes cleanly."""
 
 import copy
-import dataclasses
-import json
 import math
 import pathlib
 import signal
@@ -12,10 +10,10 @@ from typing import Any
 
 import torch
 
-from hugwbc.errors import ConfigError, PolicyFileError
-from hugwbc.learned import checkpoint, distributed
+from hugwbc.errors import ConfigError
+from hugwbc.learned import checkpoint, distributed, train_state
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.contract import policy_contract, versions
+from hugwbc.learned.contract import policy_contract, settings_record, versions
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.evaluator import SCORE, Evaluator
 from hugwbc.learned.networks import Actor, ActorCritic
@@ -67,9 +65,9 @@ class Trainer:
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.stop_requested = False
         if config.resume:
-            self.load(config.out / CHECKPOINT_NAME)
+            train_state.restore(self, config.out / CHECKPOINT_NAME)
         elif config.start_from is not None:
-            self.load(config.start_from)
+            train_state.restore(self, config.start_from)
             self.best = {}  # the other run's: there is no such file in this run's folder
         self._actor_learns_from = self.iteration + config.critic_warm_up
 
@@ -81,8 +79,8 @@ class Trainer:
         """
         start = time.monotonic()
         if self.leads:
-            session = {"versions": versions(), "config": self._metadata()["config"], "start_iteration": self.iteration}
-            append_session(self.config.out, session)
+            record = {"config": settings_record(self.config), "start_iteration": self.iteration}
+            append_session(self.config.out, {"versions": versions(), **record})
         # What one process is told, or its clock says, all of them follow.
         while self.steps < self.config.steps and not distributed.anywhere(
             self.stop_requested or time.monotonic() - start >= 3600.0 * self.config.hours
@@ -161,25 +159,16 @@ class Trainer:
     def save(self) -> None:
         """Write the checkpoint, its slim snapshot and the policy; other processes than the first their robots."""
         if not self.leads:
-            path = _rank_path(self.config.out / CHECKPOINT_NAME)
-            checkpoint.save_file(path, self._robots(), "robots", {"iteration": self.iteration})
+            path = distributed.own_path(self.config.out / CHECKPOINT_NAME)
+            checkpoint.save_file(path, train_state.robots_of(self), "robots", {"iteration": self.iteration})
             return
-        tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
-        for index, state in self.ppo.optimiser.state_dict()["state"].items():
-            tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
-        checkpoint.save_file(
-            self.config.out / CHECKPOINT_NAME, tensors | self._robots(), "checkpoint", self._metadata()
-        )
+        tensors = train_state.learner_of(self) | train_state.robots_of(self)
+        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", train_state.metadata_of(self))
         self._save_product(self.config.out)
-
-    def _robots(self) -> dict[str, torch.Tensor]:
-        """The part of a checkpoint that is this process's own."""
-        robots = {f"env.{name}": value for name, value in self.env.state_dict().items()}
-        return robots | {"generator": self.generator.get_state()}
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.ppo.network, self.config.env, self._metadata())
+        save_product(folder, self.ppo.network, self.config.env, train_state.metadata_of(self))
 
     def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
         """Keep a minibatch whose update was skipped, for the search after the cause."""
@@ -190,89 +179,8 @@ class Trainer:
                 "steps": self.steps,
                 "losses": {k: str(v) for k, v in losses.items()},
             }
-            path = _rank_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
+            path = distributed.own_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
             checkpoint.save_file(path, minibatch, "minibatch", record)
-
-    def load(self, path: pathlib.Path) -> None:
-        """Continue from a checkpoint, or from a snapshot: episodes and optimiser moments then start anew.
-
-        Raises:
-            PolicyFileError: if the file cannot be used, or holds another number of robots.
-        """
-        tensors, metadata = checkpoint.load_file(path, "checkpoint")
-        if not self.leads:
-            tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
-        groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
-        for key, value in tensors.items():
-            group, _, name = key.partition(".")
-            if not name:
-                continue  # the generator
-            if group not in groups:
-                raise PolicyFileError(
-                    f"{path} holds {group!r}, this version reads {', '.join(groups)}; it was written by another one"
-                )
-            groups[group][name] = value
-        try:
-            self.ppo.network.load_state_dict(groups["network"])
-        except RuntimeError as error:
-            raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
-        stored = groups["env"].get("command")
-        if stored is not None and stored.shape[0] != self.config.env.count:
-            raise PolicyFileError(
-                f"{path} holds {stored.shape[0]} robots, the configuration asks for {self.config.env.count}; "
-                f"pass --env.count {stored.shape[0]}"
-            )
-        if stored is not None:
-            try:
-                self.env.load_state_dict(groups["env"])
-                self.generator.set_state(tensors["generator"])
-            except (KeyError, TypeError, ValueError, RuntimeError) as error:
-                raise PolicyFileError(
-                    f"{path} does not hold the environment's state as this version has it ({error}); it was written "
-                    "by another one. Continue from its snapshot instead"
-                ) from error
-        if groups["optimiser"]:
-            self._load_optimiser(groups["optimiser"])
-        try:
-            if stored is None:
-                self.env.curriculum.load_state_dict(metadata["curriculum"])
-            self._load_metadata(metadata)
-        except (KeyError, TypeError, ValueError) as error:
-            raise PolicyFileError(
-                f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
-            ) from error
-        self.ppo.bound_std(self.steps)
-
-    def _load_metadata(self, metadata: dict[str, Any]) -> None:
-        self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
-        self.seconds = float(metadata["seconds"])
-        self.ppo.set_learning_rate(float(metadata["learning_rate"]))
-        self.ppo.skipped = int(metadata["skipped"])
-        # Checkpoints from before there were evaluations lack these two.
-        self.evaluation, self.best = dict(metadata.get("evaluation", {})), dict(metadata.get("best", {}))
-
-    def _load_optimiser(self, tensors: dict[str, torch.Tensor]) -> None:
-        state: dict[int, dict[str, torch.Tensor]] = {}
-        for key, value in tensors.items():
-            index, _, name = key.partition(".")
-            state.setdefault(int(index), {})[name] = value.clone()
-        self.ppo.optimiser.load_state_dict(
-            {"state": state, "param_groups": self.ppo.optimiser.state_dict()["param_groups"]}
-        )
-
-    def _metadata(self) -> dict[str, Any]:
-        return {
-            "iteration": self.iteration,
-            "steps": self.steps,
-            "seconds": self.seconds,
-            "learning_rate": self.ppo.learning_rate,
-            "skipped": self.ppo.skipped,
-            "curriculum": self.env.curriculum.state_dict(),
-            "evaluation": self.evaluation,
-            "best": self.best,
-            "versions": versions(),
-            "config": json.loads(json.dumps(dataclasses.asdict(self.config), default=str)),
-        }
 
 
 def contract_of(env: EnvConfig) -> dict[str, Any]:
@@ -333,22 +241,3 @@ def _claim_gpu() -> None:
     if not torch.cuda.is_available():
         raise ConfigError("device cuda needs an NVIDIA GPU and torch built for it; none was found. Use --device cpu")
     torch.cuda.set_device(distributed.local_rank())
-
-
-def _rank_path(path: pathlib.Path) -> pathlib.Path:
-    """A file's name in this process: the first one's is as given."""
-    rank = distributed.rank()
-    return path.with_stem(f"{path.stem}-rank{rank}") if rank else path
-
-
-def _with_own_robots(
-    tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
-) -> dict[str, torch.Tensor]:
-    """A checkpoint with this process's robots instead of the first one's; without any if there are none to it."""
-    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "optimiser."))}
-    own = _rank_path(path)
-    if not own.exists():
-        return common
-    robots, metadata = checkpoint.load_file(own, "robots")
-    # From another time of the run, or of a run before it in the same folder: start new episodes.
-    return common | robots if metadata.get("iteration") == iteration else common

@@ -106,3 +106,10 @@ def test_standardised_has_mean_zero_and_deviation_one() -> None:
     values = distributed.standardised(5.0 + 3.0 * torch.randn(1000))
     assert values.mean().item() == pytest.approx(0.0, abs=1e-5)
     assert values.std().item() == pytest.approx(1.0, rel=1e-5)
+
+
+def test_each_process_but_the_first_has_files_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = pathlib.Path("runs") / "checkpoint.safetensors"
+    assert distributed.own_path(path) == path
+    monkeypatch.setattr(distributed, "rank", lambda: 2)
+    assert distributed.own_path(path) == pathlib.Path("runs") / "checkpoint-rank2.safetensors"
