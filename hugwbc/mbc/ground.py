@@ -75,6 +75,11 @@ class Ground:
         across = points[:, :2]
         self.gradient = np.linalg.solve(across.T @ across + _STIFFNESS * np.eye(2), across.T @ points[:, 2])
 
+    def shift(self, offset: np.ndarray) -> None:
+        """Move the stances that the plane goes through, as the world's origin has moved [m], shape (3,)."""
+        for points in self._stances:
+            points += offset
+
     def rise(self, start: np.ndarray, end: np.ndarray) -> float:
         """By how much the plane rises from one point to another, world x and y first [m]."""
         return float(self.gradient.dot(end[:2] - start[:2]))

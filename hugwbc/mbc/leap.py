@@ -45,7 +45,6 @@ class Leap:
         self.forces: np.ndarray | None = None
         self.momentum_rate: np.ndarray | None = None
         self.failures = 0
-        self._ground = 0.0
         self._swing_momentum = np.zeros(3)
         self._plan: ForcePlan | None = None
         self._age = np.inf
@@ -67,7 +66,6 @@ class Leap:
         orientation: PelvisOrientationTask,
         velocity: np.ndarray,
         height: float,
-        ground: float,
         dt: float,
     ) -> None:
         """Forces of the feet that stand; planned anew every `mpc_period`.
@@ -79,11 +77,9 @@ class Leap:
             orientation: with this tick's targets; its yaw is the heading.
             velocity: planned velocity, heading frame [m/s], shape (2,).
             height: of the pelvis at take-off, in the world [m].
-            ground: height of the ground [m].
             dt: [s].
         """
         self._age += dt
-        self._ground = ground
         # A foot that lands before its time carries on through the stance to come.
         time_left = plan.remaining + plan.step_time * plan.airborne
         to_heading = rotations.rotation_z(-orientation.yaw)
@@ -173,7 +169,14 @@ class Leap:
         self.motion.feedforward = planned.sum(axis=0) / dynamics.mass - [0.0, 0.0, GRAVITY]
 
     def foothold(
-        self, dynamics: Dynamics, command: SmoothCommand, plan: GaitPlan, yaw: float, velocity: np.ndarray, foot: int
+        self,
+        dynamics: Dynamics,
+        command: SmoothCommand,
+        plan: GaitPlan,
+        yaw: float,
+        velocity: np.ndarray,
+        foot: int,
+        ground: float,
     ) -> np.ndarray:
         r"""Where a foot's centre of pressure should be after the flight, in the world [m], shape (2,).
 
@@ -188,6 +191,7 @@ class Leap:
             yaw: heading now [rad].
             velocity: planned velocity, heading frame [m/s], shape (2,).
             foot: 0 left or 1 right.
+            ground: height of the ground [m].
         """
         params = self._params
         half = 0.5 * plan.step_time
@@ -196,12 +200,12 @@ class Leap:
         if len(plan.legs) == 1:
             # The leg leans inwards: the foot stands on its outer edge.
             inwards = rotations.rotation_z(yaw)[:2, 1] * (-1.0 if foot == 0 else 1.0)
-            return self._single_foothold(dynamics, plan, wanted) + dynamics.robot.sole_y[1] * inwards
+            return self._single_foothold(dynamics, plan, wanted, ground) + dynamics.robot.sole_y[1] * inwards
         middle = dynamics.com[:2] + moving * (plan.remaining + half) + params.leap_placement * (moving - wanted)
         sideways = rotations.rotation_z(self.landing_yaw(command, plan, yaw))[:2, 1]
         return middle + sideways * (0.5 - foot) * params.leap_width
 
-    def _single_foothold(self, dynamics: Dynamics, plan: GaitPlan, wanted: np.ndarray) -> np.ndarray:
+    def _single_foothold(self, dynamics: Dynamics, plan: GaitPlan, wanted: np.ndarray, ground: float) -> np.ndarray:
         r"""Where a single foot should be after the flight, in the world [m], shape (2,).
 
         The angular momentum about the foot changes by gravity alone. Between falling and rising at g T / 2, under
@@ -216,7 +220,7 @@ class Leap:
         params = self._params
         moving, stance = dynamics.com_velocity[:2], plan.step_time
         height = dynamics.com[2] + dynamics.com_velocity[2] * plan.remaining - 0.5 * GRAVITY * plan.remaining**2
-        lever = height - self._ground - GRAVITY * stance**2 / 6.0
+        lever = height - ground - GRAVITY * stance**2 / 6.0
         excess = (dynamics.momentum - self._swing_momentum)[:2]
         turning = np.array([-excess[1], excess[0]]) / dynamics.mass
         distance = (turning - lever * (moving - wanted)) / (2.0 * GRAVITY * stance)

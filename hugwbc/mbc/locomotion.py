@@ -40,7 +40,9 @@ _SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
 _MAX_YAW_LEAD = 0.3  # [rad], of the yaw reference before the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], of the reference to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], smoothing of the ground height from one stance foot to the next
-_GROUND_JUMP = 0.5  # [m], beyond which it is no step up or down
+_POSITION_JUMP = (
+    0.05  # [m], of the pelvis within a tick, beyond what its velocity explains: the position's, not the robot's
+)
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]
@@ -115,6 +117,7 @@ class Locomotion:
         self._balance = self._params.balance_ahead
         self._set_yaw(self._measured_yaw(dynamics))
         self._ground = min(self._height(dynamics, foot) for foot in range(2))
+        self._position = dynamics.frame("pelvis").position
 
     def _set_yaw(self, yaw: float) -> None:
         """Set the heading that the robot is to have."""
@@ -138,6 +141,7 @@ class Locomotion:
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         """Advance the plan by one tick and set every target."""
         self.footholds[:] = np.nan
+        self._follow_jumps(dynamics, dt)
         self._catching = max(self._catching - dt, 0.0)
         catching = self._catching > 0.0
         # A leap's feet are judged by their place: they land at once, or not at all.
@@ -170,6 +174,18 @@ class Locomotion:
             if self.contact[foot]:
                 stance.settle = self._settle_speed(dynamics, foot)
                 stance.slope = float(self.ground.slopes[foot])
+
+    def _follow_jumps(self, dynamics: Dynamics, dt: float) -> None:
+        """Where the position jumps, as an estimator's may, all that is remembered in the world jumps along."""
+        pelvis = dynamics.frame("pelvis")
+        offset = pelvis.position - self._position - pelvis.velocity[:3] * dt
+        self._position = pelvis.position
+        if offset.dot(offset) < _POSITION_JUMP**2:
+            return
+        self._ground += float(offset[2])
+        self.ground.shift(offset)
+        for trajectory in (self._trajectory, *self._leap.trajectories):
+            trajectory.shift(offset)
 
     @property
     def foothold(self) -> np.ndarray | None:
@@ -229,9 +245,7 @@ class Locomotion:
         else:
             standing = self.plan.legs or (0, 1)
             ground = sum(self._height(dynamics, foot) for foot in standing) / len(standing)
-        # A position that jumps, as an estimator's may, takes the ground with it.
-        jumped = abs(ground - self._ground) > _GROUND_JUMP
-        self._ground += (ground - self._ground) * (1.0 if jumped else min(dt / _GROUND_TIME, 1.0))
+        self._ground += (ground - self._ground) * min(dt / _GROUND_TIME, 1.0)
         yaw = self._measured_yaw(dynamics)
         moving = self.plan.mode in (Mode.WALKING, Mode.LEAPING)
         if moving:
@@ -414,7 +428,7 @@ class Locomotion:
             self.contact[:] = False
             self.contact[list(plan.legs)] = True
         if all(self.contact[foot] for foot in plan.legs):
-            leap.push(dynamics, command, plan, self.orientation, velocity, self.height.target, self._ground, dt)
+            leap.push(dynamics, command, plan, self.orientation, velocity, self.height.target, dt)
         else:
             leap.fly()
 
@@ -424,7 +438,7 @@ class Locomotion:
         """Path of a foot in flight."""
         plan, trajectory, task = self.plan, self._leap.trajectories[foot], self.swing[foot]
         yaw = self._leap.landing_yaw(command, plan, self._yaw)
-        pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot)
+        pivot = self._leap.foothold(dynamics, command, plan, self._yaw, velocity, foot, self._ground)
         ahead = _SOLE_MIDDLE - self._balance
         self.footholds[foot] = pivot + rotations.rotation_z(yaw)[:2, 0] * ahead
         trajectory.advance(self.footholds[foot], command.l, self._ground, elapsed, plan.remaining, dt)

@@ -57,6 +57,11 @@ class SwingTrajectory:
         self.acceleration = np.zeros(3)
         self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
 
+    def shift(self, offset: np.ndarray) -> None:
+        """Move the plan, as the world's origin has moved [m], shape (3,)."""
+        self._axes = tuple((x + by, v, a) for (x, v, a), by in zip(self._axes, offset.tolist(), strict=True))
+        self.position = self.position + offset
+
     def advance(
         self,
         foothold: np.ndarray,

@@ -67,7 +67,7 @@ def test_a_hop_lands_where_gravity_takes_the_angular_momentum_out(standing_state
     left, stance, velocity = plan.remaining, plan.step_time, np.array([0.3, -0.1])
     dynamics = _dynamics(standing_state, left, stance, velocity, turning)
     assert np.abs(dynamics.momentum[:2]).max() > 2.0
-    place = Leap(PARAMS).foothold(dynamics, _command(gait), plan, 0.0, velocity, foot)
+    place = Leap(PARAMS).foothold(dynamics, _command(gait), plan, 0.0, velocity, foot, GROUND)
     # The foot's centre is inwards of the edge that it stands on.
     edge = place - [0.0, ROBOT.sole_y[1] * (-1.0 if foot == 0 else 1.0)]
     assert _after_stance(dynamics, edge, left, stance, velocity)[:2] == pytest.approx([0.0, 0.0], abs=0.05)
@@ -77,7 +77,7 @@ def test_a_hop_that_is_too_fast_is_slowed_by_its_place(standing_state):
     plan = _flying(Gait.HOPPING_LEFT, 0.1)
     left, stance, wanted = plan.remaining, plan.step_time, np.zeros(2)
     dynamics = _dynamics(standing_state, left, stance, (0.2, 0.0), (0.0, 0.0, 0.0))
-    place = Leap(PARAMS).foothold(dynamics, _command(Gait.HOPPING_LEFT), plan, 0.0, wanted, 0)
+    place = Leap(PARAMS).foothold(dynamics, _command(Gait.HOPPING_LEFT), plan, 0.0, wanted, 0, GROUND)
     edge = place + np.array([0.0, ROBOT.sole_y[1]])
     below = _after_stance(dynamics, dynamics.com[:2] + 0.2 * np.array([left + 0.5 * stance, 0.0]), left, stance, wanted)
     assert np.abs(below[1]) > 6.0, "kg m^2/s, were the foot where the centre of mass passes at its present speed"
@@ -89,7 +89,8 @@ def test_a_jump_lands_on_both_sides_of_where_the_body_will_be(standing_state):
     turned = dataclasses.replace(standing_state, orientation=rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0))
     dynamics = _dynamics(turned, plan.remaining, plan.step_time, (0.3, 0.4), (0.0, 0.0, 0.0))
     commanded = rotations.rotation_z(-yaw)[:2, :2] @ np.array([0.3, 0.4])
-    feet = [Leap(PARAMS).foothold(dynamics, _command(Gait.JUMPING), plan, yaw, commanded, foot) for foot in range(2)]
+    leap, command = Leap(PARAMS), _command(Gait.JUMPING)
+    feet = [leap.foothold(dynamics, command, plan, yaw, commanded, foot, GROUND) for foot in range(2)]
     passed = dynamics.com[:2] + np.array([0.3, 0.4]) * (plan.remaining + 0.125)
     assert (feet[0] + feet[1]) / 2.0 == pytest.approx(passed)
     assert feet[0] - feet[1] == pytest.approx(PARAMS.leap_width * np.array([-np.sin(yaw), np.cos(yaw)]))

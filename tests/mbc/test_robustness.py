@@ -114,6 +114,26 @@ def test_it_steps_down_to_ground_lower_than_it_knew():
     assert _stays_up(HeightField(heights, (16.0, 16.0)), Command(v_x=0.6, gait=Gait.WALKING), 2.2)
 
 
+@pytest.mark.parametrize("gait", [Gait.WALKING, Gait.HOPPING_LEFT], ids=lambda gait: gait.label)
+def test_a_position_that_jumps_changes_nothing_of_what_it_does(gait):
+    """As an estimator's may, with a foot in the air and stances in memory."""
+    simulation, command = Simulation(), Command(gait=gait)
+    controllers = WholeBodyController(), WholeBodyController()
+    for controller in controllers:
+        controller.reset(simulation.state())
+    offset, since = np.zeros(3), 0
+    while since < 60:
+        state = simulation.state()
+        if simulation.data.time > 0.8 and (since or 0.5 < controllers[0].phase < 0.9):
+            offset, since = np.array([3.0, -2.0, 1.0]), since + 1
+        moved = dataclasses.replace(state, position=state.position + offset)
+        joint_command, other = (
+            c.act(s, command, UpperBody.none()) for c, s in zip(controllers, (state, moved), strict=True)
+        )
+        assert other.tau == pytest.approx(joint_command.tau, abs=0.01)
+        simulation.step(joint_command, controllers[0].period)
+
+
 def _random_state(rng, absurd):
     scale = 10.0 ** rng.uniform(0.0, 7.0) if absurd else 1.0
     orientation = rng.normal(size=4) if absurd else rotations.from_yaw_pitch_roll(*rng.uniform(-0.3, 0.3, 3))
