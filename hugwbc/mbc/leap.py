@@ -33,9 +33,7 @@ class Leap:
         robot = load_robot()
         ankle = float(robot.torque_limit[robot.index("left_ankle_joint")])
         self._mpc = {legs: RigidBodyMpc(params, 2 * legs, ankle) for legs in (1, 2)}
-        names = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
-        columns = Dynamics().columns
-        self._leg_columns = [columns[robot.indices([f"{side}_{part}_joint" for part in names])] for side in SIDES]
+        self._legs = robot.legs.reshape(len(SIDES), -1)
         self.motion = CentreOfMassMotionTask(params)
         self.trajectories = tuple(SwingTrajectory(params) for _ in SIDES)
         self.reset()
@@ -126,7 +124,7 @@ class Leap:
         rotation = dynamics.frame("pelvis").rotation
         base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
         for foot in plan.legs:
-            sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), self._leg_columns[foot]
+            sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), dynamics.columns[self._legs[foot]]
             jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[1:]))
             leg = jacobian[:, columns]
             square = leg.T @ leg + _DAMPING * np.eye(columns.size)

@@ -12,12 +12,12 @@ from hugwbc.mbc.tasks.task import TaskTerms
 class PostureTask:
     r"""Joint positions.
 
-    .. math:: \ddot q^* = \ddot q_d + k_d (\mathrm{sat}(\dot q_d + \tfrac{k_p}{k_d} (q_d - q)) - \dot q)
+    .. math:: \ddot q^* = k_d (\mathrm{sat}(\dot q_d + \tfrac{k_p}{k_d} (q_d - q)) - \dot q)
 
     which is PD with a bound on the speed at which a gap is closed, so that a jump of the target stays harmless [rad].
 
     Attributes:
-        target, rate, feedforward: q_d [rad], its velocity [rad/s] and acceleration [rad/s^2], shape (k,).
+        target, rate: q_d [rad] and its velocity [rad/s], shape (k,).
         stiffness, damping: k_p [1/s^2], k_d [1/s], shape (k,).
         weight: shape (k,).
         speed: bound on the closing speed [rad/s].
@@ -31,7 +31,6 @@ class PostureTask:
         self.name = name
         self.target = np.zeros(joints.size)
         self.rate = np.zeros(joints.size)
-        self.feedforward = np.zeros(joints.size)
         self.stiffness = np.ones(joints.size)
         self.damping = np.ones(joints.size)
         self.weight = np.ones(joints.size)
@@ -49,5 +48,5 @@ class PostureTask:
         error = self.target - dynamics.q[self._in_q]
         wanted = self.rate + self.stiffness / self.damping * error
         closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
-        acceleration = self.feedforward + self.damping * (closing - dynamics.v[self._in_v])
+        acceleration = self.damping * (closing - dynamics.v[self._in_v])
         return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)

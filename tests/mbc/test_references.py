@@ -1,0 +1,88 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc.mbc.command_filter import CommandFilter
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.references import References
+
+ROBOT, PARAMS, DT = load_robot(), ControllerParams(), 0.002
+
+
+def _dynamics(state, yaw=0.0, lifted=0.0):
+    dynamics = Dynamics()
+    dynamics.update(
+        dataclasses.replace(
+            state,
+            orientation=rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0),
+            position=state.position + np.array([0.0, 0.0, lifted]),
+            velocity=np.zeros(3),
+        )
+    )
+    return dynamics
+
+
+def _plan(mode):
+    """A plan in a mode: walking, leaping on the ground, or standing."""
+    gait = {Mode.WALKING: Gait.WALKING, Mode.LEAPING: Gait.JUMPING, Mode.STANDING: Gait.STANDING}[mode]
+    plan = GaitPlan()
+    while plan.mode is not mode:
+        plan.advance(gait, 2.0, DT, may_start=True, may_stop=False)
+    return plan
+
+
+def _follow(dynamics, plan, seconds, *, omega=0.0, v_x=0.0, ground=None, start=None):
+    """The references after some time with a command that has been reached."""
+    command_filter, command = CommandFilter(PARAMS), Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
+    for _ in range(500):
+        smooth, _ = command_filter.update(command, DT)
+    references = References(PARAMS)
+    references.reset(start or dynamics)
+    for _ in range(round(seconds / DT)):
+        references.update(dynamics, smooth, plan, ground or Ground(), DT)
+    return references
+
+
+def test_the_heading_turns_at_the_commanded_rate_and_does_not_run_away(standing_state):
+    dynamics, plan = _dynamics(standing_state, 3.0), _plan(Mode.WALKING)
+    references = _follow(dynamics, plan, 0.4, omega=0.5)
+    assert references.yaw == pytest.approx(3.2) and references.orientation.yaw_rate == 0.5
+    assert references.to_heading @ [np.cos(3.2), np.sin(3.2)] == pytest.approx([1.0, 0.0], abs=1e-12)
+    # The robot does not turn: the reference waits 0.3 rad ahead of it.
+    assert _follow(dynamics, plan, 2.0, omega=0.5).yaw == pytest.approx(3.3)
+
+
+def test_standing_the_heading_returns_to_the_feet(standing_state):
+    """Both feet point 0.2 rad to the left of the pelvis."""
+    q = standing_state.q.copy()
+    q[ROBOT.indices(["left_hip_yaw_joint", "right_hip_yaw_joint"])] = 0.2
+    dynamics = _dynamics(dataclasses.replace(standing_state, q=q))
+    plan = _plan(Mode.STANDING)
+    assert _follow(dynamics, plan, 0.2, omega=1.0).yaw == pytest.approx(0.1, abs=5e-3), "0.5 rad/s"
+    later = _follow(dynamics, plan, 1.0, omega=1.0)
+    assert later.yaw == pytest.approx(0.2, abs=5e-3) and later.orientation.yaw_rate == 0.0
+
+
+def test_the_ground_follows_the_feet_smoothly_and_stays_in_flight(standing_state):
+    below, above = _dynamics(standing_state), _dynamics(standing_state, lifted=0.05)
+    references = _follow(above, _plan(Mode.STANDING), 0.1, start=below)
+    level = _follow(below, _plan(Mode.STANDING), 0.1).ground
+    # A first-order lag of 0.1 s.
+    assert references.ground - level == pytest.approx(0.05 * (1.0 - np.exp(-1.0)), abs=5e-4)
+    assert references.height.target == pytest.approx(references.ground + ROBOT.nominal_height)
+    flying = _plan(Mode.LEAPING)
+    while not flying.airborne:
+        flying.advance(Gait.JUMPING, 2.0, DT, may_start=True, may_stop=False)
+    assert _follow(above, flying, 0.1, start=below).ground == pytest.approx(level)
+
+
+def test_on_a_slope_the_pelvis_rises_as_it_walks(standing_state):
+    ground = Ground()
+    ground.gradient[:] = [0.0, 0.1]  # uphill to the left of the world, which is ahead of the robot
+    references = _follow(_dynamics(standing_state, np.pi / 2.0), _plan(Mode.WALKING), 0.01, v_x=0.5, ground=ground)
+    assert references.height.rate == pytest.approx(0.05)

@@ -1,0 +1,86 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.mbc.command_filter import CommandFilter
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.gait_plan import GaitPlan, Mode
+from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.references import References
+from hugwbc.mbc.tasks import SwingFootTask
+from hugwbc.mbc.walking import Walking
+
+PARAMS, DT = ControllerParams(), 0.002
+
+
+class Step:
+    """The first step of a walk in place, of the left foot, by the clock alone: the robot's state is given."""
+
+    def __init__(self, state):
+        self.plan, self.references, self.ground, self.dynamics = GaitPlan(), References(PARAMS), Ground(), Dynamics()
+        self.walking = Walking(PARAMS, self.plan, self.references, self.ground)
+        self.task = SwingFootTask(PARAMS, "left")
+        self.smooth, _ = CommandFilter(PARAMS).update(Command(gait=Gait.WALKING), DT)
+        self.dynamics.update(state)
+        self.references.reset(self.dynamics)
+        while self.plan.mode is not Mode.WALKING:
+            self.plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=False)
+        self.walking.lift_off(self.dynamics)
+
+    def go_on(self, state, seconds):
+        """Returns the foothold, relative to the sole of the right foot, after so much of the step."""
+        self.dynamics.update(state)
+        for _ in range(round(seconds / DT)):
+            self.walking.watch_landing(self.dynamics)
+            landed = self.walking.loaded
+            self.plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=False, landed=landed)
+            self.references.update(self.dynamics, self.smooth, self.plan, self.ground, DT)
+            foothold = self.walking.update(self.dynamics, self.smooth, self.smooth.velocity, self.task, DT)
+        return foothold - self.dynamics.frame("right_sole").position[:2]
+
+
+@pytest.fixture
+def lifted(standing_state):
+    """The left foot 5 cm in the air: its knee bent."""
+    q = standing_state.q.copy()
+    q[[2, 3, 4]] += [-0.25, 0.5, -0.25]
+    return dataclasses.replace(standing_state, q=q)
+
+
+def test_a_foot_lands_once_it_is_down_late_in_the_step(standing_state, lifted):
+    step = Step(standing_state)
+    step.go_on(standing_state, 0.1)
+    assert not step.walking.landed, "it has only just left the ground"
+    step.go_on(lifted, 0.08)
+    assert not step.walking.landed
+    step.go_on(standing_state, 0.01)
+    assert step.walking.landed and step.walking.loaded
+    step.walking.lift_off(step.dynamics)
+    assert not step.walking.landed
+
+
+def test_with_foot_forces_a_foot_stands_by_its_height_but_carries_by_its_load(standing_state, lifted):
+    def pressed(state, load):
+        return dataclasses.replace(state, foot_force=np.array([[0.0, 0.0, load], [0.0, 0.0, 500.0]]))
+
+    step = Step(pressed(standing_state, 0.0))
+    step.go_on(pressed(lifted, 0.0), 0.18)
+    step.go_on(pressed(standing_state, 0.0), 0.04)
+    assert (step.walking.landed, step.walking.loaded) == (True, False)
+    step.go_on(pressed(standing_state, 0.0), 0.06)
+    assert step.plan.overdue > 0.0 and not step.walking.landed, "the ground is lower than it was thought to be"
+    assert step.task.velocity[2] == pytest.approx(-PARAMS.search_speed, rel=0.5)
+    step.go_on(pressed(standing_state, 30.0), DT)
+    assert (step.walking.landed, step.walking.loaded) == (True, True)
+
+
+def test_pushed_outwards_it_steps_further_and_sooner(standing_state, lifted):
+    calm, pushed = Step(standing_state), Step(standing_state)
+    moving = dataclasses.replace(lifted, velocity=np.array([0.0, 1.5, 0.0]))
+    assert 0.15 < calm.go_on(lifted, 0.02)[1] < pushed.go_on(moving, 0.02)[1]
+    assert pushed.plan.duration < calm.plan.duration == pytest.approx(0.25)
+    assert calm.walking.out_of_reach == 0 and pushed.walking.out_of_reach == 10
+    assert pushed.references.crouch.depth > calm.references.crouch.depth == 0.0
