@@ -1,7 +1,8 @@
 """The H1 in MuJoCo: on a plane or a height field."""
 
 from hugwbc.sim.disturbance import Disturber, Force
-from hugwbc.sim.simulation import SensorNoise, Simulation, noisy_simulation
+from hugwbc.sim.sensors import SensorNoise
+from hugwbc.sim.simulation import Simulation, noisy_simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
 from hugwbc.sim.variation import Variation
 

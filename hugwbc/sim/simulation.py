@@ -13,70 +13,17 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.sim.sensors import Reading, SensorNoise, Sensors
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
-from hugwbc.state import RobotState, pelvis_from_torso_imu
+from hugwbc.state import RobotState
 
 # A fall: inclinations beyond these, as in the paper's early termination, or a pelvis near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
 ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
 LONGEST_LATENCY = 1.0  # [s]
-_UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
 # MuJoCo's warnings of a state that it then resets.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-
-
-@dataclasses.dataclass(frozen=True)
-class SensorNoise:
-    """Half-widths of the uniform noise on each reading (defaults: the paper's training noise).
-
-    Attributes:
-        angular_velocity: [rad/s].
-        orientation: small rotation about each axis [rad].
-        q: joint position [rad].
-        dq: joint velocity [rad/s].
-        position: pelvis position [m].
-        velocity: pelvis velocity [m/s].
-        acceleration: accelerometer [m/s^2].
-
-    Raises:
-        ConfigError: if one is negative or not finite.
-    """
-
-    angular_velocity: float = 0.2
-    orientation: float = 0.05
-    q: float = 0.01
-    dq: float = 1.5
-    position: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if not 0.0 <= getattr(self, field.name) < math.inf:
-                raise ConfigError(f"noise of {field.name} is {getattr(self, field.name)}; give a finite number from 0")
-
-    @classmethod
-    def robot(cls) -> "SensorNoise":
-        """A real robot's: standard deviations of 0.02 rad/s, 0.02 rad, 0.005 rad, 0.3 rad/s and 0.1 m/s^2."""
-        return cls(
-            angular_velocity=0.02 * _UNIFORM,
-            orientation=0.02 * _UNIFORM,
-            q=0.005 * _UNIFORM,
-            dq=0.3 * _UNIFORM,
-            acceleration=0.1 * _UNIFORM,
-        )
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Reading:
-    """MuJoCo's state and sensor data at one time, and the accelerometer over the physics step before it."""
-
-    time: float
-    qpos: np.ndarray
-    qvel: np.ndarray
-    sensors: np.ndarray
-    accelerometer: np.ndarray
 
 
 class Simulation:
@@ -119,7 +66,6 @@ class Simulation:
             raise ConfigError(f"seed is {seed}; give 0 or more")
         self.robot = load_robot()
         self.terrain = terrain
-        self.noise = noise
         self.variation = variation or Variation()
         self.model = load_model(timestep, terrain)
         self.variation.apply_to(self.model)
@@ -127,14 +73,10 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self.rejected_commands = 0
         self.diverged = False
-        self._rng = np.random.default_rng(seed)
+        self._sensors = Sensors(self.model, noise, seed)
         self._latency = latency
-        self._sensors = {
-            self.model.sensor(i).name: slice(int(adr), int(adr + dim))
-            for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
-        }
         # Readings of the last physics steps, the oldest first: as many as the latency spans, and the present one.
-        self._readings: collections.deque[_Reading] = collections.deque(maxlen=1 + round(latency / timestep))
+        self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(latency / timestep))
         self._pelvis = self.model.body("pelvis").id
         self._force_until: dict[int, float] = {}
         # The control is the whole affine torque; stiffness and damping go into the bias, where the implicit integrator
@@ -234,30 +176,13 @@ class Simulation:
                 self.data.xfrc_applied[body] = 0.0
                 del self._force_until[body]
 
-    def _reading(self) -> _Reading:
-        return _Reading(
-            float(self.data.time), self.data.qpos.copy(), self.data.qvel.copy(), self.data.sensordata.copy(),
-            self._accelerometer,
-        )  # fmt: skip
+    def _reading(self) -> Reading:
+        d = self.data
+        return Reading(float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer)
 
     def state(self) -> RobotState:
         """The true state, with position, velocity and foot forces."""
-        return self._state(self._reading())
-
-    def _state(self, reading: _Reading) -> RobotState:
-        qpos, qvel = reading.qpos, reading.qvel
-        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-        forces = [-reading.sensors[self._sensors[f"{side}_foot_force"]] for side in SIDES]
-        return RobotState(
-            q=qpos[7:],
-            dq=qvel[6:],
-            orientation=qpos[3:7] / np.linalg.norm(qpos[3:7]),
-            angular_velocity=qvel[3:6],
-            position=qpos[:3],
-            velocity=qvel[:3],
-            foot_force=np.array(forces),
-            time=reading.time,
-        )
+        return self._sensors.truth(self._reading())
 
     def sense(self) -> RobotState:
         """What the sensors said `latency` ago: encoders, torso IMU, foot contacts, with noise if configured.
@@ -267,31 +192,7 @@ class Simulation:
         """
         # The present is read anew: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self._latency > 0.0 else self._reading()
-        truth = self._state(reading)
-        gyro, waist = reading.sensors[self._sensors["imu_gyro"]], float(truth.q[self.robot.waist])
-        orientation, rate = pelvis_from_torso_imu(
-            reading.sensors[self._sensors["imu_orientation"]], gyro, waist, float(truth.dq[self.robot.waist])
-        )
-        noise = self.noise or SensorNoise(0.0, 0.0, 0.0, 0.0)
-        turn = self._uniform(noise.angular_velocity, 3)
-        tilt = self._uniform(noise.orientation, 3)
-        error = np.concatenate(([1.0], tilt / 2.0))
-        assert truth.position is not None and truth.velocity is not None
-        return dataclasses.replace(
-            truth,
-            q=truth.q + self._uniform(noise.q, 19),
-            dq=truth.dq + self._uniform(noise.dq, 19),
-            orientation=rotations.multiply(orientation, error / np.linalg.norm(error)),
-            angular_velocity=rate + turn,
-            position=truth.position + self._uniform(noise.position, 3),
-            velocity=truth.velocity + self._uniform(noise.velocity, 3),
-            imu_gyro=gyro + rotations.rotation_z(-waist) @ turn,
-            imu_accelerometer=reading.accelerometer + self._uniform(noise.acceleration, 3),
-            age=float(self.data.time) - reading.time,
-        )
-
-    def _uniform(self, half_width: float, size: int) -> np.ndarray:
-        return self._rng.uniform(-half_width, half_width, size) if half_width else np.zeros(size)
+        return dataclasses.replace(self._sensors.read(reading), age=float(self.data.time) - reading.time)
 
     @property
     def torque(self) -> np.ndarray:
