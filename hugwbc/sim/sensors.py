@@ -110,7 +110,7 @@ class Sensors:
         )
 
     def read(self, reading: Reading) -> RobotState:
-        """What the sensors say, with noise; the orientation and rate of the torso's IMU are carried over to the pelvis."""
+        """What the sensors say, with noise; what the torso's IMU says is carried over to the pelvis."""
         truth, noise = self.truth(reading), self._noise
         gyro, waist = reading.sensors[self._columns["imu_gyro"]], float(truth.q[self._waist])
         orientation, rate = pelvis_from_torso_imu(
