@@ -1,4 +1,4 @@
-"""Walk with a cup in the right hand: its place in the heading frame stays level while the pelvis sways below it.
+"""Walk with a cup in the right hand: it stays level in its place in the heading frame, carried along by the body.
 
 python examples/04_walk_with_a_cup.py --duration 6
 """
@@ -30,9 +30,9 @@ def main(duration: float = 6.0) -> None:
 
     walking = trace.time > 2.5
     error = trace.hand_error[walking, 1]
-    height = trace.hand_target_world[walking, 1, 2] - trace.qpos[walking, 2]
+    _, sideways, up = 1000 * np.ptp(trace.hand_target_world[walking, 1], axis=0)
     print(f"cup {100 * np.mean(error):.1f} cm from its place on average, {100 * np.max(error):.1f} cm at most")
-    print(f"its place moved {1000 * np.ptp(height):.0f} mm up and down against the pelvis")
+    print(f"with the body it swayed by {sideways:.0f} mm sideways, {up:.0f} mm up and down")
     print("fallen" if trace.fell else f"walked {trace.qpos[-1, 0]:.2f} m")
 
 

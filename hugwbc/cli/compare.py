@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from hugwbc.cli.output import check_folder, check_writable, format_table, hand_rows, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.errors import ConfigError
+from hugwbc.tables import Table
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.compare import Outcome
@@ -68,12 +69,13 @@ def run(words: Sequence[str]) -> int:
         "noise": options.noise,
         "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
     }
-    say(describe(outcomes), options.json)
+    rows = figure_rows(outcomes)
+    say(format_table(("", *outcomes), rows), options.json)
     for name, outcome in outcomes.items():
         for message in outcome.safety["messages"]:
             say(f"safety filter of {name}: {message}", options.json)
     write_json(options.json, summary)
-    written = _write_files(options, summary, traces)
+    written = _write_files(options, summary, Table("Figures", ("", *outcomes), rows), traces)
     say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
 
@@ -97,9 +99,9 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def describe(outcomes: Mapping[str, "Outcome"]) -> str:
-    """The figures of all controllers side by side."""
-    rows: list[tuple[object, ...]] = [
+def figure_rows(outcomes: Mapping[str, "Outcome"]) -> list[tuple[Any, ...]]:
+    """Name and unit of each figure, and its value of every controller."""
+    rows: list[tuple[Any, ...]] = [
         ("fell", *(outcome.fell for outcome in outcomes.values())),
         ("survived [s]", *(outcome.survived_s for outcome in outcomes.values())),
     ]
@@ -109,11 +111,15 @@ def describe(outcomes: Mapping[str, "Outcome"]) -> str:
     rows += hand_rows([outcome.hand_error_m for outcome in outcomes.values()])
     for part in ("p50", "p99"):
         rows.append((f"tick {part} [ms]", *(outcome.tick_ms[part] for outcome in outcomes.values())))
-    rows.append(("steps", *(outcome.steps for outcome in outcomes.values())))
-    return format_table(("", *outcomes), rows)
+    for part in ("p50", "p99"):
+        rows.append((f"hand IK {part} [ms]", *(outcome.ik_ms[part] for outcome in outcomes.values())))
+    rows.append(("control steps", *(outcome.steps for outcome in outcomes.values())))
+    return [*rows, ("footsteps", *(outcome.footsteps for outcome in outcomes.values()))]
 
 
-def _write_files(options: CompareOptions, summary: Mapping[str, Any], traces: Sequence["Trace"]) -> list[pathlib.Path]:
+def _write_files(
+    options: CompareOptions, summary: Mapping[str, Any], figures: Table, traces: Sequence["Trace"]
+) -> list[pathlib.Path]:
     """Write everything that there is to show, and return the paths."""
     from hugwbc.viz.replay import write_replay
     from hugwbc.viz.report import summary_table, write_report
@@ -122,18 +128,15 @@ def _write_files(options: CompareOptions, summary: Mapping[str, Any], traces: Se
     title = f"hugwbc compare: {summary['script']}"
     write_json(out / "summary.json", summary)
     safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
-    figures = {
-        name: {key: value for key, value in outcome.items() if key != "safety"}
-        for name, outcome in summary["controllers"].items()
-    }
     counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}
-    tables = [summary_table("Figures", figures), summary_table("Safety filter", counters)]
+    tables = [figures, summary_table("Safety filter", counters)]
     links = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
     write_replay(out / "replay.html", traces, title=title)
     written = [out / "summary.json", out / "report.html", out / "replay.html"]
     if options.video:
         written += _write_video(options, traces)
-    write_report(out / "report.html", title, traces, tables, subtitle=f"seed {summary['seed']}", links=links)
+    sensors = f"Sensors with noise, seed {options.seed}." if options.noise else "Exact sensors, nothing random."
+    write_report(out / "report.html", title, traces, tables, subtitle=sensors, links=links)
     return written
 
 

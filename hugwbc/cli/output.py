@@ -49,11 +49,11 @@ def _cell(value: object) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
-def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[object, ...]]:
+def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, ...]]:
     """Rows of a table for `evaluation.metrics.HandErrors` as mappings, a column for each."""
     names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
     names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for part, name in names.items():
         errors = (figure[part] for figure in figures)
         rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))

@@ -1,5 +1,7 @@
 """The live page: a robot to drive by sliders, gait buttons, a push, and draggable hand targets. Needs viser."""
 
+import contextlib
+import io
 import ipaddress
 
 import mujoco
@@ -100,7 +102,8 @@ class LivePage:
             ConfigError: if the host is not this machine alone, and `expose` does not say so.
         """
         check_host(host, expose=expose)
-        with guarded(any_host=expose):
+        # viser prints the address in a frame; that is for the caller to do.
+        with guarded(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
@@ -149,7 +152,7 @@ class LivePage:
             slider = gui.add_slider(
                 f"{_NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
             )
-            slider.on_update(lambda _, name=name: self.source.ask(name, float(self._sliders[name].value)))
+            slider.on_update(lambda _, name=name: self._ask(name))
             self._sliders[name] = slider
         with gui.add_folder("hands"):
             self._hands_on = gui.add_checkbox("drag the hands", False)
@@ -161,6 +164,12 @@ class LivePage:
                 vector = np.array([0.0, force, 0.0]) if force else np.array([PUSH_FORCE, 0.0, 0.0])
                 gui.add_button(label).on_click(lambda _, vector=vector: self.pushes.append(vector))
             gui.add_button("stop").on_click(lambda _: self.stop())
+
+    def _ask(self, name: str) -> None:
+        """Ask for what a slider says; one that says what the gait does not admit goes back to what it does."""
+        slider = self._sliders[name]
+        self.source.ask(name, float(slider.value))
+        slider.value = getattr(self.source.wanted, name)
 
     def _choose_gait(self, gait: Gait) -> None:
         self.source.ask_gait(gait)
@@ -203,7 +212,8 @@ class LivePage:
 
     def close(self) -> None:
         """Stop listening."""
-        self.server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
 
 
 def _slider_range(name: str) -> tuple[float, float]:

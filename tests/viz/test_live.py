@@ -31,10 +31,25 @@ def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
     assert check_host("127.0.0.1", expose=False) == "127.0.0.1"
 
 
-def test_the_page_listens_on_this_machine_only():
+def test_the_page_listens_on_this_machine_only_and_leaves_it_to_the_caller_to_say_where(capsys):
     page = LivePage(Simulation(), name="test")
     assert page.server.get_host() == "127.0.0.1"
     assert page.address == f"http://127.0.0.1:{page.server.get_port()}"
+    page.close()
+    assert capsys.readouterr().out == ""
+
+
+def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
+    page = LivePage(Simulation(), name="test")
+    forward, height = page._sliders["v_x"], page._sliders["h"]
+    forward.value, height.value = 0.4, -0.1
+    assert forward.value == page.source.wanted.v_x == 0.0, "nobody walks while standing"
+    assert height.value == page.source.wanted.h == -0.1
+    page._choose_gait(Gait.WALKING)
+    forward.value = 0.4
+    assert forward.value == page.source.wanted.v_x == 0.4
+    page._choose_gait(Gait.STANDING)
+    assert forward.value == 0.0 and height.value == -0.1
     page.close()
 
 
