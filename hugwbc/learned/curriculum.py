@@ -52,12 +52,17 @@ class Curriculum:
         return MAX_YAW_RATE[0] + progress * (MAX_YAW_RATE[1] - MAX_YAW_RATE[0])
 
     def update(
-        self, agile: tuple[float, float], intervened: tuple[float, float] | None, *, terrain_mastered: bool = True
+        self,
+        agile: tuple[float, float] | None,
+        intervened: tuple[float, float] | None,
+        *,
+        terrain_mastered: bool = True,
     ) -> None:
         """Move the levels after an iteration.
 
         Args:
-            agile: mean linear and angular tracking reward of the agile group, relative to their maxima.
+            agile: mean linear and angular tracking reward of the agile group, relative to their maxima; None where
+                there is none.
             intervened: the same of the intervention group; None where there is no intervention.
             terrain_mastered: whether the terrain's level lets noise and speed move.
         """
@@ -74,7 +79,9 @@ class Curriculum:
             self.gates["alpha"] = "off: no intervention"
         elif self.iteration % self.config.alpha_interval == 0:
             self._update_alpha(*intervened)
-        if self.iteration % self.config.speed_interval == 0:
+        if agile is None:
+            self.gates["speed"] = "off: no agile robots"
+        elif self.iteration % self.config.speed_interval == 0:
             if self.grid is None:
                 self._update_speed(agile[0])
             else:

@@ -230,18 +230,21 @@ class HumanoidEnv:
 
     def update_curriculum(self) -> None:
         """Move the curricula after an iteration, from the running tracking rewards of both groups."""
-        tracking = self.statistics.tracking
-        groups = torch.stack((tracking[self.agile].mean(0), tracking[~self.agile].mean(0)))
-        agile, intervened = distributed.mean(groups).tolist()
-        off = not bool(self._intervenable.any())
         self.curriculum.update(
-            (agile[0], agile[1]),
-            None if off else (intervened[0], intervened[1]),
+            self._mean_tracking(self.agile),
+            self._mean_tracking(~self.agile) if self.config.intervention != "none" else None,
             terrain_mastered=self.ground is None or self.ground.mastered,
         )
         if self.ground is not None:
             self.curriculum.gates["terrain"] = self.ground.report()
             self.statistics.set_level("terrain_level", self.ground.mean_level)
+
+    def _mean_tracking(self, group: torch.Tensor) -> tuple[float, float] | None:
+        """Linear and angular tracking reward of some robots of all processes, (n,) bool; None if there are none."""
+        if not bool(group.any()):
+            return None
+        linear, angular = distributed.mean(self.statistics.tracking[group].mean(0)).tolist()
+        return linear, angular
 
     # Episodes -----------------------------------------------------------------------------------------------------
 

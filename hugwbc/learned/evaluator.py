@@ -10,9 +10,10 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.networks import Actor
+from hugwbc.learned.readings import TRACKED, tracked
 
 # Errors that count the same in the score: of the size of the paper's walking errors [m/s, rad/s, m, rad].
-ERROR_SCALES = {"v_x": 0.1, "v_y": 0.1, "omega": 0.1, "h": 0.05, "p": 0.05, "w": 0.05}
+ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
 FALL_COST = 20.0  # of the score if every robot falls: more than any error of a robot that stays up
 SETTLE = 1.0  # [s] that are left out of the errors
 SCORE = "evaluation/score"
@@ -82,10 +83,8 @@ class Evaluator:
             action, _ = actor(observation.history, observation.command)
             upright &= ~env.step(action).done
             if step >= self._settle:
-                r = env.readings
-                measured = torch.stack((*r.velocity[:, :2].T, r.yaw_rate, r.height, r.pitch, r.q[:, env.robot.waist]))
                 # A robot that fell goes on with another command, in readings of its new episode: not counted.
-                error = (measured.T - command[:, _COLUMNS]).abs()
+                error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright
         env.statistics.pop()

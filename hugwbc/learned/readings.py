@@ -1,6 +1,7 @@
 """The simulation's state as float32 tensors, with the derived quantities that rewards and observations share."""
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -8,6 +9,10 @@ import torch
 from hugwbc.learned.ground import RoughGround
 from hugwbc.sim.batch import BatchSimulation
 
+if TYPE_CHECKING:
+    from hugwbc.learned.transition import Transition
+
+TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows at once
 CONTACT_THRESHOLD = 5.0  # [N], above which a foot is on the ground
 
 
@@ -90,6 +95,16 @@ def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Read
         foot_force=tensor(simulation.foot_force()),
         link_force=tensor(simulation.link_force()),
     )
+
+
+def tracked(r: "Readings | Transition", waist: int) -> torch.Tensor:
+    """What robots execute of the commands `TRACKED`, from their readings or from a transition, shape (n, 6).
+
+    Args:
+        r: the state.
+        waist: index of the waist joint.
+    """
+    return torch.stack((r.velocity[:, 0], r.velocity[:, 1], r.yaw_rate, r.height, r.pitch, r.q[:, waist]), dim=1)
 
 
 def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:

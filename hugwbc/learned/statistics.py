@@ -6,11 +6,12 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
+from hugwbc.learned.readings import TRACKED, tracked
 from hugwbc.learned.transition import Transition
 
 TRACKING_MEMORY = 0.99  # of the exponential averages of the tracking rewards, per control step
-_MEASURED_COLUMNS = tuple(COMMAND_NAMES.index(name) for name in ("v_x", "v_y", "omega", "h", "p", "w"))
-_COUNTS = ("episodes", "falls", "diverged", "finished_steps")
+_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
+_EVENTS = ("episodes", "falls", "diverged")
 
 
 class Statistics:
@@ -33,9 +34,13 @@ class Statistics:
         if hopping:
             self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
-        self._sums: dict[str, float] = {}
-        self._steps = 0
         self._levels: dict[str, float] = {}
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._sums: dict[str, tuple[float, float]] = {}  # of each average: total, and of how many
+        self._events = dict.fromkeys(_EVENTS, 0.0)
+        self._finished_steps = 0.0
 
     def add(
         self,
@@ -57,40 +62,36 @@ class Statistics:
             diverged: robots whose physics failed, shape (n,), bool.
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
-        values = {f"reward/{name}": float(value.mean()) for name, value in rewards.items()}
+        for name, value in rewards.items():
+            self._average(f"reward/{name}", float(value.mean()), 1.0)
+        errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
+        known = errors.isfinite().all(1)
         for label, (first, last) in self._gaits.items():
-            errors = self._errors(t, (gait >= first) & (gait <= last))
-            for column, error in zip(_MEASURED_COLUMNS, errors, strict=True):
-                values[f"{label}_error/{COMMAND_NAMES[column]}"] = error
-        values["episodes"] = float(finished_age.numel())
-        values["falls"] = float(t.fallen.sum())
-        values["diverged"] = float(diverged.sum())
-        values["finished_steps"] = float(finished_age.sum())
-        for name, value in values.items():
-            if math.isfinite(value):
-                self._sums[name] = self._sums.get(name, 0.0) + value
-        self._steps += 1
+            robots = known & (gait >= first) & (gait <= last)
+            for name, total in zip(TRACKED, errors[robots].sum(0).tolist(), strict=True):
+                self._average(f"{label}_error/{name}", total, float(robots.sum()))
+        happened = (finished_age.numel(), t.fallen.sum(), diverged.sum())
+        for name, number in zip(_EVENTS, happened, strict=True):
+            self._events[name] += float(number)
+        self._finished_steps += float(finished_age.sum())
 
     def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
-        """Add the part of some robots for which a flag is set, after `add`; both arguments of shape (n,), bool."""
-        share = float((flag & robots).sum()) / max(float(robots.sum()), 1.0)
-        self._sums[name] = self._sums.get(name, 0.0) + share
+        """Add the part of some robots for which a flag is set; both arguments of shape (n,), bool."""
+        self._average(name, float((flag & robots).sum()), float(robots.sum()))
+
+    def _average(self, name: str, total: float, count: float) -> None:
+        before, samples = self._sums.get(name, (0.0, 0.0))
+        # What is not finite is of a robot whose physics failed.
+        self._sums[name] = (before + total, samples + count) if math.isfinite(total) else (before, samples)
 
     def set_level(self, name: str, value: float) -> None:
         """A level that `pop` reports as it is, not as an average."""
         self._levels[name] = value
 
-    def _errors(self, t: Transition, robots: torch.Tensor) -> list[float]:
-        weight = robots.float()
-        measured = (t.velocity[:, 0], t.velocity[:, 1], t.yaw_rate, t.height, t.pitch, t.q[:, self._waist])
-        error = (torch.stack(measured, dim=1) - t.command[:, _MEASURED_COLUMNS]).abs()
-        return ((error * weight[:, None]).sum(0) / weight.sum().clamp(min=1.0)).tolist()
-
     def pop(self) -> dict[str, float]:
-        """Averages per step since the last call, and sums and mean length of episodes; then start anew."""
-        sums, steps = self._sums, max(self._steps, 1)
-        self._sums, self._steps = {}, 0
-        result = {name: value / steps for name, value in sums.items() if name not in _COUNTS}
-        result |= {name: sums.get(name, 0.0) for name in ("episodes", "falls", "diverged")}
-        result["episode_length"] = sums.get("finished_steps", 0.0) / max(sums.get("episodes", 0.0), 1.0)
+        """Averages since the last call, NaN of nothing; numbers of events, mean length of episodes; then start anew."""
+        result = {name: total / count if count else math.nan for name, (total, count) in self._sums.items()}
+        episodes = self._events["episodes"]
+        result |= self._events | {"episode_length": self._finished_steps / episodes if episodes else math.nan}
+        self._start_anew()
         return result | self._levels

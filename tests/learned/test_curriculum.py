@@ -79,3 +79,10 @@ def test_state_survives_a_round_trip() -> None:
     other = Curriculum(CONFIG)
     other.load_state_dict(curriculum.state_dict())
     assert other.state_dict() == curriculum.state_dict()
+
+
+def test_without_agile_robots_the_speed_rests() -> None:
+    curriculum = started()
+    curriculum.update(None, (0.9, 0.9))
+    assert curriculum.max_speed == 0.6 and curriculum.gates["speed"] == "off: no agile robots"
+    assert curriculum.alpha == pytest.approx(0.01)
