@@ -3,17 +3,19 @@
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.state import RobotState
+from hugwbc.state import GRAVITY, RobotState
 
 
 class LegOdometry:
     """Completes a state that lacks position or velocity, on the assumption that standing feet do not move.
 
     The velocity is minus the mean velocity of the standing soles as seen from a pelvis that does not translate; the
-    position is its integral, with the height taken from the lowest standing sole on ground at z = 0.
+    position is its integral, with the height taken from the lowest standing sole on ground at z = 0. While no foot
+    stands, the centre of mass falls freely, and the pelvis is where and as fast as that leaves it.
     """
 
     def __init__(self) -> None:
@@ -23,6 +25,7 @@ class LegOdometry:
     def reset(self) -> None:
         """Start again above the origin."""
         self._position = np.zeros(3)
+        self._com, self._com_velocity = np.zeros(3), np.zeros(3)
 
     def complete(self, state: RobotState, contact: np.ndarray, dt: float) -> RobotState:
         """The state with position [m] and velocity [m/s] in the world; a complete state comes back as it is.
@@ -34,12 +37,21 @@ class LegOdometry:
         """
         if state.position is not None and state.velocity is not None:
             return state
-        self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
-        standing = [side for side, stands in zip(SIDES, contact, strict=True) if stands] or list(SIDES)
-        soles = [f"{side}_sole" for side in standing]
-        velocity = -np.mean([self._kinematics.velocity(sole)[:3] for sole in soles], axis=0)
-        self._position += velocity * dt
-        self._position[2] = -min(self._kinematics.position(sole)[2] for sole in soles)
+        kinematics = self._kinematics
+        kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
+        com = pin.centerOfMass(kinematics.model, kinematics.data, kinematics.q, kinematics.v).copy()
+        com_velocity = kinematics.data.vcom[0].copy()
+        soles = [f"{side}_sole" for side, stands in zip(SIDES, contact, strict=True) if stands]
+        if soles:
+            velocity = -np.mean([kinematics.velocity(sole)[:3] for sole in soles], axis=0)
+            self._position += velocity * dt
+            self._position[2] = -min(kinematics.position(sole)[2] for sole in soles)
+        else:
+            fallen = np.array([0.0, 0.0, GRAVITY * dt])
+            self._position += self._com - com + (self._com_velocity - 0.5 * fallen) * dt
+            velocity = self._com_velocity - fallen - com_velocity
+        # Of the centre of mass: its place from the pelvis, and its velocity.
+        self._com, self._com_velocity = com, velocity + com_velocity
         return dataclasses.replace(
             state,
             position=self._position.copy() if state.position is None else state.position,
