@@ -141,6 +141,8 @@ class ControllerParams:
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
     velocity_integral_bound: float = 0.15
     """Largest velocity error of a step that counts there [m/s]."""
+    velocity_integral_change: float = 0.05
+    """Change of the commanded velocity within a step beyond which the step's error does not count [m/s]."""
     max_velocity_trim: float = 0.3
     """Bound on that correction [m/s]."""
 

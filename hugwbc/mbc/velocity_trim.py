@@ -11,7 +11,8 @@ class VelocityTrim:
     """Adds to the velocity plan what the last stride fell short of the command.
 
     The pelvis sways within a step, hence the error is averaged over two steps before it is integrated. A step during
-    which the command changes does not count: the robot lags then, and a correction would overshoot.
+    which the command changes does not count: the robot lags then, and a correction would overshoot. The small changes
+    of a command by hand, or of one that steers by where the robot is, count as none: such a command never rests.
 
     Attributes:
         value: correction of v_x, v_y, heading frame [m/s], shape (2,).
@@ -20,6 +21,7 @@ class VelocityTrim:
     def __init__(self, params: ControllerParams) -> None:
         self._gain = params.velocity_integral
         self._bound = params.velocity_integral_bound
+        self._change = params.velocity_integral_change
         self._limit = params.max_velocity_trim
         self.reset()
 
@@ -28,6 +30,7 @@ class VelocityTrim:
         self.value = np.zeros(2)
         self._previous: np.ndarray | None = None
         self._wanted: list[float] | None = None
+        self._before: list[float] | None = None  # what was wanted when the step began
         self._settling = 0
         self._clear()
 
@@ -39,16 +42,18 @@ class VelocityTrim:
     def measure(self, velocity: np.ndarray, wanted: np.ndarray, dt: float) -> None:
         """Record one tick: measured and commanded velocity, heading frame [m/s], shape (2,)."""
         asked = wanted.tolist()
-        self._changed |= self._wanted is not None and asked != self._wanted
-        self._wanted = asked
+        before = self._before = self._before or asked
         for axis, actual in enumerate(velocity.tolist()):
             self._sum[axis] += (asked[axis] - actual) * dt
+            self._changed |= abs(asked[axis] - before[axis]) > self._change
+        self._wanted = asked
         self._time += dt
 
     def end_step(self) -> None:
         """Correct by the mean error of the last two steps."""
         if self._time <= 0.0:
             return
+        self._before = self._wanted
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
         self._settling = _SETTLING_STEPS if self._changed else max(self._settling - 1, 0)
         error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)

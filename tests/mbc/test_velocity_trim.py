@@ -31,10 +31,32 @@ def test_steps_during_and_after_a_change_of_command_do_not_count():
     trim = VelocityTrim(PARAMS)
     for step in range(6):
         for _ in range(125):
-            trim.measure(np.zeros(2), np.array([0.1 + (0.01 if step == 0 else 0.02), 0.0]), 0.002)
+            trim.measure(np.zeros(2), np.array([0.01 if step == 0 else 0.12, 0.0]), 0.002)
         trim.end_step()
     # The command changes in step 1; steps 1, 2 and 3 do not count, step 4 fills the average, step 5 is integrated.
     assert trim.value == pytest.approx([PARAMS.velocity_integral * 0.12, 0.0])
+
+
+def test_a_command_that_never_rests_is_corrected_all_the_same():
+    trim, rng = VelocityTrim(PARAMS), np.random.default_rng(0)
+    for _ in range(5):
+        for _ in range(125):
+            wanted = np.array([0.5, 0.0]) + rng.uniform(-0.02, 0.02, 2)
+            trim.measure(wanted - [0.04, 0.0], wanted, 0.002)
+        trim.end_step()
+    assert trim.value == pytest.approx([4 * PARAMS.velocity_integral * 0.04, 0.0])
+
+
+def test_a_change_that_takes_several_steps_counts_as_one_while_it_is_fast():
+    """A ramp of 0.1 m/s a step, and then one of 0.02 m/s a step."""
+    for rate, counted in ((0.1, False), (0.02, True)):
+        trim, wanted = VelocityTrim(PARAMS), 0.0
+        for _ in range(3):
+            for _ in range(125):
+                wanted += rate / 125
+                trim.measure(np.array([wanted - 0.04, 0.0]), np.array([wanted, 0.0]), 0.002)
+            trim.end_step()
+        assert bool(trim.value[0]) is counted
 
 
 def test_a_push_counts_little_and_the_sum_is_bounded():
