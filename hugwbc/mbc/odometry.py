@@ -13,8 +13,9 @@ from hugwbc.state import GRAVITY, RobotState
 class LegOdometry:
     """Completes a state that lacks position or velocity, on the assumption that standing feet do not move.
 
-    The velocity is minus the mean velocity of the standing soles as seen from a pelvis that does not translate; the
-    position is its integral, with the height taken from the lowest standing sole on ground at z = 0. While no foot
+    The velocity is minus that of a standing sole as seen from a pelvis that does not translate; of two soles, of the
+    one by which the centre of mass changes its velocity less, since a foot that has just come down may still slide. The
+    position is the integral, with the height taken from the lowest standing sole on ground at z = 0. While no foot
     stands, the centre of mass falls freely, and the pelvis is where and as fast as that leaves it.
     """
 
@@ -43,7 +44,8 @@ class LegOdometry:
         com_velocity = kinematics.data.vcom[0].copy()
         soles = [f"{side}_sole" for side, stands in zip(SIDES, contact, strict=True) if stands]
         if soles:
-            velocity = -np.mean([kinematics.velocity(sole)[:3] for sole in soles], axis=0)
+            told = [-kinematics.velocity(sole)[:3] for sole in soles]
+            velocity = min(told, key=lambda each: float(np.sum((each + com_velocity - self._com_velocity) ** 2)))
             self._position += velocity * dt
             self._position[2] = -min(kinematics.position(sole)[2] for sole in soles)
         else:

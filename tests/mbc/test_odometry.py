@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hugwbc import Command, Gait, UpperBody
+from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.odometry import LegOdometry
@@ -54,8 +54,23 @@ def test_in_flight_the_centre_of_mass_falls_freely_however_the_joints_move(stand
     assert end == pytest.approx(start + speed * time + 0.5 * gravity * time**2, abs=1e-9)
 
 
+def test_of_two_feet_the_one_that_slides_tells_nothing(standing_state):
+    odometry, kinematics = LegOdometry(), Kinematics()
+    moving = dataclasses.replace(
+        standing_state, angular_velocity=np.array([0.0, 0.3, 0.0]), position=None, velocity=None
+    )
+    steady = odometry.complete(moving, BOTH, 0.002)
+    sliding = moving.dq.copy()
+    sliding[load_robot().index("right_knee_joint")] = 3.0
+    found = odometry.complete(dataclasses.replace(moving, dq=sliding), BOTH, 0.002)
+    assert found.velocity == pytest.approx(steady.velocity, abs=1e-12)
+    kinematics.update(found)
+    assert kinematics.velocity("left_sole")[:3] == pytest.approx(np.zeros(3), abs=1e-12)
+    assert np.linalg.norm(kinematics.velocity("right_sole")[:3]) > 0.5
+
+
 def _run_blind(gait, seconds):
-    """Speeds after two seconds of a command of 0.4 m/s."""
+    """Forward speeds after two seconds of a command of 0.4 m/s."""
     simulation, controller = Simulation(), WholeBodyController()
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
 
@@ -68,7 +83,7 @@ def _run_blind(gait, seconds):
         command = controller.act(blind(state), Command(v_x=0.4, gait=gait), UpperBody.none())
         state = simulation.step(command, controller.period)
         if tick > 1000:
-            speeds.append(np.hypot(*state.velocity[:2]))
+            speeds.append(float(rotations.rotation_z(-state.yaw)[0] @ state.velocity))
     assert not simulation.fallen
     assert controller.diagnostics.fallbacks == 0
     return speeds
@@ -79,4 +94,4 @@ def test_it_walks_without_an_estimator():
 
 
 def test_it_jumps_without_an_estimator():
-    assert np.mean(_run_blind(Gait.JUMPING, 3.0)) == pytest.approx(0.4, abs=0.2)
+    assert np.mean(_run_blind(Gait.JUMPING, 2.6)) == pytest.approx(0.4, abs=0.2)
