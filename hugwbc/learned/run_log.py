@@ -7,8 +7,35 @@ import math
 import pathlib
 from typing import Any
 
+from hugwbc.files import write_whole
+
 LOG_NAME = "metrics.csv"
 SESSIONS_NAME = "sessions.jsonl"
+
+
+def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
+    """Make a run's log ready for the iterations of a session, so that each is in it once.
+
+    A run that was cut off has logged iterations after its last checkpoint, which the resumed one does again: their rows
+    are dropped. The log of another run in the folder is kept under another name.
+
+    Args:
+        folder: of the run.
+        iteration: the last one before the session.
+        resumed: whether the session goes on with the run in the folder.
+    """
+    path = folder / LOG_NAME
+    if not path.exists():
+        return
+    with path.open(newline="") as file:
+        header, *rows = list(csv.reader(file)) or [[]]
+    if not resumed:
+        path.rename(_free(path.with_stem(f"{path.stem}-before")))
+        return
+    column = header.index("iteration") if "iteration" in header else None
+    kept = [row for row in rows if column is not None and len(row) == len(header) and float(row[column]) <= iteration]
+    if len(kept) < len(rows):
+        write_whole(path, "".join(",".join(row) + "\r\n" for row in [header, *kept]))
 
 
 def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> None:

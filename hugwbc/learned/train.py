@@ -19,7 +19,7 @@ from hugwbc.learned.evaluator import SCORE, Evaluator
 from hugwbc.learned.networks import Actor, ActorCritic
 from hugwbc.learned.policy import POLICY_FILE, save_policy
 from hugwbc.learned.ppo import PPO
-from hugwbc.learned.run_log import append_row, append_session
+from hugwbc.learned.run_log import append_row, append_session, begin_log
 from hugwbc.robot import load_robot
 from hugwbc.sim.scene import TRAINING_TIMESTEP
 
@@ -81,6 +81,7 @@ class Trainer:
         if self.leads:
             record = {"config": settings_record(self.config), "start_iteration": self.iteration}
             append_session(self.config.out, {"versions": versions(), **record})
+            begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # What one process is told, or its clock says, all of them follow.
         while self.steps < self.config.steps and not distributed.anywhere(
             self.stop_requested or time.monotonic() - start >= 3600.0 * self.config.hours
