@@ -141,7 +141,7 @@ def plan_step(
     speed, dcm = complex(*velocity.tolist()), complex(*(pendulum.dcm - pendulum.pivot).tolist())
     forward, landing = cmath.exp(1j * heading), cmath.exp(1j * (heading + yaw_rate * remaining))
     width = max(params.step_width, params.min_foot_distance + abs(speed.imag) * step_time)
-    # Sagittal feedback: where the divergent component should be now, had this step begun on the periodic gait.
+    # Sagittal feedback: where the divergent component should be now, to end this step as the periodic gait would.
     # Along the heading the periodic gait's offset is the same on both feet.
     offset = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
     reference = offset.real * math.exp(pendulum.omega * (step_time - remaining))

@@ -27,6 +27,12 @@ _INFEASIBILITY_TOLERANCE = 1e-12
 _PROXIMAL_WEIGHT = 1e-7
 
 
+def friction_pyramid(friction: float) -> np.ndarray:
+    """Rows of a pyramid inside the friction cone about the vertical: times a force, none is above 0; shape (4, 3)."""
+    slope = friction / math.sqrt(2.0)
+    return np.array([[1.0, 0.0, -slope], [-1.0, 0.0, -slope], [0.0, 1.0, -slope], [0.0, -1.0, -slope]])
+
+
 class QpStatus(enum.Enum):
     """How a solve ended."""
 
@@ -96,7 +102,9 @@ class WholeBodyQp:
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
-        self._add_friction(nv)
+        for point in range(len(CONTACT_POINTS)):
+            row, column = nv + 4 * point, nv + 3 * point
+            self._rows[row : row + 4, column : column + 3] = friction_pyramid(params.friction)
         self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
@@ -108,15 +116,6 @@ class WholeBodyQp:
         self._H_v, self._diagonal_v, self._diagonal_f = self._H[:nv, :nv], self._diagonal[:nv], self._diagonal[nv:]
         self._g_v, self._g_f = self._g[:nv], self._g[nv:]
         self.reset()
-
-    def _add_friction(self, first_row: int) -> None:
-        slope = self._params.friction / np.sqrt(2.0)
-        for point in range(len(CONTACT_POINTS)):
-            column = self._nv + 3 * point
-            for k, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-                row = first_row + 4 * point + k
-                self._rows[row, column + axis] = sign
-                self._rows[row, column + 2] = -slope
 
     def reset(self) -> None:
         """Forget the previous solution; the next solve starts cold."""

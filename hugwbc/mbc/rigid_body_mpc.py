@@ -6,6 +6,7 @@ import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.proxsuite_build import proxqp
+from hugwbc.mbc.qp import friction_pyramid
 from hugwbc.state import GRAVITY
 
 _INFINITY = 1e20
@@ -101,11 +102,11 @@ class RigidBodyMpc:
     The legs weigh as much as the trunk, so that it matters how they move: they keep the feet where the plan has them,
     and :math:`\dot r`, :math:`\omega_r` are velocity and turning rate of the feet: zero in stance; in flight, on
     average twice those of the body, since the feet catch up. I is the inertia that the pelvis then feels, I_0 that of
-    the frozen robot. The centre of mass in the moment arm, c bar, is predicted at its present velocity: the problem is
-    then linear and is solved again, many times per stance. The rest of the stance is cut into `mpc_intervals` equal
-    parts of constant force, so that the grid always ends where the feet leave the ground; the flight is ballistic, with
-    k conserved. States are eliminated (condensed): the unknowns are the forces of the scheduled contacts, in units of
-    the robot's weight.
+    the frozen robot. The centre of mass in the moment arm, c bar, keeps its height and its horizontal velocity: the
+    problem is then linear and is solved again, many times per stance. The rest of the stance is cut into
+    `mpc_intervals` equal parts of constant force, so that the grid always ends where the feet leave the ground; the
+    flight is ballistic, with k conserved. States are eliminated (condensed): the unknowns are the forces of the
+    scheduled contacts, in units of the robot's weight.
 
     The cost asks for height and velocity at take-off, for an upright body then and at the landing, for small departures
     from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, which
@@ -122,12 +123,7 @@ class RigidBodyMpc:
         size = self._intervals * width
         self._rows = 4 * points + points // 2
         self._C = np.zeros((self._intervals, self._rows, self._intervals, width))
-        slope = params.friction / np.sqrt(2.0)
-        friction = np.zeros((4 * points, width))
-        for point in range(points):
-            for k, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-                friction[4 * point + k, 3 * point + axis] = sign
-                friction[4 * point + k, 3 * point + 2] = -slope
+        friction = np.kron(np.eye(points), friction_pyramid(params.friction))
         for j in range(self._intervals):
             self._C[j, : 4 * points, j] = friction
         self._low = np.full((self._intervals, self._rows), -_INFINITY)
@@ -193,6 +189,23 @@ class RigidBodyMpc:
     def _cost(
         self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
     ) -> tuple[np.ndarray, np.ndarray]:
+        """H and g of the condensed problem: all that is asked for, and forces close to an even push."""
+        parts = self._asked(body, target, linear, angular, time_left)
+        matrix = np.concatenate([block * np.sqrt(weight) for block, _, weight in parts])
+        wanted = np.concatenate([value * np.sqrt(weight) for _, value, weight in parts])
+        H = matrix.T @ matrix
+        force_weight = self._params.mpc_force_weight * (time_left / self._intervals)
+        H.flat[:: self._size + 1] += force_weight
+        g = -(wanted @ matrix)
+        # The mean force that brings the vertical velocity to that of the take-off, shared evenly.
+        mean = 1.0 + (target.velocity[2] - body.velocity[2]) / (GRAVITY * time_left)
+        g[2::3] -= force_weight * max(mean, 0.0) / self._points
+        return H, g
+
+    def _asked(
+        self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
+    ) -> tuple[tuple[np.ndarray, np.ndarray, float], ...]:
+        """What the cost asks of the motion: rows over the forces, their wanted values, and the weight of each part."""
         params, n = self._params, self._intervals
         dt = time_left / n
         # Effect of the acceleration in interval j on velocity and position at the end of interval k.
@@ -221,7 +234,7 @@ class RigidBodyMpc:
         velocity_rows = rows(speed, linear[:2])
         tilt_rows = rows(place, angular - sway @ linear)
         last = speed[-1:]
-        parts = (
+        return (
             (velocity_rows[:-2], (target.velocity[:2] - free_velocity[:-1, :2]).ravel(), params.mpc_sway_weight * dt),
             (velocity_rows[-2:], target.velocity[:2] - free_velocity[-1, :2], params.mpc_velocity_weight),
             (rows(last, linear[2:]), target.velocity[2:] - free_velocity[-1, 2:], params.mpc_rise_weight),
@@ -234,16 +247,6 @@ class RigidBodyMpc:
                 params.mpc_landing_tilt_weight,
             ),
         )
-        matrix = np.concatenate([block * np.sqrt(weight) for block, _, weight in parts])
-        wanted = np.concatenate([value * np.sqrt(weight) for _, value, weight in parts])
-        H = matrix.T @ matrix
-        force_weight = params.mpc_force_weight * dt
-        H.flat[:: self._size + 1] += force_weight
-        g = -(wanted @ matrix)
-        # The mean force that brings the vertical velocity to that of the take-off, shared evenly.
-        mean = 1.0 + (target.velocity[2] - body.velocity[2]) / (GRAVITY * time_left)
-        g[2::3] -= force_weight * max(mean, 0.0) / self._points
-        return H, g
 
     def _fill_ankles(self, stance: Stance, weight: float) -> None:
         """Moment of the ground about each ankle within the ankle's torque."""

@@ -154,6 +154,23 @@ def test_after_a_reset_with_a_broken_state_nothing_is_left_of_the_walk_before(st
     assert diagnostics.fallbacks == 1 and diagnostics.output is Output.DAMPING
 
 
+@pytest.mark.parametrize("gait", [Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT], ids=lambda gait: gait.label)
+def test_a_second_episode_begins_as_the_first_one_did(standing_state, gait):
+    """After a walk, a jump or the shift for a hop, by the clock, with arms taken over, and a push to catch."""
+    used = WholeBodyController()
+    used.reset(standing_state)
+    arms = UpperBody.targets(np.full(8, 0.3))
+    for tick in range(500):
+        pushed = dataclasses.replace(standing_state, velocity=np.array([0.0, 1.5 * (tick > 300), 0.0]))
+        used.act(pushed, Command(v_x=0.3, h=-0.1, w=0.5, gait=gait), arms)
+    outputs = []
+    for controller in (WholeBodyController(), used):
+        controller.reset(standing_state)
+        taus = [controller.act(standing_state, Command(gait=Gait.WALKING), NONE).tau for _ in range(150)]
+        outputs.append(np.array(taus))
+    assert np.array_equal(*outputs)
+
+
 def test_bad_commands_and_arm_targets_are_reported_and_harmless(standing_state):
     controller = WholeBodyController()
     controller.reset(standing_state)

@@ -132,6 +132,53 @@ def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(standing_state):
     assert terms.acceleration == pytest.approx([0.0, 20.0, 0.0], abs=1e-9)
 
 
+def test_centre_of_mass_law_along_and_across_the_heading(standing_state):
+    """Along it is pulled to the target, across it only follows the plan; the heading is the world's y."""
+    dynamics = Dynamics()
+    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.3, 0.2, 0.0])))
+    task = CentreOfMassTask(ControllerParams(com_gains=(30.0, 10.0)))
+    task.heading, task.servo, task.feedforward = np.pi / 2.0, np.array([1.0, 0.0]), np.array([0.5, 0.7])
+    task.target = dynamics.com[:2] + np.array([0.05, 0.1])
+    terms = task.evaluate(dynamics)
+    assert terms.error == pytest.approx([0.1, -0.05])
+    # 0.5 + 30 * 0.1 - 10 * 0.2 = 1.5
+    assert terms.acceleration == pytest.approx([1.5, 0.7])
+
+
+def test_pelvis_travel_law(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.0, 0.4, 0.0])))
+    task = PelvisTravelTask(ControllerParams(travel_damping=2.0))
+    task.heading, task.speed, task.feedforward = np.pi / 2.0, 0.5, 0.3
+    terms = task.evaluate(dynamics)
+    # 0.3 + 2 (0.5 - 0.4)
+    assert (terms.error, terms.acceleration) == (pytest.approx([0.1]), pytest.approx([0.5]))
+
+
+def test_swing_foot_law(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.0, 0.0, 0.1])))
+    task = SwingFootTask(ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left")
+    foot = dynamics.frame("left_sole")
+    task.position, task.velocity = foot.position + np.array([0.02, 0.0, 0.03]), np.array([0.0, 0.0, 0.4])
+    task.acceleration, task.pitch = np.array([0.0, 1.0, 0.0]), 0.1
+    task.yaw = float(np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0]))
+    acceleration = task.evaluate(dynamics).acceleration
+    # x 100 * 0.02; y 1; z 100 * 0.03 + 10 (0.4 - 0.1)
+    assert acceleration[:3] == pytest.approx([2.0, 1.0, 6.0])
+    # The foot rolls by 0.02 rad, which turns a little of the pitch into yaw.
+    assert acceleration[3:] == pytest.approx([50.0 * 0.1, 0.0], abs=0.1)
+
+
+def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(standing_state):
+    dynamics = Dynamics()
+    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.1, 0.0, -0.05])))
+    task = StanceContactTask(ControllerParams(contact_damping=30.0), "right")
+    assert task.evaluate(dynamics).acceleration[:3] == pytest.approx([-3.0, 0.0, 1.5])
+    task.settle = 0.3
+    assert task.evaluate(dynamics).acceleration[2] == pytest.approx(30.0 * (-0.3 + 0.05))
+
+
 def test_a_gap_is_closed_at_a_bounded_speed(standing_state):
     dynamics = Dynamics()
     dynamics.update(standing_state)
