@@ -1,18 +1,27 @@
 import csv
 import dataclasses
 import json
+import os
 import pathlib
+import signal
 
 import pytest
 import torch
 
 from hugwbc.learned import checkpoint
-from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig, TrainConfig
+from hugwbc.learned.config import (
+    CurriculumConfig,
+    EnvConfig,
+    PPOConfig,
+    RandomizationConfig,
+    TerrainConfig,
+    TrainConfig,
+)
 from hugwbc.learned.env import StepResult
 from hugwbc.learned.evaluator import Evaluator
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.run_log import LOG_NAME
-from hugwbc.learned.train import MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
+from hugwbc.learned.train import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
@@ -25,6 +34,11 @@ def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig
     return TrainConfig(out=out, steps=iterations * 64, threads=1, env=ENV, ppo=PPO, **changes)
 
 
+LATE = RandomizationConfig(latency=(0.0, 0.02))
+SETTINGS = [
+    {"curriculum": dataclasses.replace(ENV.curriculum, speed="grid", speed_interval=2), "intervention": "motion"},
+    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "one_leg_start": 0.5},
+]
 EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
 
 
@@ -138,3 +152,44 @@ def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) ->
     trainer.env.step = observed
     torch.nn.init.constant_(trainer.ppo.network.critic.value[-1].bias, 50.0)
     assert trainer.iterate()["reward"] == pytest.approx(float(torch.stack(got).mean()))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_after_its_iteration_with_a_checkpoint(tmp_path: pathlib.Path, number: int) -> None:
+    handler = signal.getsignal(number)
+    trainer = train(config(tmp_path, 9), lambda row, gates: os.kill(os.getpid(), number))
+    assert trainer.iteration == 1 and signal.getsignal(number) is handler
+    assert Trainer(config(tmp_path, 9, resume=True)).iteration == 1
+
+
+def test_a_run_ends_when_its_time_is_over(tmp_path: pathlib.Path) -> None:
+    assert run(config(tmp_path, 9, hours=1e-9)).iteration == 0
+    assert (tmp_path / CHECKPOINT_NAME).exists()
+
+
+def test_the_critic_learns_alone_at_first_if_asked(tmp_path: pathlib.Path) -> None:
+    trainer = Trainer(config(tmp_path, 9, critic_warm_up=1))
+    moved = []
+    for _ in range(2):
+        before = {name: value.clone() for name, value in trainer.ppo.network.state_dict().items()}
+        trainer.iterate()
+        after = trainer.ppo.network.state_dict()
+        moved.append({name.split(".")[0] for name, value in before.items() if not torch.equal(after[name], value)})
+    # The schedule bounds the exploration std all the while.
+    assert moved == [{"critic", "log_std"}, {"actor", "critic", "log_std"}]
+
+
+@pytest.mark.parametrize("changes", SETTINGS)
+def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pathlib.Path, changes: dict) -> None:
+    mixed = dataclasses.replace(ENV.command, resample_steps=3, hopping_fraction=0.2)
+    env = dataclasses.replace(ENV, command=mixed, flip_probability=0.2, episode_steps=10, **changes)
+
+    def go(folder: str, iterations: int, *, resume: bool = False) -> Trainer:
+        return run(dataclasses.replace(config(tmp_path / folder, iterations, resume=resume), env=env))
+
+    straight = go("a", 4)
+    go("b", 1)
+    go("b", 3, resume=True)
+    resumed = go("b", 4, resume=True).env.state_dict()
+    for name, value in straight.env.state_dict().items():
+        assert torch.equal(value, resumed[name]), name
