@@ -89,7 +89,8 @@ class ControllerParams:
     """Distance between the two feet's centre lines when walking in place [m]."""
     min_foot_distance: float = 0.08
     """Smallest lateral distance between the feet [m]."""
-    max_foot_distance: float = 0.60
+    max_foot_distance: float = 0.75
+    """Largest one [m]: what the hips' roll allows, and a crouch."""
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, from the stance foot [m]."""
     cop_reach: float = 0.065
@@ -104,7 +105,7 @@ class ControllerParams:
     """Change of the pelvis's height for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)
     """The same on the way back: a foot that is far away still has to be lifted."""
-    max_crouch: float = 0.2
+    max_crouch: float = 0.25
     """Largest such change [m]."""
     step_timing: float = 0.2
     """Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time."""
