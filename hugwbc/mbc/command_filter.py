@@ -61,7 +61,9 @@ class CommandFilter:
         self._frequency: float | None = None
         self._posture = [h, p, w]
         self._rate = [0.0, 0.0, 0.0]
-        self._reached: tuple[bool, Gait, bool] | None = None  # where nothing moves any more: the arguments it holds for
+        self._reached: tuple[bool, Gait, bool, float] | None = (
+            None  # where nothing moves any more: the arguments it holds for
+        )
 
     def update(
         self,
@@ -71,6 +73,7 @@ class CommandFilter:
         stepping: bool = False,
         running: Gait = Gait.STANDING,
         waiting: bool = False,
+        stray: float = 0.0,
     ) -> tuple[SmoothCommand, tuple[str, ...]]:
         """The command to follow now, and a report of what could not be followed as asked.
 
@@ -81,15 +84,16 @@ class CommandFilter:
             running: the gait that the robot is still in; it comes to rest before it changes to the commanded one, at
                 its own frequency and within its own limits.
             waiting: whether the robot is not ready to travel yet.
+            stray: by how much the robot is faster along the heading than it was told to be, as after a push [m/s].
         """
         if command is not self._given:
             self._given = command
             self._valid = command.clamp()
-        elif self._reached == (stepping, running, waiting):
+        elif self._reached == (stepping, running, waiting, stray):
             return self._result
         before = self._state
-        self._result = self._advance(*self._valid, dt, stepping, running, waiting)
-        self._reached = (stepping, running, waiting) if self._state == before else None
+        self._result = self._advance(*self._valid, dt, stepping, running, waiting, stray)
+        self._reached = (stepping, running, waiting, stray) if self._state == before else None
         return self._result
 
     @property
@@ -97,7 +101,14 @@ class CommandFilter:
         return self._velocity, self._frequency, *self._posture, *self._rate
 
     def _advance(
-        self, command: Command, report: tuple[str, ...], dt: float, stepping: bool, running: Gait, waiting: bool
+        self,
+        command: Command,
+        report: tuple[str, ...],
+        dt: float,
+        stepping: bool,
+        running: Gait,
+        waiting: bool,
+        stray: float,
     ) -> tuple[SmoothCommand, tuple[str, ...]]:
         """`update` for a valid command, with what there is to report of it."""
         gait = command.gait
@@ -118,7 +129,7 @@ class CommandFilter:
 
         h = command.h
         if stepping:
-            h, why = self._stepping_height(h, speed, self._frequency, limiting)
+            h, why = self._stepping_height(h, speed, self._frequency, limiting, stray)
             if abs(h - command.h) > _NOTABLE:
                 report += (f"h = {command.h:g} m {why}: using {h:.2f} m",)
         self._follow((h, command.p, command.w), dt)
@@ -137,7 +148,7 @@ class CommandFilter:
             gait, velocity, self._velocity[2], self._frequency, apex, *self._posture, *self._rate
         ), report
 
-    def _stepping_height(self, h: float, speed: float, f: float, gait: Gait) -> tuple[float, str]:
+    def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> tuple[float, str]:
         """The h that a commanded one becomes while the legs move [m], and why.
 
         Args:
@@ -145,10 +156,12 @@ class CommandFilter:
             speed: along the heading [m/s].
             f: stride frequency [Hz].
             gait: whose limits hold.
+            stray: by how much the robot is faster than that [m/s].
         """
         params = self._params
         lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
-        lowest = lowest_walking_height(params, speed, 0.5 / f, self._posture[1])
+        # In a squat a robot that was pushed could not brake: its height is that of the speed which it has.
+        lowest = max(lowest_walking_height(params, each, 0.5 / f, self._posture[1]) for each in (speed, speed + stray))
         wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
         if gait in _HOPS and wanted > -params.hop_lowering:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"

@@ -137,6 +137,7 @@ class WholeBodyController:
             stepping=not self._locomotion.settled,
             running=self._locomotion.plan.gait,
             waiting=self._locomotion.waiting,
+            stray=self._locomotion.stray,
         )
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)

@@ -22,6 +22,7 @@ from hugwbc.robot import SIDES, load_robot
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]
+_STRAY_SPEED, _STRAY_TIME = 0.3, 0.15  # [m/s], [s], beyond which a robot is not as fast as commanded
 _POSITION_JUMP = 0.05  # [m], of the pelvis in a tick, beyond its velocity: the position jumps, not the robot
 
 
@@ -72,6 +73,7 @@ class Locomotion:
         self.contact = np.ones(2, dtype=bool)
         self.footholds = np.full((2, 2), np.nan)
         self._position = dynamics.frame("pelvis").position
+        self._excess = 0.0
 
     def tasks(self) -> list[Task]:
         """The tasks that count at this tick."""
@@ -119,6 +121,7 @@ class Locomotion:
         else:
             self.contact[:] = True
             self._trim.reset()
+            self._excess = 0.0
             self._leap.fly()
             standing.update(dynamics)
         for foot, stance in enumerate(self.stance):
@@ -172,6 +175,11 @@ class Locomotion:
         """
         return self.plan.mode is Mode.SHIFTING and self.plan.gait.hops
 
+    @property
+    def stray(self) -> float:
+        """By how much the robot walks faster along the heading than commanded [m/s]; 0 for what steps and starts do."""
+        return self._excess if abs(self._excess) > _STRAY_SPEED and self.plan.mode is Mode.WALKING else 0.0
+
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:
         """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
 
@@ -194,6 +202,7 @@ class Locomotion:
     def _measure(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
         velocity = self.references.to_heading.dot(dynamics.frame("pelvis").velocity[:2])
         self._trim.measure(velocity, command.velocity, dt)
+        self._excess += (float(velocity[0] - command.velocity[0]) - self._excess) * min(dt / _STRAY_TIME, 1.0)
 
     def _walk(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
         walking, swing, stance = self._walking, self.plan.swing, self.plan.stance

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -100,6 +101,20 @@ def test_the_report_names_the_height_that_is_used(v_x):
         smooth, report = command_filter.update(Command(v_x=v_x, h=-0.3, gait=Gait.WALKING), DT)
     assert smooth.h > -0.25
     assert any(line.endswith(f"using {smooth.h:.2f} m") for line in report)
+
+
+def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
+    command, heights = Command(h=-0.3, gait=Gait.WALKING), {}
+    for v_x, stray in ((0.0, 0.0), (0.0, -0.6), (-0.6, 0.0)):
+        command_filter = CommandFilter(PARAMS)
+        for _ in range(1000):
+            smooth, _ = command_filter.update(dataclasses.replace(command, v_x=v_x), DT, stray=stray)
+        heights[v_x, stray] = smooth.h
+    assert heights[0.0, -0.6] == pytest.approx(heights[-0.6, 0.0]) and heights[0.0, -0.6] > heights[0.0, 0.0] + 0.05
+    # Once it has come to rest, it squats again.
+    for _ in range(1000):
+        smooth, _ = command_filter.update(command, DT)
+    assert smooth.h == pytest.approx(heights[0.0, 0.0])
 
 
 def test_fast_walking_lowers_the_pelvis():

@@ -16,7 +16,9 @@ WALKING = Gait.WALKING
 class Run:
     """A closed loop; `rows` holds time, v_x, v_y, omega, h, p, w and both sole clearances after `since` [s]."""
 
-    def __init__(self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None, push=None):
+    def __init__(
+        self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None, push=None, push_at=1.0
+    ):
         self.simulation = Simulation()
         self.controller = WholeBodyController(period=period)
         self.kinematics = Kinematics()
@@ -29,7 +31,7 @@ class Run:
             if t >= seconds or self.simulation.fallen:
                 break
             upper_body = arms(t) if arms else UpperBody.none()
-            if push is not None and tick == round(1.0 / period):
+            if push is not None and tick == round(push_at / period):
                 self.simulation.push(np.array(push))
             asked = command(t) if callable(command) else command
             state = self.simulation.step(self.controller.act(state, asked, upper_body), period)
@@ -261,6 +263,14 @@ def test_standing_it_steps_to_catch_itself_and_stands_again():
     assert steps.max() > 0.1  # what a push of 0.7 m/s asks for; without a step it falls
     assert np.abs(run.table[run.table[:, 0] > 3.5, 1:4]).max() < 0.1
     assert run.table[run.table[:, 0] > 3.5, 7:].max() < 0.01
+
+
+@pytest.mark.slow
+def test_pushed_in_a_full_squat_it_steps_and_squats_again():
+    run = Run(Command(h=-0.3), 7.0, push=(0.5, 0.0, 0.0), push_at=2.6)
+    assert run.good
+    assert np.abs(run.table[run.table[:, 0] > 6.5, 1:4]).max() < 0.1
+    assert run.table[-1, 4] < -0.25
 
 
 @pytest.mark.parametrize("push", [(1.0, 0.0, 0.0), (0.0, -0.95, 0.0)])
