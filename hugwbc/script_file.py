@@ -39,7 +39,7 @@ from hugwbc.yaml_file import Read, YamlReader
 
 FOLDER = pathlib.Path(__file__).parent / "scripts"
 SCRIPT_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
-_HINT = "scripts are short lists of segments, which use `file` for long paths"
+_HINT = "write `segments:` and below it a list, each with label and duration; `file` names long paths"
 
 
 def load_script(name: str | pathlib.Path) -> Script:

@@ -39,7 +39,7 @@ class YamlReader:
                 raise self.error(f"{self.path} has more than {LARGEST_FILE} bytes; {hint}")
             text = self.path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise self.error(f"cannot read the {kind} {self.path}: {error}") from error
+            raise self.error(f"cannot read the {kind} {self.path}: {error}; give a text file that is there") from error
         return self.compose(text, hint)
 
     def compose(self, text: str, hint: str) -> yaml.Node:

@@ -23,6 +23,11 @@ from hugwbc.gait import Gait
 from hugwbc.sim.scene import robot_mass
 
 SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5)  # [m/s]
+_MEASURED = (
+    *("speed", "power", "cost_of_transport", "torque_rms", "torque_peak", "joint_speed_rms", "joint_speed_peak"),
+    *("torque_rate", "target_jerk"),
+)
+_NOTHING: dict[str, float | None] = dict.fromkeys(_MEASURED)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +60,7 @@ class EffortConfig(GaitSettings):
 
 @dataclasses.dataclass(frozen=True)
 class EffortEpisode:
-    """One speed; None where the robot fell before it could be measured.
+    """One speed; of a robot that fell only the times, as falling costs little.
 
     Attributes:
         v_x: commanded [m/s].
@@ -137,26 +142,32 @@ class EffortJudge:
 
     def __call__(self, index: int, run: Run) -> EffortEpisode:
         """The row of one episode."""
-        trace, settle = run.trace, self.settle
-        unknown = {"rms": None, "peak": None}
-        torque = effort.torque_use(trace, settle) or unknown
-        joint_speed = effort.joint_speed_use(trace, settle) or unknown
+        trace = run.trace
         ticks = metrics.percentiles(trace.tick_ms)
-        moves = run.command.gait is not Gait.STANDING and run.command.v_x != 0.0
         return EffortEpisode(
             v_x=run.command.v_x,
-            speed=known(effort.speed(trace, settle)),
-            power=known(effort.mechanical_power(trace, settle)),
-            cost_of_transport=known(effort.cost_of_transport(trace, self.mass, settle)) if moves else None,
-            torque_rms=torque["rms"],
-            torque_peak=torque["peak"],
-            joint_speed_rms=joint_speed["rms"],
-            joint_speed_peak=joint_speed["peak"],
-            torque_rate=known(effort.torque_rate(trace, settle)),
-            target_jerk=known(effort.target_jerk(trace, settle)),
+            **(_NOTHING if trace.fell else self._measured(run)),
             tick_p50_ms=ticks["p50"],
             tick_p99_ms=ticks["p99"],
             period_ms=1e3 * trace.survived_s / max(trace.steps - trace.fell, 1),
             fell=trace.fell,
             survived_s=trace.survived_s,
         )
+
+    def _measured(self, run: Run) -> dict[str, float | None]:
+        trace, settle = run.trace, self.settle
+        unknown = {"rms": None, "peak": None}
+        torque = effort.torque_use(trace, settle) or unknown
+        joint_speed = effort.joint_speed_use(trace, settle) or unknown
+        moves = run.command.gait is not Gait.STANDING and run.command.v_x != 0.0
+        return {
+            "speed": known(effort.speed(trace, settle)),
+            "power": known(effort.mechanical_power(trace, settle)),
+            "cost_of_transport": known(effort.cost_of_transport(trace, self.mass, settle)) if moves else None,
+            "torque_rms": torque["rms"],
+            "torque_peak": torque["peak"],
+            "joint_speed_rms": joint_speed["rms"],
+            "joint_speed_peak": joint_speed["peak"],
+            "torque_rate": known(effort.torque_rate(trace, settle)),
+            "target_jerk": known(effort.target_jerk(trace, settle)),
+        }

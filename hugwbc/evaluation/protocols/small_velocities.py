@@ -77,7 +77,7 @@ class SmallVelocitiesResult(CountedResult[SmallVelocityEpisode]):
     """Outcome of the protocol, beside what any has.
 
     Attributes:
-        executed: mean executed part by direction: 1 followed, 0 ignored.
+        executed: mean executed part by direction, of the episodes without a fall: 1 followed, 0 ignored.
     """
 
     executed: dict[str, float | None]
@@ -115,7 +115,7 @@ def run_small_velocities(
         factory,
         config,
         rows,
-        executed={name: mean(row.executed for row in rows if row.direction == name) for name in DIRECTIONS},
+        executed={name: mean(r.executed for r in rows if r.direction == name and not r.fell) for name in DIRECTIONS},
     )
 
 

@@ -163,6 +163,7 @@ def effort_figures(measured: CellResult) -> list[Figure]:
             if row[field] is not None:
                 estimate = Estimate(factor * row[field], None, None, 1)
                 figures.append(Figure(table, quantity, unit, measured.controller, estimate))
+        figures.append(falls_figure(table, measured.controller, [row]))
     return figures
 
 
@@ -246,8 +247,8 @@ SECTIONS: Sequence[Section] = (
     Section(
         "Effort",
         ("effort",),
-        "What the motion costs. The times of a call are those of the machine that made this report, with whatever else "
-        "ran on it.",
+        "What the motion costs; of a robot that fell there are times alone. They are those of the machine that made this "
+        "report, with whatever else ran on it.",
     ),
     Section(
         "Contacts",

@@ -39,3 +39,18 @@ def test_standing_has_power_alone():
     assert EffortConfig(Gait.WALKING).admitted == (0.0, 0.25, 0.5, 1.0, 1.5)
     with pytest.raises(ConfigError, match="standing admits 0 to 0 m/s"):
         dataclasses.replace(EffortConfig(Gait.WALKING, speeds=(0.5,)), gait=Gait.STANDING)
+
+
+class Limp(HoldController):
+    """Has no joint torques: it collapses."""
+
+    def act(self, state, command: Command, upper_body):
+        output = super().act(state, command, upper_body)
+        return dataclasses.replace(output, kp=0 * output.kp, kd=0 * output.kd)
+
+
+def test_a_fall_is_no_cheap_way_to_travel():
+    result = run_effort(Limp, EffortConfig(Gait.WALKING, speeds=(0.5,), duration=3.0, settle=0.1))
+    (row,) = result.rows
+    assert row.fell and row.survived_s > 0.3 and row.tick_p50_ms is not None
+    assert row.speed is row.power is row.cost_of_transport is row.torque_rms is row.torque_rate is None

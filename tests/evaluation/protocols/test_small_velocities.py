@@ -9,7 +9,7 @@ from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities, small_velocities
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.small_velocities import sample_episodes
+from hugwbc.evaluation.protocols.small_velocities import SmallVelocityEpisode, sample_episodes
 
 
 def test_each_direction_gets_its_share_of_the_small_speeds_alone():
@@ -57,3 +57,18 @@ def test_bad_settings_are_refused():
         make(Gait.STANDING)
     with pytest.raises(ConfigError, match="both_legs is for hopping"):
         make(Gait.WALKING, both_legs=True)
+
+
+def test_where_a_robot_falls_to_is_no_part_of_a_velocity(monkeypatch):
+    executed = iter([0.5, 9.0, 1.0, None])
+
+    def run_episodes(factory, plans, judge, settings, on_episode):
+        return [
+            SmallVelocityEpisode("walking", direction, 0.2, part, part is None or part > 2.0, 0)
+            for direction, part in zip(["forward", "forward", "left", "left"], executed, strict=True)
+        ]
+
+    monkeypatch.setattr(small_velocities, "run_episodes", run_episodes)
+    result = run_small_velocities(HoldController, SmallVelocitiesConfig(Gait.WALKING, episodes=4))
+    assert result.falls == 2
+    assert result.executed == {"forward": 0.5, "backward": None, "left": 1.0, "right": None}

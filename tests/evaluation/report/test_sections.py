@@ -104,12 +104,12 @@ def test_robustness_is_relative_to_the_unchanged_robot():
 
 
 def test_effort_in_readable_units():
-    known = {"v_x": 0.5, "power": 200.0, "torque_rms": 0.25, "torque_peak": 1.0, "joint_speed_peak": 0.5}
+    known = {"v_x": 0.5, "fell": False, "power": 200.0, "torque_rms": 0.25, "torque_peak": 1.0, "joint_speed_peak": 0.5}
     unknown = dict.fromkeys(("cost_of_transport", "torque_rate", "tick_p50_ms", "tick_p99_ms"))
     figures = FIGURES["effort"](CellResult("effort", "qp", {"gait": "walking", "rows": [row(**known, **unknown)]}))
     assert {f.table for f in figures} == {"Effort, walking, 0.5 m/s"}
     assert {(f.value, f.unit) for f in figures} == {
-        (200.0, "W"), (25.0, "% of limit"), (100.0, "% of limit"), (50.0, "% of limit")
+        (200.0, "W"), (25.0, "% of limit"), (100.0, "% of limit"), (50.0, "% of limit"), (0.0, "% of episodes")
     }  # fmt: skip
 
 
