@@ -247,8 +247,8 @@ SECTIONS: Sequence[Section] = (
     Section(
         "Effort",
         ("effort",),
-        "What the motion costs; of a robot that fell there are times alone. They are those of the machine that made this "
-        "report, with whatever else ran on it.",
+        "What the motion costs; of a robot that fell there are times alone. They are those of the machine that made "
+        "this report, with whatever else ran on it.",
     ),
     Section(
         "Contacts",
