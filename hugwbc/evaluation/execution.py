@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import threading
 import types
+import urllib.parse
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -142,6 +143,7 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
     Raises:
         WorkerError: if dask.distributed is not installed, or nothing answers at the address.
     """
+    _check_address(address)
     try:
         from distributed import Client, KilledWorker
         from distributed.client import FutureCancelledError
@@ -156,3 +158,18 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
             "`dask worker ADDRESS`, each with this version of hugwbc"
         ) from error
     return client, (KilledWorker, FutureCancelledError, CommClosedError, concurrent.futures.CancelledError)
+
+
+def _check_address(address: str) -> None:
+    """Refuse what is no address of a scheduler, which dask finds out later, and then waits for.
+
+    Raises:
+        WorkerError: if it lacks host or port.
+    """
+    try:
+        parts = urllib.parse.urlsplit(address if "//" in address else f"tcp://{address}")
+        complete = bool(parts.hostname and parts.port)
+    except ValueError:  # a port that is no number
+        complete = False
+    if not complete:
+        raise WorkerError(f"the cluster's address is '{address}'; give host and port, such as tcp://127.0.0.1:8786")

@@ -6,6 +6,7 @@ run loses nothing but the episodes that were under way.
 """
 
 import dataclasses
+import errno
 import itertools
 import json
 import logging
@@ -72,6 +73,7 @@ class EpisodeFile:
                 _create(self.path, _dump({"format": FORMAT, "version": VERSION, "identity": self._identity}))
             _append(self.path, ("" if self._complete else "\n") + f"{zlib.crc32(payload.encode()):08x} {payload}\n")
         except OSError as error:
+            self._complete = False  # a part of the line may be there
             raise ResultFileError(
                 f"cannot write {self.path}: {error.strerror}; choose another folder for the results"
             ) from error
@@ -194,8 +196,9 @@ def _create(path: pathlib.Path, head: str) -> None:
 
 
 def _append(path: pathlib.Path, text: str) -> None:
-    handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+    data, handle = text.encode(), os.open(path, os.O_WRONLY | os.O_APPEND)
     try:
-        os.write(handle, text.encode())
+        if os.write(handle, data) < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     finally:
         os.close(handle)

@@ -213,9 +213,25 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
     """Tell a user, before a loop starts, that the loop would have to reject these targets.
 
     Raises:
-        TargetError: if a position is not finite, or if the frame is the world's and the state has no position.
+        TargetError: if a number is not finite, a direction has no length, hands that hold one thing are not both given,
+            or the frame is the world's and the state has no position.
+        UnknownNameError: if the frame is unknown.
     """
-    HandTargets.of(targets.left, targets.right, targets.frame)
+    if targets.joints is not None:
+        if not targets.is_usable:
+            raise TargetError(
+                f"joint targets are {targets.joints}; give eight finite numbers in the order of Robot.arm_names, in "
+                "radians, and as many velocities or none"
+            )
+        return
+    HandTargets.of(
+        targets.left,
+        targets.right,
+        targets.frame,
+        left_direction=targets.left_direction,
+        right_direction=targets.right_direction,
+        together=targets.together,
+    )
     if targets.frame == "world" and state.position is None:
         raise TargetError(
             "hand targets in the world frame need the pelvis position, but the state has none; "

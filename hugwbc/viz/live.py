@@ -45,6 +45,11 @@ def check_host(host: str, *, expose: bool) -> str:
     return host
 
 
+def page_address(host: str, port: int) -> str:
+    """To open in a browser, which wants brackets around an address of IPv6."""
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
 def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
     """The visual shapes of a link in its frame: one mesh for each material, by the material's name."""
     body = model.body(link).id
@@ -115,7 +120,7 @@ class LivePage:
     @property
     def address(self) -> str:
         """To open in a browser."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        return page_address(self.server.get_host(), self.server.get_port())
 
     def _build_scene(self, model: mujoco.MjModel) -> None:
         scene = self.server.scene

@@ -1,9 +1,11 @@
 import json
 import logging
+import os
 
 import pytest
 
 from hugwbc.errors import ResultFileError
+from hugwbc.evaluation import store
 from hugwbc.evaluation.store import VERSION, EpisodeFile, ResultStore
 
 IDENTITY = {"seed": 0, "controller": {"controller": "qp"}}
@@ -85,3 +87,17 @@ def test_a_folder_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultFileError, match="choose another folder"):
         ResultStore(tmp_path / "file").cell("walk", IDENTITY).add("a", 1)
+
+
+def test_a_line_that_a_full_disk_cuts_short_costs_no_other(tmp_path, monkeypatch):
+    path, identity = tmp_path / "cell.jsonl", {"controller": "x"}
+    file = EpisodeFile(path, identity)
+    file.add("a", 1)
+    write = os.write
+    monkeypatch.setattr(store.os, "write", lambda handle, data: write(handle, data[: len(data) // 2]))
+    with pytest.raises(ResultFileError, match="cannot write"):
+        file.add("b", 2)
+    monkeypatch.undo()
+    file.add("c", 3)
+    again = EpisodeFile(path, identity)
+    assert again.damaged == 1 and again["a"] == 1 and again["c"] == 3 and "b" not in again

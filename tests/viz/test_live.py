@@ -15,7 +15,7 @@ from hugwbc.evaluation import ControlLoop
 from hugwbc.evaluation.compare import upper_body_source
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
-from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage, check_host, link_meshes
+from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage, check_host, link_meshes, page_address
 
 BROWSER = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -37,6 +37,13 @@ def test_the_page_listens_on_this_machine_only_and_leaves_it_to_the_caller_to_sa
     assert page.address == f"http://127.0.0.1:{page.server.get_port()}"
     page.close()
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("host", "written"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("localhost", "localhost")]
+)
+def test_the_address_is_one_that_a_browser_takes(host, written):
+    assert page_address(host, 8080) == f"http://{written}:8080"
 
 
 def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():

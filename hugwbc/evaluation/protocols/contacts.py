@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc import gait as gaits
-from hugwbc.commands import default_command
+from hugwbc.commands import Command, default_command
 from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedResult, CountedSettings, Run, run_episodes
 from hugwbc.evaluation.rollout import RECORD_PERIOD
@@ -29,6 +29,14 @@ class ContactsConfig(CountedSettings):
     v_x: float = 0.5
     duration: float = 6.0
     settle: float = 3.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.command(self.gait).validate()
+
+    def command(self, gait: Gait) -> Command:
+        """Of an episode in a gait: at its defaults, but for the velocity of one that moves."""
+        return dataclasses.replace(default_command(gait), v_x=0.0 if gait is Gait.STANDING else self.v_x)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +93,7 @@ def run_contacts(
         config: settings.
         on_episode: called with every finished episode, in order.
     """
-    commands = [default_command(config.alternating[index % 2]) for index in range(config.episodes)]
-    speeds = [0.0 if command.gait is Gait.STANDING else config.v_x for command in commands]
-    plans = [EpisodePlan(dataclasses.replace(c, v_x=v)) for c, v in zip(commands, speeds, strict=True)]
+    plans = [EpisodePlan(config.command(config.alternating[index % 2])) for index in range(config.episodes)]
     rows = run_episodes(factory, plans, ContactsJudge(config.settle), config, on_episode)
     return ContactsResult.of(factory, config, rows)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
@@ -17,7 +18,7 @@ from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace, rollout
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import Line
 from hugwbc.robot import load_robot
-from hugwbc.script import HandMotion, Script, Segment
+from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, IKSolution
@@ -57,6 +58,13 @@ class HandsConfig:
             raise ConfigError(f"duration is {self.duration} s, settle {self.settle} s; give 0 <= settle < duration")
         if self.episodes < 1 or self.seed < 0:
             raise ConfigError(f"episodes is {self.episodes}, seed {self.seed}; give 1 or more, and 0 or more")
+        if self.gait is not Gait.STANDING:
+            Command(v_x=self.v_x, gait=self.gait).validate()
+            if not self.duration > STANDING_START + DEFAULT_RAMP:
+                raise ConfigError(
+                    f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
+                    f"{self.gait.label} gait gets going"
+                )
         if self.conditions.intervention != "none":
             raise ConfigError("the hands protocol moves the arms itself; leave the intervention at none")
 
