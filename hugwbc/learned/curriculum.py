@@ -9,12 +9,14 @@ from typing import Any
 
 import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.gait import Gait
 from hugwbc.learned.config import CurriculumConfig
 from hugwbc.learned.speed_grid import SpeedGrid
 
-MAX_SPEED = (0.6, 2.0)  # [m/s], the paper's initial and finishing range of v_x
-MAX_YAW_RATE = (0.6, 1.0)  # [rad/s], likewise of omega
+_RANGES = command_ranges(Gait.WALKING)
+# Largest v_x [m/s] and omega [rad/s] at the start and at the end.
+MAX_SPEED, MAX_YAW_RATE = ((_RANGES[name].initial[1], _RANGES[name].finishing[1]) for name in ("v_x", "omega"))
 SPEED_COLUMNS = [COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")]  # of a command, that the grid draws
 
 

@@ -43,6 +43,7 @@ BAD: list[tuple[Callable, str, object]] = [
     (TrainConfig, "hours", math.nan),
     (TrainConfig, "evaluation_seconds", math.inf),
     (ImitationConfig, "max_speed", math.nan),
+    (ImitationConfig, "max_speed", 2.5),
     (ImitationConfig, "seed", -1),
 ]
 

@@ -1,8 +1,10 @@
-"""What every group of settings checks: ranges, finite numbers, seeds."""
+"""What every group of settings checks: ranges, finite numbers, seeds, speeds."""
 
 import math
 
+from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
 
 
 def require(condition: bool, name: str, value: object, valid: str) -> None:
@@ -31,3 +33,9 @@ def require_finite(settings: object, prefix: str = "") -> None:
 def require_seed(seed: int) -> None:
     """Refuse a seed that a generator of random numbers would not take."""
     require(0 <= seed < 2**63, "seed", seed, "0 or more, below 2^63")
+
+
+def require_speed(speed: float) -> None:
+    """Refuse a largest v_x [m/s] that no command may have."""
+    fastest = command_ranges(Gait.WALKING)["v_x"].finishing[1]
+    require(0.0 < speed <= fastest, "max_speed", speed, f"above 0, up to {fastest:g} m/s")

@@ -5,7 +5,7 @@ import math
 import pathlib
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.config.checks import require, require_seed
+from hugwbc.learned.config.checks import require, require_seed, require_speed
 from hugwbc.learned.config.environment import CommandConfig, EnvConfig
 
 TEACHERS = ("standing", "catching", "walking", "jumping", "hopping")  # in the order in which they are asked
@@ -65,7 +65,8 @@ class DistillationConfig:
     def __post_init__(self) -> None:
         """Check the ranges, and that every gait that is drawn has a teacher."""
         require_seed(self.seed)
-        for name in ("samples", "learning_rate", "max_speed"):
+        require_speed(self.max_speed)
+        for name in ("samples", "learning_rate"):
             value = getattr(self, name)
             require(0.0 < value < math.inf, name, value, "a positive number")
         for name in ("threads", "batch", "updates", "memory"):

@@ -4,7 +4,7 @@ import dataclasses
 import math
 import pathlib
 
-from hugwbc.learned.config.checks import require, require_seed
+from hugwbc.learned.config.checks import require, require_seed, require_speed
 from hugwbc.learned.config.environment import CommandConfig, EnvConfig
 
 
@@ -49,7 +49,8 @@ class ImitationConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         require_seed(self.seed)
-        for name in ("samples", "handover", "learning_rate", "std", "max_speed"):
+        require_speed(self.max_speed)
+        for name in ("samples", "handover", "learning_rate", "std"):
             value = getattr(self, name)
             require(0.0 < value < math.inf, name, value, "a positive number")
         for name in ("threads", "batch", "updates"):
