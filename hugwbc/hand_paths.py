@@ -1,15 +1,13 @@
-"""Ways that a hand goes over time: points, lines, grids, circles, swings, random walks and recorded files.
+"""Ways that a hand goes over time: points, lines, grids, circles, swings and random walks.
 
 A path knows its own time only: it starts at t = 0, and its last position holds for ever. Coordinates are those of the
-frame that the motion names (see `hugwbc.targets.HandTargets`).
+frame that the motion names (see `hugwbc.targets.HandTargets`). Recorded paths are in `hugwbc.recorded_path`.
 """
 
-import csv
 import dataclasses
 import functools
 import itertools
 import math
-import pathlib
 from typing import Literal, get_args
 
 import numpy as np
@@ -27,6 +25,12 @@ def smooth_step(u: float) -> float:
     """Minimum-jerk blend from 0 at u <= 0 to 1 at u >= 1: velocity and acceleration vanish at both ends."""
     u = min(max(u, 0.0), 1.0)
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
+def smooth_rate(u: float) -> float:
+    """Derivative of `smooth_step`."""
+    u = min(max(u, 0.0), 1.0)
+    return 30.0 * (u * (1.0 - u)) ** 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -257,62 +261,6 @@ class Wander(HandPath):
 def _wander_corner(path: Wander, index: int) -> np.ndarray:
     draw = np.random.default_rng((int(path.seed), index)).uniform(-0.5, 0.5, 3)
     return np.asarray(path.centre) + draw * path.size
-
-
-@dataclasses.dataclass(frozen=True)
-class Recorded(HandPath):
-    """A path from samples, linear between them.
-
-    Attributes:
-        time: of the samples, rising [s].
-        points: [m], as many.
-    """
-
-    time: tuple[float, ...]
-    points: tuple[Point, ...]
-
-    def __post_init__(self) -> None:
-        time, points = self._arrays
-        if time.size == 0 or points.shape != (time.size, 3):
-            raise TargetError(
-                f"recorded path has {time.size} times and {len(self.points)} points; give one x, y, z each"
-            )
-        for index, point in enumerate(self.points):
-            position(f"recorded path's point {index + 1}", point)
-        if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
-            raise TargetError("recorded path's times do not rise; sort the samples and remove repeated times")
-
-    @functools.cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array(self.time, dtype=float), np.array(self.points, dtype=float)
-
-    def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
-        time, points = self._arrays
-        return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
-
-
-def read_path(path: pathlib.Path) -> Recorded:
-    """A recorded path from a CSV file with the columns t, x, y, z [s, m], one header line.
-
-    Raises:
-        TargetError: if the file cannot be read or a line of it is not four numbers.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TargetError(f"cannot read the hand path {path}: {error}; give a CSV file with columns t,x,y,z") from error
-    if not rows or [name.strip() for name in rows[0]] != ["t", "x", "y", "z"]:
-        raise TargetError(f"{path}:1: the header is {','.join(rows[0]) if rows else 'missing'}; write t,x,y,z")
-    samples: list[list[float]] = []
-    for number, row in enumerate(rows[1:], start=2):
-        try:
-            t, x, y, z = map(float, row)
-        except ValueError:
-            raise TargetError(f"{path}:{number}: '{','.join(row)}' is not four numbers t,x,y,z") from None
-        samples.append([t, x, y, z])
-    return Recorded(tuple(s[0] for s in samples), tuple((s[1], s[2], s[3]) for s in samples))
 
 
 def _check_times(kind: str, **times: float) -> None:

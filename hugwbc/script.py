@@ -17,7 +17,7 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.hand_paths import HandPath, Point, smooth_step
+from hugwbc.hand_paths import HandPath, Point, smooth_rate, smooth_step
 from hugwbc.motion import ArmMotion
 from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
@@ -110,6 +110,10 @@ class Segment:
         """How much of the way from the previous segment's values has been covered after `elapsed` [s], in [0, 1]."""
         return 1.0 if self.ramp == 0.0 else smooth_step(elapsed / self.ramp)
 
+    def blend_rate(self, elapsed: float) -> float:
+        """How fast `blend` rises after `elapsed` [s], in 1/s."""
+        return 0.0 if self.ramp == 0.0 else smooth_rate(elapsed / self.ramp) / self.ramp
+
 
 @dataclasses.dataclass(frozen=True)
 class Script:
@@ -175,7 +179,7 @@ class Script:
         index, elapsed = self._locate(t)
         segment = self.segments[index]
         if segment.motion is not None:
-            return self._joints_at(t, index, segment.motion, segment.blend(elapsed))
+            return self._joints_at(t, index, segment.motion, elapsed)
         if segment.hands is None:
             return None
         targets = segment.hands.at(t - self._hand_starts[index])
@@ -187,12 +191,13 @@ class Script:
         right = _blended(start.right, targets.right, blend)
         return dataclasses.replace(targets, left=left, right=right)
 
-    def _joints_at(self, t: float, index: int, motion: ArmMotion, blend: float) -> HandTargets:
+    def _joints_at(self, t: float, index: int, motion: ArmMotion, elapsed: float) -> HandTargets:
         q, dq = motion.at(t - self._hand_starts[index])
         before = self.segments[index - 1].motion if index else None
         if before is not None and before is not motion:
             start, start_dq = before.at(t - self._hand_starts[index - 1])
-            q, dq = start + blend * (q - start), start_dq + blend * (dq - start_dq)
+            blend, rate = self.segments[index].blend(elapsed), self.segments[index].blend_rate(elapsed)
+            q, dq = start + blend * (q - start), start_dq + blend * (dq - start_dq) + rate * (q - start)
         return HandTargets(None, None, joints=q, joint_velocity=dq)
 
 

@@ -33,6 +33,7 @@ from hugwbc.errors import ScriptError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.hand_paths import HandPath
 from hugwbc.motion import ArmMotion, load_motion
+from hugwbc.recorded_path import read_path
 from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment, check_transition
 from hugwbc.targets import HAND_FRAMES
 from hugwbc.yaml_file import Read, YamlReader
@@ -164,7 +165,7 @@ class _Reader(YamlReader):
             self.fail(node, f"a hand has one path, here are {len(found)}; give one of {', '.join(kinds)}, or mirror")
         ((kind, value),) = found.items()
         if kind == "file":
-            return self.checked(value, hand_paths.read_path, self.path.parent / self.text(value))
+            return self.checked(value, read_path, self.path.parent / self.text(value))
         cls = _PATHS[kind]
         if kind == "hold" and isinstance(value, yaml.SequenceNode):
             return self.checked(value, cls, self.point(value))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.hand_paths import Circle, Grid, Hold, Line, Swing, Wander, read_path, smooth_step
+from hugwbc.hand_paths import Circle, Grid, Hold, Line, Swing, Wander, smooth_rate, smooth_step
 
 A, B, C = (0.3, 0.2, 0.1), (0.3, 0.2, 0.3), (0.5, 0.2, 0.3)
 
@@ -12,6 +12,7 @@ A, B, C = (0.3, 0.2, 0.1), (0.3, 0.2, 0.3), (0.5, 0.2, 0.3)
 def test_smooth_step_is_minimum_jerk():
     assert [smooth_step(u) for u in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
     assert smooth_step(0.25) == pytest.approx(10 / 64 - 15 / 256 + 6 / 1024)
+    assert [smooth_rate(u) for u in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 1.875, 0.0, 0.0]
 
 
 def test_swing_by_hand():
@@ -62,34 +63,6 @@ def test_wandering_is_the_same_for_a_seed_and_stays_in_its_box():
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() < 0.5 / 0.5 * 1.875 * 0.01, "no jumps"
     assert Wander(centre=A, size=(0.2, 0.1, 0.4), leg_time=0.5, seed=3).at(7.3) == pytest.approx(wander.at(7.3))
     assert not np.allclose(Wander(centre=A, size=(0.2, 0.1, 0.4), leg_time=0.5, seed=4).at(7.3), wander.at(7.3))
-
-
-def test_a_recorded_path_is_read_from_csv(tmp_path):
-    file = tmp_path / "path.csv"
-    file.write_text("t,x,y,z\n0,0.3,0.2,0.1\n2,0.5,0.2,0.3\n")
-    path = read_path(file)
-    assert path.at(-1.0) == pytest.approx(A)
-    assert path.at(1.0) == pytest.approx([0.4, 0.2, 0.2])
-    assert path.at(9.0) == pytest.approx(C)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", ":1: the header is missing"),
-        ("a,b\n", ":1: the header is a,b; write t,x,y,z"),
-        ("t,x,y,z\n0,0,0,0\n1,2,3\n", r":3: '1,2,3' is not four numbers"),
-        ("t,x,y,z\n0,0,0,0\n0,0,0,0\n", "times do not rise"),
-        ("t,x,y,z\n0,0,0,0\n1,0,0,nan\n", r"recorded path's point 2 is \(0.0, 0.0, nan\)"),
-        ("t,x,y,z\n", "recorded path has 0 times"),
-    ],
-)
-def test_bad_recordings_are_refused(tmp_path, text, message):
-    (tmp_path / "path.csv").write_text(text)
-    with pytest.raises(TargetError, match=message):
-        read_path(tmp_path / "path.csv")
-    with pytest.raises(TargetError, match="cannot read the hand path"):
-        read_path(tmp_path / "missing.csv")
 
 
 def test_bad_paths_are_refused():

@@ -132,3 +132,12 @@ def test_bad_hand_motions_are_refused():
             "x",
             (Segment("a", 1.0, hands=MOTION), Segment("b", 1.0, hands=dataclasses.replace(MOTION, frame="world"))),
         )
+
+
+def test_the_velocity_of_joints_is_that_of_their_positions_from_one_motion_to_the_next():
+    rising = ArmMotion("rising", 50.0, np.tile(np.linspace(0.0, 1.0, 201)[:, None], 8))
+    falling = ArmMotion("falling", 50.0, np.tile(np.linspace(0.5, -0.5, 201)[:, None], 8))
+    script = Script("both", (Segment("a", 1.0, motion=rising), Segment("b", 2.0, motion=falling, ramp=1.5)))
+    for t in (1.201, 1.751, 2.301, 2.705):  # between two frames
+        before, now, after = (script.hands_at(t + dt) for dt in (-1e-4, 0.0, 1e-4))
+        assert now.joint_velocity == pytest.approx((after.joints - before.joints) / 2e-4, abs=1e-5)

@@ -26,8 +26,9 @@ class Trace:
     Attributes:
         name: of the controller.
         time: [s], shape (T,).
-        command: the eight commands as asked for, clamped to their ranges, order of COMMAND_NAMES, shape (T, 8).
-            What the guard (`hugwbc.feasibility`) changes on the way to the controller counts as an error.
+        command: the eight commands as asked for, clamped to their ranges, order of COMMAND_NAMES, shape (T, 8);
+            h, p and w as hand targets need them that ask for the whole body. What the guard (`hugwbc.feasibility`)
+            changes on the way to the controller counts as an error.
         gait: values of `Gait`, shape (T,).
         measured: v_x, v_y, omega, h, p, w as executed (see `kinematics.Measured`), shape (T, 6).
         clearance: height of the left and right sole above the ground [m], shape (T, 2).

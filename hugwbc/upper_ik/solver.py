@@ -18,6 +18,7 @@ from hugwbc.upper_ik.scout import MOVED, Scout
 
 FAR = 0.1  # [m]; a hand that is as far from its target looks ahead whether the direct way will bring it there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
+LONGEST_TICK = 0.5  # [s]; a longer one, of a loop that paused, counts as this long
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,8 +131,9 @@ class ArmIK:
         Args:
             targets: hand positions; a hand without one goes to its place beside the body.
             state: gives the waist and hip angles and, for targets in another frame than the pelvis', the pelvis pose.
-            dt: time since the last call [s].
+            dt: time since the last call [s]; more than `LONGEST_TICK` counts as that.
         """
+        dt = min(dt, LONGEST_TICK) if dt < np.inf else dt
         goal = goal_in_pelvis(targets, state, self._rest)
         if goal is None or not math.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
             self.rejected += 1

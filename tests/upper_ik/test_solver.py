@@ -11,7 +11,7 @@ from hugwbc.mirror import load_mirror
 from hugwbc.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
-from hugwbc.upper_ik.solver import check_targets
+from hugwbc.upper_ik.solver import LONGEST_TICK, check_targets
 
 DT = 0.02
 COMFORTABLE = np.array([[0.35, 0.2, 0.15], [0.3, -0.25, 0.05]])
@@ -377,3 +377,13 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
     before = used.detours
     assert np.array_equal(path(used), path(ArmIK()))
     assert used.detours > before
+
+
+def test_a_loop_that_paused_for_long_goes_on_at_once(robot, nominal_state):
+    ik = ArmIK()
+    ik.reset(robot.nominal[robot.arms])
+    before, begin = ik.q, time.process_time()
+    solution = ik.solve(HandTargets(*COMFORTABLE), nominal_state, 3600.0)
+    assert time.process_time() - begin < 0.5, "one minute of it takes a quarter of a second"
+    assert solution.ok and np.all(np.abs(solution.q - before) <= ik.velocity_limit * LONGEST_TICK + 1e-9)
+    assert np.all(np.abs(solution.dq) <= ik.velocity_limit + 1e-9)
