@@ -5,7 +5,7 @@ policies, so that a label costs next to nothing. Standing can have two: one that
 that catches the robot when much does. The label goes smoothly from one to the other.
 
 A trained policy is often exact about the wrong value: it turns at 0.8 of what it is told, or stands 3 cm too low. While
-the teachers drive, at the beginning, they are calibrated: a gain and an offset for each command and gait, with which
+the teachers drive, at the beginning, they are calibrated: for each command and gait a curve of what to ask for, so that
 what they execute is what was asked for. The student learns their actions under the original commands.
 """
 
@@ -30,15 +30,12 @@ CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/
 _CATCH_SHARPNESS = 5.0
 _COLUMNS = [COMMAND_NAMES.index(name) for name in CALIBRATED_COMMANDS]
 _SETTLED = 1.0  # [s] after a change of command
-# Largest commands that calibrate: at the highest speeds less is executed whatever is asked for, and a straight line
-# through both would spoil the low ones.
-_ORDINARY = {name: 0.6 if name == "v_x" else 1.0 for name in CALIBRATED_COMMANDS}
+_KNOTS = 7  # a policy may answer a command by a curve, such as a swing height that saturates
 # Of the error that is made up for after each interval; the swing height is measured once a stride and often far off.
-_RATES = torch.tensor([0.05] * 6 + [0.15])
-# Beyond these a policy is asked for what it never was in training. Swing heights make an exception: policies answer
-# them with a quarter of the slope, but in a straight line to far outside of the range.
-_LEAST_GAIN, _LARGEST_GAIN = torch.tensor([0.7] * 7), torch.tensor([1.4] * 6 + [4.0])
-_LEAST_OFFSET, _LARGEST_OFFSET = torch.tensor([-0.1] * 6 + [-0.6]), torch.tensor([0.1] * 7)
+_RATES = torch.tensor([0.05] * 6 + [0.15])[:, None]
+# How far from a command a policy may be asked: beyond, it was never in training. Swing heights make an exception:
+# policies answer them with a fraction of the slope, but steadily to far outside of the range. Deeper squats topple.
+_LARGEST_CHANGE = torch.tensor([0.3, 0.25, 0.3, 0.06, 0.1, 0.3, 0.6])[:, None]
 
 
 def disturbance(readings: Readings) -> torch.Tensor:
@@ -51,11 +48,21 @@ def disturbance(readings: Readings) -> torch.Tensor:
     return torch.sigmoid(_CATCH_SHARPNESS * (motion - 1.0))
 
 
+def _knots() -> torch.Tensor:
+    """Commands by value of `Gait` and calibrated command, shape (number of gaits, 7, knots)."""
+    ranges = [[command_ranges(gait)[name].finishing for name in CALIBRATED_COMMANDS] for gait in Gait]
+    low, high = torch.tensor(ranges, dtype=torch.float32).unbind(-1)
+    share = torch.linspace(0.0, 1.0, _KNOTS)
+    return low[..., None] + (high - low)[..., None] * share
+
+
 class Calibration:
     """Which commands make policies execute what is asked for.
 
     Attributes:
-        gain, offset: by value of `Gait`, of v_x, v_y, omega, h, p, w, l, shape (number of gaits, 7).
+        knots: commands, evenly over their ranges, by value of `Gait`, of v_x, v_y, omega, h, p, w, l, shape (number of
+            gaits, 7, knots).
+        asked: what to ask for at the knots, same shape; linear in between.
     """
 
     def __init__(self, calibrated: Collection[str] = CALIBRATED_COMMANDS) -> None:
@@ -64,47 +71,52 @@ class Calibration:
         Args:
             calibrated: names of the commands that `update` changes.
         """
-        self._calibrated = frozenset(calibrated)
-        self.gain = torch.ones(len(Gait), len(_COLUMNS))
-        self.offset = torch.zeros(len(Gait), len(_COLUMNS))
+        self.knots = _knots()
+        self.asked = self.knots.clone()
+        chosen = torch.tensor([name in calibrated for name in CALIBRATED_COMMANDS])
+        self._changeable = chosen & (self.knots[..., -1] > self.knots[..., 0])  # and commanded in the gait
+
+    def _shares(self, command: torch.Tensor, gait: torch.Tensor) -> torch.Tensor:
+        """How much each knot counts for a command, 0 to 1: at most two do; shape (n, 7, knots)."""
+        knots = self.knots[gait]
+        spacing = (knots[..., 1:2] - knots[..., :1]).clamp_min(1e-6)
+        position = ((command[:, _COLUMNS, None] - knots[..., :1]) / spacing).clamp(0.0, _KNOTS - 1.0)
+        return (1.0 - (position - torch.arange(_KNOTS)).abs()).clamp_min(0.0)
 
     def commands(self, command: torch.Tensor, gait: torch.Tensor) -> torch.Tensor:
         """What to ask for, shape (n, 8), for commands (n, 8) and values of `Gait` (n,)."""
         asked = command.clone()
-        asked[:, _COLUMNS] = self.gain[gait] * command[:, _COLUMNS] + self.offset[gait]
+        change = (self.asked - self.knots)[gait]
+        asked[:, _COLUMNS] += (self._shares(command, gait) * change).sum(-1)
         return asked
 
     def update(self, command: torch.Tensor, executed: torch.Tensor, gait: torch.Tensor) -> None:
-        """Make up for a part of the errors' regression line over the commands.
+        """Make up for a part of the mean error around each knot.
 
         Args:
             command: original ones, shape (n, 8).
             executed: v_x, v_y, omega, h, p, w, l, shape (n, 7); NaN where it is not known.
             gait: values of `Gait`, shape (n,).
         """
-        wanted = command[:, _COLUMNS]
+        known = executed.isfinite()
+        error = torch.where(known, command[:, _COLUMNS] - executed, 0.0)
+        shares = self._shares(command, gait) * known[..., None]
         for value in gait.unique().tolist():
-            ranges = command_ranges(Gait(value))
-            for column, name in enumerate(CALIBRATED_COMMANDS):
-                if name not in self._calibrated or ranges[name].finishing[0] == ranges[name].finishing[1]:
-                    continue  # to be left alone, or not commanded in this gait
-                rows = (gait == value) & (wanted[:, column].abs() <= _ORDINARY[name]) & executed[:, column].isfinite()
-                if int(rows.sum()) < 2:
-                    continue
-                x, error = wanted[rows, column], (wanted - executed)[rows, column]
-                variance = x.var(correction=0)
-                slope = ((x - x.mean()) * error).mean() / variance if variance > 1e-4 else torch.zeros(())
-                self.gain[value, column] += _RATES[column] * slope
-                self.offset[value, column] += _RATES[column] * (error.mean() - slope * x.mean())
-        self.gain.clamp_(_LEAST_GAIN, _LARGEST_GAIN)
-        self.offset.clamp_(_LEAST_OFFSET, _LARGEST_OFFSET)
+            rows = gait == value
+            weight = shares[rows].sum(0)
+            mean = (shares[rows] * error[rows, :, None]).sum(0) / weight.clamp_min(1.0)
+            self.asked[value] += torch.where(self._changeable[value, :, None], _RATES * mean, 0.0)
+        change = (self.asked - self.knots).clamp(-_LARGEST_CHANGE, _LARGEST_CHANGE)
+        self.asked = self.knots + change
 
-    def as_dict(self) -> dict[str, dict[str, list[float]]]:
-        """Gain and offset by gait and command, for the record."""
+    def as_dict(self) -> dict[str, dict[str, list[list[float]]]]:
+        """Pairs of command and what is asked for by gait and command, for the record."""
+        pairs = torch.stack((self.knots, self.asked), dim=-1)
         return {
             gait.label: {
-                name: [round(float(self.gain[gait, i]), 4), round(float(self.offset[gait, i]), 4)]
+                name: [[round(value, 4) for value in pair] for pair in pairs[gait, i].tolist()]
                 for i, name in enumerate(CALIBRATED_COMMANDS)
+                if self._changeable[gait, i]
             }
             for gait in Gait
         }

@@ -1,10 +1,13 @@
 import dataclasses
 import pathlib
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
+from hugwbc.commands import sample_all
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
@@ -74,52 +77,73 @@ def test_the_catcher_s_share_adds_the_disturbances_up(tmp_path: pathlib.Path) ->
     torch.testing.assert_close(disturbance(readings), torch.full((8,), 0.5))
 
 
-def test_a_policy_that_turns_too_slowly_and_stands_too_low_is_asked_for_more() -> None:
-    calibration, rng = Calibration(), torch.Generator().manual_seed(0)
+MEASURED = [0, 1, 2, 5, 6, 7, 4]  # columns of the calibrated commands: v_x, v_y, omega, h, p, w, l
+
+
+def calibrate(calibration: Calibration, answer: Callable[[torch.Tensor], None]) -> torch.Tensor:
+    """Commands of a walk (400, 8) over the whole ranges, after a policy was calibrated that executes `answer`."""
+    rng = np.random.default_rng(0)
     gait = torch.full((400,), int(Gait.WALKING))
-    for _ in range(200):
-        command = torch.rand(400, 8, generator=rng) * 2.0 - 1.0
-        asked = calibration.commands(command, gait)
-        executed = asked[:, [0, 1, 2, 5, 6, 7, 4]]
+    command = torch.zeros(0)
+    for _ in range(300):
+        command = torch.tensor(sample_all(Gait.WALKING, rng, 400), dtype=torch.float32)
+        executed = calibration.commands(command, gait)[:, MEASURED]
+        answer(executed)
+        calibration.update(command, executed, gait)
+    return command
+
+
+def test_a_policy_that_turns_too_slowly_and_stands_too_low_is_asked_for_more() -> None:
+    calibration = Calibration()
+
+    def answer(executed: torch.Tensor) -> None:
         executed[:, 2] = 0.8 * executed[:, 2]
         executed[:, 3] = executed[:, 3] - 0.03
-        calibration.update(command, executed, gait)
-    expected_gain, expected_offset = torch.ones(7), torch.zeros(7)
-    expected_gain[2], expected_offset[3] = 1.25, 0.03
-    torch.testing.assert_close(calibration.gain[Gait.WALKING], expected_gain, atol=0.01, rtol=0.0)
-    torch.testing.assert_close(calibration.offset[Gait.WALKING], expected_offset, atol=0.01, rtol=0.0)
-    torch.testing.assert_close(calibration.gain[Gait.STANDING], torch.ones(7))
-    assert calibration.as_dict()["walking"]["h"][1] == pytest.approx(0.03, abs=0.01)
+
+    command = calibrate(calibration, answer)
+    expected = command.clone()
+    expected[:, 2] /= 0.8
+    expected[:, 5] += 0.03
+    gait = torch.full((400,), int(Gait.WALKING))
+    torch.testing.assert_close(calibration.commands(command, gait), expected, atol=2e-3, rtol=0.0)
+    standing = torch.full((400,), int(Gait.STANDING))
+    assert torch.equal(calibration.commands(command, standing), command)
+    pairs = calibration.as_dict()["walking"]["h"]
+    assert pairs[0] == pytest.approx([-0.3, -0.27], abs=2e-3) and pairs[-1] == pytest.approx([0.0, 0.03], abs=2e-3)
 
 
-def test_a_command_that_is_always_the_same_moves_the_offset_only() -> None:
+def test_an_answer_that_saturates_is_undone_up_to_its_end() -> None:
     calibration = Calibration()
-    gait = torch.full((10,), int(Gait.JUMPING))
-    executed = torch.full((10, 7), 0.2)
-    executed[:, 6] = torch.nan
-    calibration.update(torch.zeros(10, 8), executed, gait)
-    torch.testing.assert_close(calibration.gain, torch.ones(len(Gait), 7))
-    torch.testing.assert_close(calibration.offset[Gait.JUMPING], torch.tensor([-0.01] * 6 + [0.0]))
 
+    def answer(executed: torch.Tensor) -> None:
+        executed[:, 6] = 0.25 * executed[:, 6].clamp(max=0.8) + 0.1
 
-def test_what_a_policy_does_not_reach_at_high_speed_leaves_its_low_speeds_alone() -> None:
-    calibration = Calibration()
-    command = torch.zeros(100, 8)
-    command[:, 0] = torch.linspace(-0.6, 2.0, 100)
-    executed = command[:, [0, 1, 2, 5, 6, 7, 4]]
-    executed[:, 0] = executed[:, 0].clamp(max=0.7)
-    calibration.update(command, executed, torch.full((100,), int(Gait.WALKING)))
-    torch.testing.assert_close(calibration.gain[Gait.WALKING], torch.ones(7))
+    calibrate(calibration, answer)
+    pairs = calibration.as_dict()["walking"]["l"]
+    assert pairs[0] == pytest.approx([0.1, 0.0], abs=0.02)
+    command, asked = pairs[2]
+    assert asked == pytest.approx((command - 0.1) / 0.25, abs=0.05)
+    command, asked = pairs[-1]
+    assert 0.8 < asked <= command + 0.6 + 1e-4  # where nothing more is to be had, no more is asked for
 
 
 def test_a_command_that_is_not_to_be_calibrated_is_left_alone() -> None:
+    def answer(executed: torch.Tensor) -> None:
+        executed *= 0.5
+
     calibration = Calibration(("omega",))
-    rng = torch.Generator().manual_seed(0)
-    command = torch.rand(400, 8, generator=rng) * 2.0 - 1.0
-    executed = 0.5 * command[:, [0, 1, 2, 5, 6, 7, 4]]
-    calibration.update(command, executed, torch.full((400,), int(Gait.WALKING)))
-    changed = calibration.gain[Gait.WALKING] != 1.0
+    calibrate(calibration, answer)
+    changed = (calibration.asked != calibration.knots).any(-1)[Gait.WALKING]
     assert changed.tolist() == [False, False, True, False, False, False, False]
+
+
+def test_what_is_not_known_or_not_commanded_changes_nothing() -> None:
+    calibration = Calibration()
+    executed = torch.full((10, 7), 0.2)
+    executed[:, 6] = torch.nan
+    calibration.update(torch.zeros(10, 8), executed, torch.full((10,), int(Gait.STANDING)))
+    changed = (calibration.asked != calibration.knots).any(-1)[Gait.STANDING]
+    assert changed.tolist() == [False, False, False, True, True, True, False]
 
 
 def test_the_swing_height_is_that_of_the_last_whole_stride() -> None:
@@ -156,7 +180,7 @@ def test_teachers_drive_and_are_calibrated_at_the_beginning_only(tmp_path: pathl
     distiller.env.age[:] = 100
     distiller.env.command[:, 5] = -0.3
     offsets: list[float] = []
-    distiller.run(lambda figures: offsets.append(float(distiller.calibration.offset[Gait.STANDING, 3])))
+    distiller.run(lambda figures: offsets.append(float(distiller.calibration.asked[Gait.STANDING, 3, 0])))
     # A stand that does not squat when it is told to is asked for a deeper one, until the student takes over.
     assert offsets[0] != 0.0 and offsets[3] != offsets[0]
     assert len(set(offsets[-4:])) == 1
