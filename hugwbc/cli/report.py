@@ -64,6 +64,7 @@ def run(words: Sequence[str]) -> int:
     if len({*labels, *others}) < len(labels) + len(others):
         raise ConfigError(f"controllers are {[*labels, *others]}; give at least one, each once")
     cells = _wanted(profile_cells(options.profile, specs, further, seed=options.seed), options.protocols)
+    training = _training_file(specs)
     store = ResultStore(options.results, fresh=options.fresh)
     execution = Execution(options.workers, cluster=options.cluster, store=store)
     check_folder(options.out)
@@ -72,7 +73,7 @@ def run(words: Sequence[str]) -> int:
         results = run_cells(cells, execution, advance)
     total = sum(len(result.result["rows"]) for result in results)
     figures = all_figures(results)
-    report = Report(figures, results, labels, _notes(options, total, [*specs, *further]), _training_file(specs))
+    report = Report(figures, results, labels, _notes(options, total, [*specs, *further]), training)
     contents = {
         "report.html": report_page(report),
         "report.md": report_markdown(report),
@@ -133,11 +134,16 @@ def _notes(options: ReportOptions, episodes: int, specs: Sequence["ControllerSpe
 
 
 def _training_file(specs: Sequence["ControllerSpec"]) -> pathlib.Path | None:
-    """The training record beside the first learned policy that has one."""
-    from hugwbc.evaluation.report.training import TRAINING_FILE
+    """The training record beside the first learned policy that has one.
+
+    Raises:
+        ConfigError: if it cannot be used: now, and not when all episodes have been run.
+    """
+    from hugwbc.evaluation.report.training import TRAINING_FILE, read_training
 
     for spec in specs:
         for file in spec.files():
             if (file.parent / TRAINING_FILE).is_file():
+                read_training(file.parent / TRAINING_FILE)
                 return file.parent / TRAINING_FILE
     return None

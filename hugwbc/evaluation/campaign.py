@@ -187,4 +187,6 @@ def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> d
         )
     if identity is not None and content.get("identity") != identity:
         raise ResultFileError(f"{path} holds the result of another cell than its name says; {remedy}")
+    if "result" not in content:
+        raise ResultFileError(f"{path} holds no result; {remedy}")
     return content["result"]

@@ -1,5 +1,6 @@
 import csv
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.evaluation.report.sections import SECTIONS
 from hugwbc.gait import Gait
+from hugwbc.learned.policy import policy_dir
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 
@@ -185,3 +187,12 @@ def test_results_of_another_version_are_refused_and_kept(tmp_path, capsys, short
     assert main(words) == 2
     assert "has format version 99" in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+def test_a_training_record_that_cannot_be_used_is_told_before_anything_runs(tmp_path, capsys):
+    shutil.copytree(policy_dir() / "h1", tmp_path / "mine")
+    (tmp_path / "mine" / "training.csv").write_text("steps,reward\n1,x\n")
+    words = ["report", "--controllers", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--results", str(tmp_path / "results")]) == 2
+    assert "is no training record" in capsys.readouterr().err
+    assert not (tmp_path / "results").exists()

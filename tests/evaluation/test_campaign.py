@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ResultFileError
-from hugwbc.evaluation.campaign import Cell, CellResult, run_cells
+from hugwbc.evaluation.campaign import Cell, CellResult, read_result, run_cells
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.execution import Execution
@@ -85,3 +85,10 @@ def test_a_result_that_cannot_be_written_is_told(tmp_path, cells):
     (tmp_path / "cells").write_text("in the way")
     with pytest.raises(ResultFileError, match=r"cannot write .*; choose another folder"):
         run_cells(cells[:1], Execution(store=ResultStore(tmp_path)))
+
+
+def test_a_file_without_its_result_is_refused(tmp_path):
+    path = tmp_path / "cell.json"
+    path.write_text('{"format": "hugwbc result", "version": 1, "identity": {}}')
+    with pytest.raises(ResultFileError, match="holds no result; nothing was changed"):
+        read_result(path, {})

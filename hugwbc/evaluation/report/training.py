@@ -17,16 +17,19 @@ def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
         path: of the file.
 
     Raises:
-        ConfigError: if it holds what is no number, or lacks the column of steps.
+        ConfigError: if it cannot be read, holds what is no number, or lacks the column of steps.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"cannot read the training record {path}: {error}; repair it or move it away") from error
     if not rows or "steps" not in rows[0]:
         raise ConfigError(f"{path} has no column 'steps'; give a training record as `hugwbc train` writes it")
     try:
         return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
-    except ValueError as error:
-        raise ConfigError(f"{path} is no training record: {error}") from error
+    except (ValueError, TypeError) as error:  # no number, or more cells than columns
+        raise ConfigError(f"{path} is no training record: {error}; repair it or move it away") from error
 
 
 def smoothed(values: np.ndarray, window: int = 9) -> np.ndarray:

@@ -15,10 +15,17 @@ def test_columns_with_empty_cells(tmp_path):
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "training.csv"
-    for text, message in (("a,b\n1,2\n", "no column 'steps'"), ("steps,r\n1,x\n", "is no training record")):
+    for text, message in (
+        ("a,b\n1,2\n", "no column 'steps'"),
+        ("steps,r\n1,x\n", "is no training record"),
+        ("steps,r\n1,2,3\n", "is no training record"),
+    ):
         path.write_text(text)
         with pytest.raises(ConfigError, match=message):
             read_training(path)
+    path.write_bytes(b"steps,r\n\xff\xfe")
+    with pytest.raises(ConfigError, match="cannot read the training record"):
+        read_training(path)
 
 
 def test_running_mean_leaves_out_what_is_not_known():
