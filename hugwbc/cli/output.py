@@ -3,13 +3,14 @@
 import contextlib
 import json
 import math
+import os
 import pathlib
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar
 
 import tyro
 
@@ -62,7 +63,15 @@ def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:
     """Print for people: to standard output, or to standard error when that carries the JSON."""
-    print(text, file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
+    _print(text, sys.stderr if json_path == STDOUT else sys.stdout)
+
+
+def _print(text: str, stream: TextIO) -> None:
+    """Print, as long as anybody reads: work that is cut short by `| head` still writes its files."""
+    try:
+        print(text, file=stream, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def check_writable(path: pathlib.Path | None) -> None:
@@ -100,7 +109,7 @@ def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401
     """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null."""
     text = json.dumps(finite_json(content), indent=2)
     if path == STDOUT:
-        print(text)
+        _print(text, sys.stdout)
     elif path is not None:
         write_whole(path, text + "\n")
 

@@ -1,5 +1,7 @@
 import json
 import pathlib
+import subprocess
+import sys
 import time
 
 import pytest
@@ -85,3 +87,15 @@ def test_trying_whether_a_file_can_be_written_leaves_nothing_and_changes_nothing
     for check in (output.check_writable, output.check_folder):
         with pytest.raises(ConfigError, match="can be written"):
             check(tmp_path / "old.json" / "c")
+
+
+def test_work_goes_on_when_nobody_reads_any_more(tmp_path):
+    """As with `hugwbc compare | head`, whose files are written after its table."""
+    script = "from hugwbc.cli.output import STDOUT, say, write_json; import pathlib, sys; "
+    script += "[say('x' * 9999) for _ in range(50)]; write_json(STDOUT, {}); pathlib.Path('done').touch()"
+    words = [sys.executable, "-c", script]
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b"" and process.wait(60) == 0
+    assert (tmp_path / "done").exists()
