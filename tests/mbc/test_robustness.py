@@ -234,21 +234,25 @@ def _survives(push, params):
     return True
 
 
-def _largest_push(angle, params):
-    """The largest push in a direction that is survived, by bisection between 0.2 and 1.8 m/s."""
-    low, high = 0.2, 1.8
-    for _ in range(4):
-        middle = 0.5 * (low + high)
-        survived = _survives(middle * np.array([np.cos(angle), np.sin(angle), 0.0]), params)
-        low, high = (middle, high) if survived else (low, middle)
-    return low
+_DIRECTIONS = {"ahead": 0.0, "left": np.pi / 2.0, "right": -np.pi / 2.0}
+_SPEEDS = (0.7, 0.9, 1.1, 1.3, 1.5)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("angle", [0.0, np.pi / 2.0, -np.pi / 2.0], ids=["ahead", "left", "right"])
-def test_stepping_in_time_and_crouching_outlast_larger_pushes(angle):
-    """With -s the two pushes are printed."""
+def test_stepping_in_time_and_crouching_outlast_more_pushes():
+    """Out of five in each direction; one push less is no safe one, since it depends on how the steps fall.
+
+    With -s the numbers are printed.
+    """
     plain = dataclasses.replace(ControllerParams(), step_timing=0.0, max_crouch=0.0)
-    without, with_them = (_largest_push(angle, params) for params in (plain, ControllerParams()))
-    print(f"largest push survived: {without:.1f} m/s, with timing and crouch {with_them:.1f} m/s")
+    survived = {}
+    for name, angle in _DIRECTIONS.items():
+        way = np.array([np.cos(angle), np.sin(angle), 0.0])
+        survived[name] = [
+            sum(_survives(speed * way, params) for speed in _SPEEDS) for params in (plain, ControllerParams())
+        ]
+        print(
+            f"{name}: {survived[name][0]} of {len(_SPEEDS)} pushes survived, with timing and crouch {survived[name][1]}"
+        )
+    without, with_them = np.sum(list(survived.values()), axis=0)
     assert with_them > without
