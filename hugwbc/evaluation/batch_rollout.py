@@ -71,9 +71,8 @@ class Episode:
 
 def fits(controller: object, conditions: Conditions) -> bool:
     """Whether rollouts of a controller under some conditions can share a batch: a policy, exact sensors, a plane."""
-    level = conditions.terrain_roughness == 0.0 and conditions.slope == 0.0
     exact = not conditions.noise and not conditions.latency
-    return callable(getattr(controller, "for_many", None)) and level and exact
+    return callable(getattr(controller, "for_many", None)) and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:

@@ -24,6 +24,7 @@ _START_RADIUS = 0.6  # [m] of plane ground around the start
 _STEEPEST = 0.5  # [rad]
 _LONGEST_LATENCY = 0.5  # [s]
 _TOP_SPEED = 2.5  # [m/s], with which the ground must be large enough
+_LONGEST_ON_GROUND = 200.0  # [s]: ground of a kilometre each way has 25 million heights
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +76,23 @@ class Conditions:
             fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
         return fields
 
+    @property
+    def is_level(self) -> bool:
+        """Whether the ground is a level plane, which has no end."""
+        return self.terrain_roughness == 0.0 and self.slope == 0.0
+
+    def check_duration(self, duration: float) -> None:
+        """Refuse episodes [s] for which the ground would not fit into memory.
+
+        Raises:
+            ConfigError: if the ground is not level and the duration too long.
+        """
+        if not self.is_level and duration > _LONGEST_ON_GROUND:
+            raise ConfigError(
+                f"duration is {duration:g} s on rough or sloping ground; give up to {_LONGEST_ON_GROUND:g} s, in which "
+                "a robot can go half a kilometre"
+            )
+
     def variation(self) -> Variation:
         """How the robot differs from its description.
 
@@ -104,7 +122,7 @@ class Conditions:
             make = functools.partial(noisy_simulation, **make.keywords, seed=draws)
         if self.latency is not None:
             make = functools.partial(make, latency=self.latency)
-        if self.terrain_roughness == 0.0 and self.slope == 0.0:
+        if self.is_level:
             return make()
         size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
         rng = np.random.default_rng(seed)

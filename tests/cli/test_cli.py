@@ -17,6 +17,7 @@ BAD_INPUT = {
     "intervention": (["evaluate", "--controller", "hold", "--intervention", "nois"], "Did you mean 'noise'?"),
     "motions": (["evaluate", "--controller", "hold", "--intervention", "motion", "--motions", "no"], "no motion files"),
     "roughness": (["evaluate", "--controller", "hold", "--terrain-roughness", "1"], "give a height from 0 to 0.5 m"),
+    "long way": (["evaluate", "--controller", "hold", "--slope", "0.05", "--duration", "600"], "give up to 200 s"),
     "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "give 8 or more: one per command"),
     "size": (["evaluate", "--controller", "hold", "--protocol", "heatmap", "--episodes", "3"], "it takes --points"),
     "no size": (["evaluate", "--protocol", "effort", "--rollouts", "3"], "none: its size is fixed"),

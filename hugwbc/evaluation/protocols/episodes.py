@@ -62,6 +62,7 @@ class EpisodeSettings:
             )
         if self.seed < 0:
             raise ConfigError(f"seed is {self.seed}; give 0 or more")
+        self.conditions.check_duration(self.duration)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -65,6 +65,7 @@ class HandsConfig:
                     f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
                     f"{self.gait.label} gait gets going"
                 )
+        self.conditions.check_duration(self.duration)
         if self.conditions.intervention != "none":
             raise ConfigError("the hands protocol moves the arms itself; leave the intervention at none")
 

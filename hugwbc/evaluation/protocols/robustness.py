@@ -49,6 +49,8 @@ class RobustnessConfig(GaitSettings):
         least = len(sampled_commands(self.gait))
         if self.samples < least:
             raise ConfigError(f"samples is {self.samples}; the {self.gait.label} gait needs at least {least}")
+        for slope in GRID["slope"]:
+            dataclasses.replace(self.conditions, slope=slope).check_duration(self.duration)
 
     @property
     def episodes(self) -> int:

@@ -52,3 +52,8 @@ def test_the_ratio_is_that_of_the_same_commands():
 def test_bad_settings_are_refused():
     with pytest.raises(ConfigError, match="needs at least 8"):
         RobustnessConfig(Gait.WALKING, samples=7)
+
+
+def test_episodes_too_long_for_the_grounds_of_the_grid_are_refused():
+    with pytest.raises(ConfigError, match="give up to 200 s"):
+        RobustnessConfig(Gait.WALKING, duration=201.0)
