@@ -112,6 +112,7 @@ class LivePage:
             self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
+        self._refused: set[str] = set()  # sliders that say what the gait does not admit
         self._robot = load_robot()
         self._build_scene(simulation.model)
         self._build_panel()
@@ -171,10 +172,14 @@ class LivePage:
             gui.add_button("stop").on_click(lambda _: self.stop())
 
     def _ask(self, name: str) -> None:
-        """Ask for what a slider says; one that says what the gait does not admit goes back to what it does."""
-        slider = self._sliders[name]
-        self.source.ask(name, float(slider.value))
-        slider.value = getattr(self.source.wanted, name)
+        """Ask for what a slider says; `show` brings back one that says what the gait does not admit.
+
+        Not here: viser, which tells all pages but the one that moved the slider, would overwrite what this sends to it.
+        """
+        asked = float(self._sliders[name].value)
+        self.source.ask(name, asked)
+        if getattr(self.source.wanted, name) != asked:
+            self._refused.add(name)
 
     def _choose_gait(self, gait: Gait) -> None:
         self.source.ask_gait(gait)
@@ -209,6 +214,9 @@ class LivePage:
                 handle.position, handle.wxyz = data.body(link).xpos, data.body(link).xquat
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
+        while self._refused:
+            name = self._refused.pop()
+            self._sliders[name].value = getattr(self.source.wanted, name)
         velocity = rotations.rotation_z(-state.yaw) @ state.velocity
         self._readings.content = (
             f"**{self.source.wanted.gait.label}** at {state.time:.1f} s, "

@@ -47,13 +47,16 @@ def test_the_address_is_one_that_a_browser_takes(host, written):
 
 
 def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
-    page = LivePage(Simulation(), name="test")
+    simulation = Simulation()
+    page = LivePage(simulation, name="test")
     forward, height = page._sliders["v_x"], page._sliders["h"]
     forward.value, height.value = 0.4, -0.1
+    page.show(simulation)
     assert forward.value == page.source.wanted.v_x == 0.0, "nobody walks while standing"
     assert height.value == page.source.wanted.h == -0.1
     page._choose_gait(Gait.WALKING)
     forward.value = 0.4
+    page.show(simulation)
     assert forward.value == page.source.wanted.v_x == 0.4
     page._choose_gait(Gait.STANDING)
     assert forward.value == 0.0 and height.value == -0.1
@@ -143,6 +146,10 @@ def on_screen(point):
 @pytest.mark.slow
 def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, browser_page):
     page, simulation = browser_page, driven.simulation
+    # Standing takes no velocity: the slider goes back to 0.
+    page.get_by_role("slider").first.press("ArrowRight")
+    page.wait_for_timeout(500)
+    page.wait_for_function("document.querySelector('[role=slider]').ariaValueNow == '0'")
     # A gait button and a slider: the robot walks ahead.
     page.get_by_role("button", name="walking").click()
     assert driven.until(lambda: driven.loop.safe.command.gait is Gait.WALKING)
