@@ -82,6 +82,7 @@ class Simulation:
         # The control is the whole affine torque; stiffness and damping go into the bias, where the implicit integrator
         # sees them.
         self.model.actuator_gainprm[:, 0] = self.variation.strength
+        self._described_bias = self.model.actuator_biasprm.copy()
         self._command = JointCommand.position(self.robot, self.robot.nominal)
         self.reset()
 
@@ -106,6 +107,7 @@ class Simulation:
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
             self.data.qpos[7 + self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
+        self.model.actuator_biasprm[:] = self._described_bias  # not the gains of the last command before
         self.data.xfrc_applied[:] = 0.0
         self._force_until.clear()
         self.diverged = False

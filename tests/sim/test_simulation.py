@@ -296,3 +296,16 @@ def test_latency_returns_the_reading_of_that_time_ago() -> None:
     np.testing.assert_array_equal(sensed.foot_force, truths[-6].foot_force)
     simulation.reset()
     assert simulation.sense().age == 0.0  # nothing older is known
+
+
+def test_a_reset_leaves_nothing_of_the_gains_before():
+    """An accelerometer that still feels soft joints would mislead an estimator at the start of the next run."""
+    simulation = Simulation()
+    first, torque = simulation.sense(), simulation.torque
+    soft = JointCommand(first.q, np.zeros(19), np.full(19, 5.0), np.ones(19), np.zeros(19))
+    simulation.step(soft, 0.5)
+    simulation.reset()
+    again = simulation.sense()
+    assert np.array_equal(simulation.torque, torque)
+    for name in ("q", "dq", "orientation", "position", "velocity", "foot_force", "imu_gyro", "imu_accelerometer"):
+        assert np.array_equal(getattr(again, name), getattr(first, name)), name
