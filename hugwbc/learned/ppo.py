@@ -67,7 +67,7 @@ def surrogate_loss(
 
 
 def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tensor, clip: float) -> torch.Tensor:
-    """Clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2)."""
+    """Clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2); c may be infinite."""
     clipped = old_value + (value - old_value).clamp(-clip, clip)
     return torch.max((value - returns).square(), (clipped - returns).square()).mean()
 
@@ -231,7 +231,7 @@ class PPO:
         value = self._value(b["critic"])
         log_prob = log_probability(b["action"], mean, network.log_std)
 
-        l_value = value_loss(value, b["value"], b["returns"], c.clip)
+        l_value = value_loss(value, b["value"], b["returns"], c.value_clip or math.inf)
         l_policy = surrogate_loss(log_prob, b["log_prob"], b["advantage"], c.clip)
         l_estimation = (estimate - b["estimate"]).square().mean()
         l_symmetry = self._symmetry_loss(b["history"], b["command"], mean)

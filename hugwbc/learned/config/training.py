@@ -22,6 +22,9 @@ class PPOConfig:
     """With the usual 0.99 and 0.95, rare falls made most of the advantages' variance and hid what a command's error
     costs: see the log in docs/learned.md."""
     clip: float = 0.2
+    value_clip: float = 0.2
+    """How far a value may move in an update [reward]; 0 for no limit, which the critic of a policy that often falls
+    needs: where returns differ by much more than the limit, clipped values drift instead of becoming their mean."""
     policy_weight: float = 1.0
     estimation_weight: float = 1.0
     beta: float = 0.5
@@ -49,6 +52,7 @@ class PPOConfig:
             require(getattr(self, name) > 0, f"ppo.{name}", getattr(self, name), "a positive integer")
         for name in ("gamma", "lam", "clip"):
             require(0.0 < getattr(self, name) <= 1.0, f"ppo.{name}", getattr(self, name), "above 0, up to 1")
+        require(self.value_clip >= 0.0, "ppo.value_clip", self.value_clip, "0 or a positive number")
         for name in (
             "learning_rate",
             "std_initial",
