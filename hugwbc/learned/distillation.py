@@ -35,7 +35,7 @@ _KNOTS = 7  # a policy may answer a command by a curve, such as a swing height t
 _RATES = torch.tensor([0.05] * 6 + [0.15])[:, None]
 # How far from a command a policy may be asked: beyond, it was never in training. Swing heights make an exception:
 # policies answer them with a fraction of the slope, but steadily to far outside of the range. Deeper squats topple.
-_LARGEST_CHANGE = torch.tensor([0.3, 0.25, 0.3, 0.06, 0.1, 0.3, 0.6])[:, None]
+_LARGEST_CHANGE = torch.tensor([0.3, 0.25, 0.3, 0.06, 0.1, 0.3, 0.8])[:, None]
 
 
 def disturbance(readings: Readings) -> torch.Tensor:

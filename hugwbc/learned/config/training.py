@@ -24,7 +24,7 @@ class PPOConfig:
     clip: float = 0.2
     value_clip: float = 0.2
     """How far a value may move in an update [reward]; 0 for no limit, which the critic of a policy that often falls
-    needs: where returns differ by much more than the limit, clipped values drift instead of becoming their mean."""
+    needs: with the limit, that of the hop drifted 13 above its returns (docs/learned.md)."""
     policy_weight: float = 1.0
     estimation_weight: float = 1.0
     beta: float = 0.5
