@@ -10,7 +10,7 @@ ARGS ?=
 # The computations are many and small: more threads than one a process only get in each other's way.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help install compare play evaluate bench train check test lint test-slow models picture clean
+.PHONY: help install compare play evaluate bench train check test lint test-slow models picture curve clean
 
 help:
 	@echo "make compare     play loco_manipulation with both controllers; results in out/compare"
@@ -24,6 +24,7 @@ help:
 	@echo "make train       train a policy"
 	@echo "make models      write h1.xml and h1.urdf anew from h1.yaml"
 	@echo "make picture     take the README's picture anew"
+	@echo "make curve       draw the README's training curve anew, with RUN=FOLDER that of a run"
 	@echo "make clean       remove .venv, caches and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
 
@@ -59,6 +60,9 @@ models: $(STAMP)
 picture: ARGS += --hide balance
 picture: compare
 	$(BIN)/python docs/picture.py
+
+curve: $(STAMP)
+	$(BIN)/python docs/training_curve.py $(RUN)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .hypothesis *.egg-info
