@@ -28,8 +28,13 @@ def test_equal_policies_get_equal_figures(evaluator: Evaluator) -> None:
     assert evaluator.run(actor) == first
     assert list(first) == evaluator.names
     assert first["evaluation/score"] < other["evaluation/score"]
-    # Starts have random velocities, and there are 12 robots: of 192, two fall.
-    assert first["evaluation/falls"] <= 2 / 12 + 1e-6
+
+
+def test_the_shipped_policy_stays_up_after_nearly_all_random_starts() -> None:
+    figures = Evaluator(EnvConfig(), count=96, seconds=2.0, threads=1).run(load_policy("h1").actor)
+    assert (
+        figures["evaluation/falls"] <= 0.08
+    )  # of 192 robots nine fall within 5 s, of those with the nominal pose none
 
 
 def test_score_by_hand(evaluator: Evaluator) -> None:
