@@ -217,7 +217,12 @@ def train(config: TrainConfig, report: Report) -> Trainer:
     Args:
         config: the run.
         report: called after every iteration with figures and the gates' words, in the first process only.
+
+    Raises:
+        ConfigError: if a new run would overwrite the one in its folder.
     """
+    if not config.resume and (config.out / CHECKPOINT_NAME).exists():
+        raise ConfigError(f"{config.out} holds a run already; --resume goes on with it, another --out starts a new one")
     with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
 
