@@ -7,11 +7,10 @@ import csv
 import pathlib
 import sys
 
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from hugwbc.evaluation.report.training import read_training
 
 IMAGES = pathlib.Path(__file__).parent / "images"
 RECORD = IMAGES / "training.csv"
@@ -22,12 +21,12 @@ ITERATIONS = 20
 
 def keep_record(run: pathlib.Path) -> None:
     """Write means over every `ITERATIONS` iterations of a run's `metrics.csv` as the record; the rest is left out."""
-    with (run / "metrics.csv").open() as file:
-        rows = [[float(row[name] or "nan") for name in COLUMNS] for row in csv.DictReader(file)]
+    record = read_training(run / "metrics.csv")
+    rows = np.stack([record[name] for name in COLUMNS], axis=1)
     whole = len(rows) - len(rows) % ITERATIONS
     if not whole:
         sys.exit(f"{run} has {len(rows)} iterations; a point of the curve takes {ITERATIONS}")
-    means = np.nanmean(np.reshape(rows[:whole], (-1, ITERATIONS, len(COLUMNS))), axis=1)
+    means = np.nanmean(rows[:whole].reshape(-1, ITERATIONS, len(COLUMNS)), axis=1)
     with RECORD.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -36,13 +35,10 @@ def keep_record(run: pathlib.Path) -> None:
 
 def draw() -> None:
     """Episode length and errors of walking over the environment steps of the record."""
-    with RECORD.open() as file:
-        record = {name: [] for name in COLUMNS}
-        for row in csv.DictReader(file):
-            for name in COLUMNS:
-                record[name].append(float(row[name]))
-    steps = np.array(record["steps"]) / 1e6
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2), layout="constrained")
+    record = read_training(RECORD)
+    steps = record["steps"] / 1e6
+    figure = Figure(figsize=(10, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
     left.plot(steps, record["episode_length"])
     left.axhline(900, color="grey", linestyle="--", linewidth=1)
     left.set(ylabel="steps of an episode, of 1,000", ylim=(0, 1000))
