@@ -8,7 +8,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed, env_observations, env_state, terminations
+from hugwbc.learned import distributed, env_observations, env_starts, env_state, terminations
 from hugwbc.learned import observations as obs
 from hugwbc.learned.arm_targets import make_arm_targets
 from hugwbc.learned.command_sampling import draw_commands
@@ -21,7 +21,7 @@ from hugwbc.learned.observations import Observation
 from hugwbc.learned.randomization import push, randomize
 from hugwbc.learned.readings import read, tensor
 from hugwbc.learned.rewards import evaluate_terms, relative_tracking
-from hugwbc.learned.starts import draw_starts, stand_on_one_leg
+from hugwbc.learned.starts import RecordedStarts, draw_starts
 from hugwbc.learned.statistics import Statistics
 from hugwbc.learned.transition import Body, Transition
 from hugwbc.robot import load_robot
@@ -70,6 +70,10 @@ class HumanoidEnv:
         noise: half-widths of the observation noise, shape (63,).
         body: constants of the robot.
         waist: the waist's joint target before the action [rad], shape (n,).
+        nominal_qpos: the nominal stand at the origin, shape (26,).
+        action_scale: radians of joint target per unit of action, shape (19,).
+        starts: recorded motion in which episodes may start; None for stands only.
+        held_foot: rule that ends hops on both feet; None without.
     """
 
     def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
@@ -82,13 +86,13 @@ class HumanoidEnv:
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
         self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads)
-        self._action_scale = tensor(config.action_scales(self.robot))
+        self.action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
         self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
-        self._nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
+        self.nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
@@ -105,6 +109,9 @@ class HumanoidEnv:
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
+        grace = config.held_foot_grace
+        self.held_foot = terminations.HeldFootRule(self.count, grace, self.dt) if grace > 0.0 else None
+        self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
         self.phase = torch.zeros(self.count)
@@ -114,6 +121,8 @@ class HumanoidEnv:
         self.waist = torch.zeros(self.count)
         self.begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
+        if self.held_foot is not None:
+            self.held_foot.due += self.age * self.dt
 
     def _make_ground(self, seed: int) -> RoughGround | None:
         terrain = self.config.terrain
@@ -157,7 +166,7 @@ class HumanoidEnv:
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
-        target = self.body.nominal + self._action_scale * action
+        target = self.body.nominal + self.action_scale * action
         self.waist = self.next_waist()
         target[:, self.body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
@@ -179,9 +188,9 @@ class HumanoidEnv:
 
     def _fallen(self) -> torch.Tensor:
         """Robots whose episode ends early, shape (n,), bool."""
-        fallen, grace = terminations.fallen(self.readings, self.robot), self.config.held_foot_grace
-        if grace > 0.0:  # there is time to lift a foot after a new command
-            fallen |= terminations.held_foot_down(self.readings, self.gait) & (self.command_time >= grace)
+        fallen = terminations.fallen(self.readings, self.robot)
+        if self.held_foot is not None:
+            fallen |= self.held_foot.broken(self.readings, self.gait, self.age)
         return fallen
 
     @property
@@ -254,13 +263,15 @@ class HumanoidEnv:
             self.command[robots], self.gait[robots] = draw_commands(
                 self.agile[robots], self.config.command, self.curriculum, self.generator
             )
+            if self.held_foot is not None:
+                self.held_foot.restart(robots, self.age[robots])
 
     def begin_episodes(self, robots: torch.Tensor) -> None:
         """Start some robots (indices) anew: nominal pose with noise, random heading and velocities, new command."""
         count, ids = robots.numel(), robots.numpy()
         if not count:
             return
-        qpos, qvel = draw_starts(self._nominal_qpos, robots, self.ground, self.generator)
+        qpos, qvel = draw_starts(self.nominal_qpos, robots, self.ground, self.generator)
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, qvel
         self.simulation.ctrl[ids] = qpos[:, 7:]
         if self.latency is not None:
@@ -272,22 +283,11 @@ class HumanoidEnv:
         self.waist[robots] = 0.0
         self.intervention.reset(robots)
         self._draw_commands(robots)
-        self._lift_held_legs(robots)
+        moving = env_starts.start_in_motion(self, robots)
         self.readings = read(self.simulation, self.ground)
+        past = self.history[moving]
         self.history[robots] = env_observations.frame(self)[robots, None]
-
-    def _lift_held_legs(self, robots: torch.Tensor) -> None:
-        """Let some of the robots that start hopping stand on one leg."""
-        if self.config.one_leg_start == 0.0:
-            return
-        lifted = torch.rand(robots.numel(), generator=self.generator) < self.config.one_leg_start
-        for gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
-            ids = robots[lifted & (self.gait[robots] == gait)].numpy()
-            qpos = stand_on_one_leg(self.simulation.qpos[ids], gait)
-            self.simulation.qpos[ids], self.simulation.ctrl[ids] = qpos, qpos[:, 7:]
-            if self.latency is not None:
-                self.latency.reset(ids, qpos[:, 7:])
-            self.simulation.forward(ids)
+        self.history[moving] = past
 
     def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
         """Observations of the current state, of all robots or of some (indices)."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from hugwbc.sim.batch import BatchSimulation
 
 _TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist")
+_GROUPS = ("intervention", "curriculum", "terrain", "held_foot")
 _SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -28,6 +29,8 @@ def state_of(env: "HumanoidEnv") -> dict[str, torch.Tensor]:
     state |= {f"intervention.{k}": v for k, v in env.intervention.state_dict().items()}
     if env.latency is not None:
         state["targets"] = env.latency.targets
+    if env.held_foot is not None:
+        state |= {f"held_foot.{k}": v for k, v in env.held_foot.state_dict().items()}
     if env.ground is not None:
         state |= {f"terrain.{k}": v for k, v in env.ground.state_dict().items()}
         state["terrain.footing"] = torch.from_numpy(env.simulation.footing)
@@ -50,7 +53,7 @@ def restore(env: "HumanoidEnv", state: dict[str, torch.Tensor]) -> None:
         setattr(env, name, state[name].clone())
     env.statistics.tracking = state["tracking"].clone()
     env.generator.set_state(state["generator"])
-    prefixed: dict[str, dict[str, torch.Tensor]] = {"intervention": {}, "curriculum": {}, "terrain": {}}
+    prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in _GROUPS}
     for key, value in state.items():
         group, _, name = key.partition(".")
         if name:
@@ -66,6 +69,8 @@ def restore(env: "HumanoidEnv", state: dict[str, torch.Tensor]) -> None:
     forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
     if env.latency is not None:
         _restore_latency(env.latency, state.get("targets"), env.simulation.ctrl)
+    if env.held_foot is not None and prefixed["held_foot"]:
+        env.held_foot.load_state_dict(prefixed["held_foot"])
     if env.ground is not None:
         env.ground.load_state_dict(prefixed["terrain"])
     env.readings = dataclasses.replace(read(env.simulation, env.ground), **forces)

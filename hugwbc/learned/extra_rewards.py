@@ -11,6 +11,7 @@ PRECISION = 0.25  # [m/s] and [rad/s]
 POSTURE_PRECISION = 0.1  # [m] and [rad]
 SWING_PRECISION = 0.05  # [m]
 LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
+LARGEST_VELOCITY_ERROR = 1.0  # [m^2/s^2]
 _OMEGA, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "h", "p", "w"))
 
 
@@ -34,6 +35,11 @@ def joint_limits(t: Transition, body: Body) -> torch.Tensor:
 def linear_velocity_precision(t: Transition, body: Body) -> torch.Tensor:
     """exp(-|v_xy_target - v_xy| / 0.25) (not in the paper)."""
     return torch.exp(-torch.linalg.vector_norm(t.command[:, :2] - t.velocity[:, :2], dim=1) / PRECISION)
+
+
+def linear_velocity_error(t: Transition, body: Body) -> torch.Tensor:
+    """|v_xy_target - v_xy|^2, at most 1 (not in the paper)."""
+    return (t.command[:, :2] - t.velocity[:, :2]).square().sum(1).clamp(max=LARGEST_VELOCITY_ERROR)
 
 
 def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
@@ -72,6 +78,7 @@ EXTRA_TERMS: dict[str, Term] = {
         body_roll_tracking,
         joint_limits,
         linear_velocity_precision,
+        linear_velocity_error,
         yaw_rate_precision,
         yaw_rate_error,
         posture_precision,

@@ -94,6 +94,11 @@ class WholeBodyController:
         return self._locomotion.plan.phase
 
     @property
+    def stepping(self) -> bool:
+        """Whether that clock runs: not while the robot stands or shifts its weight before the first step."""
+        return self._locomotion.plan.stepping
+
+    @property
     def footholds(self) -> np.ndarray:
         """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
         return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)

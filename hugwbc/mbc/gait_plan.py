@@ -64,6 +64,11 @@ class GaitPlan:
         self._pace = 1.0
 
     @property
+    def stepping(self) -> bool:
+        """Whether the robot walks or leaps, and the clock runs but for a countermovement."""
+        return self.mode in (Mode.WALKING, Mode.LEAPING)
+
+    @property
     def step_time(self) -> float:
         """Duration of a step, of a stance or of a flight [s]: half a stride."""
         return 0.5 / self.frequency
@@ -73,7 +78,7 @@ class GaitPlan:
         """Time to the end of the step, of the stance or of the flight [s]; zero when standing or shifting."""
         if self._overdue > 0.0:
             return 0.0
-        if self.mode in (Mode.WALKING, Mode.LEAPING):
+        if self.stepping:
             return self._gather + (0.5 - self.phase % 0.5) / (self.frequency * self._pace)
         return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
 

@@ -142,14 +142,27 @@ def test_the_flying_leg_of_a_hop_is_to_stay_in_the_air(small_env: HumanoidEnv) -
 
 def test_a_held_foot_on_the_ground_ends_the_episode_only_if_asked_and_after_the_grace() -> None:
     command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
-    done = {}
+    lasted = {}
     for grace in (0.0, 0.5):
         env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=grace), seed=3, threads=1)
-        run_still(env, 5)  # on both feet by now
-        env.age[:4], env.age[4:] = 10, 40
-        done[grace] = env.step(torch.zeros(8, 19)).done.tolist()
+        env.begin_episodes(torch.arange(8))
+        steps = 0
+        while steps < 40 and not env.step(torch.zeros(8, 19)).done.any():  # the nominal stand holds a while
+            steps += 1
+        lasted[grace] = steps * env.dt
         assert env.statistics.pop()["held_foot_down"] > 0.5
-    assert done == {0.0: [False] * 8, 0.5: [False] * 4 + [True] * 4}
+    assert lasted[0.5] == pytest.approx(0.5, abs=0.03)
+    assert lasted[0.0] > 0.6
+
+
+def test_a_new_command_gives_a_held_foot_time_again() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0, resample_steps=20)
+    env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=0.5), seed=3, threads=1)
+    env.begin_episodes(torch.arange(8))
+    assert env.held_foot is not None
+    for _ in range(21):
+        env.step(torch.zeros(8, 19))
+    assert env.held_foot.due.tolist() == pytest.approx([0.9] * 8)
 
 
 def test_hopping_robots_are_left_without_intervention(small_env: HumanoidEnv) -> None:

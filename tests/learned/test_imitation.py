@@ -8,9 +8,12 @@ import torch
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.learned import imitation
 from hugwbc.learned.config import CommandConfig, EnvConfig, ImitationConfig, TrainConfig
 from hugwbc.learned.imitation import Imitator, equivalent_targets
 from hugwbc.learned.policy import load_policy
+from hugwbc.learned.starts import STARTS_FILE, RecordedStarts
 from hugwbc.learned.train import SNAPSHOT_NAME, Trainer
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -22,6 +25,7 @@ class Bow:
     """Stands with a hip pitch in proportion to the commanded pitch; counts its resets."""
 
     phase = 0.25
+    stepping = False
 
     def __init__(self) -> None:
         self.resets = 0
@@ -95,6 +99,73 @@ def test_teachers_start_anew_with_their_robots_and_arms_under_intervention_do_no
     imitator.env.simulation.forward(np.array([2]))
     assert imitator.collect() == 1
     assert [teacher.resets for teacher in teachers] == [1, 1, 2, 1]
+
+
+class Hopper(Bow):
+    """Begins to step after 0.2 s, at its own phase."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls = 0
+
+    def reset(self, state: RobotState) -> None:
+        super().reset(state)
+        self.calls = 0
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        self.calls += 1
+        self.stepping = self.calls > 10
+        return super().act(state, command, upper_body)
+
+
+def hopping_imitator(**changes: object) -> Imitator:
+    hopping = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
+    env = EnvConfig(count=20, command=hopping)
+    imitator = Imitator(make_config(env=env, **changes), lambda period: Hopper())
+    imitator.env.begin_episodes(torch.arange(20))
+    return imitator
+
+
+def test_robots_take_the_phase_of_teachers_that_step_alone() -> None:
+    imitator = hopping_imitator()
+    imitator.env.phase[:] = 0.6
+    for _ in range(9):
+        imitator._labels()
+    assert (imitator.env.phase == 0.6).all()
+    for _ in range(2):
+        imitator._labels()
+    assert (imitator.env.phase == Hopper.phase).all()
+
+
+def test_the_student_drives_in_between_and_gives_back_a_hop_that_comes_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    down = torch.zeros(20, dtype=torch.bool)
+    monkeypatch.setattr(imitation, "held_foot_down", lambda readings, gait: down)
+    imitator = hopping_imitator(own_time=0.3, taught_time=0.1, samples=1e6, handover=1e-6)
+    imitator.samples = 100
+    own = []
+    for _ in range(200):
+        for teacher in imitator._teachers:
+            teacher.stepping = True  # type: ignore[misc]
+        imitator._hand_over()
+        own.append(~imitator._taught)
+    driven = torch.stack(own)
+    assert not driven[:24].any(), "the teacher begins"
+    assert driven[50:].float().mean() == pytest.approx(0.3 / 0.4, abs=0.07)
+    down[:10] = True
+    imitator._hand_over()
+    assert imitator._taught[:10].all()
+    for _ in range(30):
+        imitator._hand_over()
+    assert imitator._taught[:10].all() and not imitator._taught[10:].all()
+
+
+def test_states_of_hops_are_recorded_to_start_from(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "held_foot_down", lambda readings, gait: torch.zeros(20, dtype=torch.bool))
+    imitator = hopping_imitator(out=tmp_path, starts=30, samples=1600, handover=1.0)
+    imitator.run(lambda figures: None)
+    starts = RecordedStarts.load(tmp_path / STARTS_FILE)
+    assert len(starts.columns["gait"]) == 30
+    assert (starts.columns["gait"] >= Gait.HOPPING_LEFT).all()
 
 
 def test_labels_that_are_not_finite_are_left_out() -> None:

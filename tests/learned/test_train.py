@@ -37,7 +37,7 @@ def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig
 LATE = RandomizationConfig(latency=(0.0, 0.02))
 SETTINGS = [
     {"curriculum": dataclasses.replace(ENV.curriculum, speed="grid", speed_interval=2), "intervention": "motion"},
-    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "one_leg_start": 0.5},
+    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
 ]
 EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
 

@@ -179,10 +179,14 @@ class EnvConfig:
     yaw_damping_factor: float = 3.0
     """Factor on the damping of hip yaw and waist, which with the paper's gains resonate near 2 Hz, the stride's
     frequency. 1 for the paper's gains."""
-    one_leg_start: float = 0.0
-    """Part of the hopping episodes that start on one leg, the other folded, instead of on both."""
+    starts: pathlib.Path | None = None
+    """File of recorded motion, such as the starts.safetensors that `hugwbc imitate` writes, in which a part of the
+    episodes starts instead of from a stand."""
+    starts_share: float = 0.7
+    """That part, of the episodes whose gait was recorded."""
     held_foot_grace: float = 0.0
-    """Time after a command's start from which the held foot of a hop on the ground ends the episode [s]; 0 never."""
+    """Time after a new command in which a hopping robot has to lift its held foot [s]: from then on, and at once where
+    the episode starts in mid-hop, that foot on the ground for longer than a touch ends the episode. 0 never."""
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
     waist to the action alone, as in the paper."""
@@ -211,7 +215,7 @@ class EnvConfig:
             value = getattr(self, name)
             require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
         require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
-        require(0.0 <= self.one_leg_start <= 1.0, "env.one_leg_start", self.one_leg_start, "0 to 1")
+        require(0.0 <= self.starts_share <= 1.0, "env.starts_share", self.starts_share, "0 to 1")
         require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         unused = self.motions is not None and self.intervention != "motion"

@@ -28,6 +28,12 @@ class ImitationConfig:
     """Part of the labels over which the student takes over the driving."""
     least_taught: float = 0.1
     """Part of the episodes that the teacher drives after that."""
+    own_time: float = 0.0
+    """Mean time that the student drives until the teacher takes over again within the episode [s], for motions that
+    the student cannot keep up yet; the teacher begins every episode, and also takes over where a hop's held foot comes
+    down. 0: whole episodes are either's."""
+    taught_time: float = 0.5
+    """Mean time that the teacher then drives [s], at least until half a second after both agree with the gait."""
     exploration: float = 0.08
     """Std of the noise on all actions, so that states beside the path are labelled too."""
     noise_level: float = 1.0
@@ -42,6 +48,9 @@ class ImitationConfig:
     upper_weight: float = 0.3
     """Weight of arms and waist beside the legs' 1."""
     estimation_weight: float = 0.2
+    starts: int = 4096
+    """States of the first part, of robots that the teacher drives in the gait that is commanded, to write beside the
+    policy as starts.safetensors, in which training episodes can start (`--env.starts`)."""
     std: float = 0.12
     """Exploration std that the snapshot starts reinforcement learning with."""
     env: EnvConfig = dataclasses.field(default_factory=_imitation_env)
@@ -57,5 +66,7 @@ class ImitationConfig:
             require(getattr(self, name) > 0, name, getattr(self, name), "a positive integer")
         for name in ("least_taught", "noise_level"):
             require(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "0 to 1")
-        for name in ("exploration", "upper_weight", "estimation_weight"):
+        require(self.starts >= 0, "starts", self.starts, "0 or a positive integer")
+        require(0.0 < self.taught_time < math.inf, "taught_time", self.taught_time, "a positive number")
+        for name in ("exploration", "upper_weight", "estimation_weight", "own_time"):
             require(0.0 <= getattr(self, name) < math.inf, name, getattr(self, name), "0 or a positive number")

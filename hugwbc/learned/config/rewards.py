@@ -49,6 +49,9 @@ class ExtraWeights:
     linear_velocity_precision: float = 2.0
     """exp(-|e| / 0.25) on the horizontal velocity: keeps a slope near zero error, where the squared exponential is
     flat, so that small commands are not ignored."""
+    linear_velocity_error: float = 0.0
+    """Squared error of the horizontal velocity, up to 1 (m/s)^2; off by default. Its slope does not vanish where both
+    exponentials are flat: a hop that drifts away falls by it."""
     yaw_rate_precision: float = 1.0
     """The same on the yaw rate."""
     yaw_rate_error: float = -1.0
