@@ -11,6 +11,7 @@ from hugwbc.commands import sample_all
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint
+from hugwbc.learned import observations as obs
 from hugwbc.learned.config import CommandConfig, DistillationConfig, EnvConfig
 from hugwbc.learned.distillation import CATCH_ROLL, CATCH_SPEED, Calibration, Distiller, SwingHeights, disturbance
 from hugwbc.learned.networks import ActorCritic
@@ -66,6 +67,25 @@ def test_each_gait_is_labelled_by_its_teacher_and_a_moving_stand_by_the_catcher(
     torch.testing.assert_close(
         label[:6, KNEES[0]], torch.tensor([0.1007, 0.15, 0.2, 0.3, 0.4, 0.4]), atol=1e-4, rtol=0.0
     )
+
+
+def test_hops_on_the_right_leg_are_labelled_as_the_mirror_images_of_those_on_the_left(tmp_path: pathlib.Path) -> None:
+    distiller = Distiller(make_config(tmp_path))
+    torch.manual_seed(0)
+    teacher = ActorCritic().actor  # random: it does different things on its two sides
+    distiller.teachers["hopping"] = teacher
+    distiller.env.gait[:4], distiller.env.gait[4:] = int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)
+    seen = distiller.env.observe()
+    history, command = seen.history.clone(), seen.command.clone()
+    history[4:], command[4:] = obs.mirror_history(history[:4]), obs.mirror_command_observation(command[:4])
+    commanded = command[:, :8] / obs.command_scale()
+    distiller.env.command[:] = commanded
+    with torch.no_grad():
+        label = distiller.label(dataclasses.replace(seen, history=history, command=command))
+        own, _ = teacher(history, command)
+    torch.testing.assert_close(label[:4], own[:4])
+    torch.testing.assert_close(label[4:], obs.mirror_action(own[:4]))
+    assert (label[4:] - own[4:]).abs().max() > 1e-3
 
 
 def test_the_catcher_s_share_adds_the_disturbances_up(tmp_path: pathlib.Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.evaluation import Constant, rollout
+from hugwbc.evaluation.metrics import held_foot_contact, stepping_feet, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies, trained_with
@@ -31,6 +32,15 @@ def test_stays_up(command: Command) -> None:
         assert trace.measured[100:, 0].mean() > 0.5 * command.v_x
     steps = sum(times.size for times in trace.touch_downs)
     assert (steps > 10) == (command.gait is Gait.WALKING)
+
+
+@pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
+def test_hops_on_one_leg_and_keeps_the_other_off_the_ground(gait: Gait) -> None:
+    trace = rollout(load_policy(), Constant(Command(v_x=0.3, gait=gait)), Simulation(), duration=5.0)
+    assert not trace.fell
+    assert held_foot_contact(trace, settle=1.5) < 0.05
+    assert touch_downs(trace, stepping_feet(gait)[0]).size >= 6
+    assert trace.measured[75:, 0].mean() == pytest.approx(0.3, abs=0.15)
 
 
 ABLATION = ["ablation-motion", "ablation-noise", "ablation-none"]
