@@ -122,6 +122,7 @@ CASES = {
     # Knee range is -0.26 to 2.05: 95 % of the half range ends at 1.99225.
     "joint_limits": ({"q": with_joint("left_knee_joint", 2.05) + 0.0}, None),
     "linear_velocity_precision": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-2.0)),
+    "linear_velocity_error": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, 0.25),
     "yaw_rate_precision": ({"yaw_rate": torch.tensor([-0.25])}, math.exp(-1.0)),
     "yaw_rate_error": ({"yaw_rate": torch.tensor([-0.5])}, 0.25),
     "posture_precision": (
