@@ -21,7 +21,7 @@ from hugwbc.gait import Gait
 from hugwbc.learned import checkpoint, observations
 from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig
 from hugwbc.learned.dagger import Dagger
-from hugwbc.learned.networks import ACTION_SIZE, Actor, ActorCritic
+from hugwbc.learned.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.observations import Observation
 from hugwbc.learned.readings import Readings
 
@@ -205,43 +205,35 @@ class Distiller(Dagger[DistillationConfig]):
         return int(result.done.sum()) - len(result.timed_out)
 
     def label(self, observation: Observation) -> torch.Tensor:
-        """What each robot's teacher would do, shape (n, 19)."""
+        """What each robot's teacher would do, shape (n, 19).
+
+        Hops on the right leg are the mirror images of those on the left. A policy hops a little differently on its two
+        legs, and half of what the student learns from is mirrored: taught both ways of hopping for every state, it
+        learned their mean, which kept the held foot on the ground.
+        """
         gait = self.env.gait
+        right = (gait == int(Gait.HOPPING_RIGHT))[:, None]
         label = torch.zeros(self.env.count, ACTION_SIZE)
         command = observation.command.clone()
         asked = self.calibration.commands(self.env.command, gait)
         command[:, : len(COMMAND_NAMES)] = asked * observations.command_scale()
+        command = torch.where(right, observations.mirror_command_observation(command), command)
+        history = torch.where(right, observations.mirror_history(observation.history), observation.history)
         for name, actor in self.teachers.items():
             rows = _of(gait, name).nonzero().squeeze(1)
             if rows.numel():
-                if name == "hopping":
-                    action = _as_on_the_left(actor, observation.history[rows], command[rows], gait[rows])
-                else:
-                    action, _ = actor(observation.history[rows], command[rows])
+                action, _ = actor(history[rows], command[rows])
                 if name == "catching":
                     share = disturbance(self.env.readings)[rows, None]
                     action = share * action + (1.0 - share) * label[rows]
                 label[rows] = action
-        return label
+        return torch.where(right, observations.mirror_action(label), label)
 
     def fit(self) -> dict[str, float]:
         """Calibrate the teachers while they drive, and take gradient steps; returns the mean losses."""
         if self._calibrating:
             self._calibrate()
         return super().fit()
-
-
-def _as_on_the_left(actor: Actor, history: torch.Tensor, command: torch.Tensor, gait: torch.Tensor) -> torch.Tensor:
-    """Actions for hops, those on the right leg as the mirror images of what the actor does on the left, shape (n, 19).
-
-    A policy hops a little differently on its two legs. Half of what the student learns from is mirrored: taught both
-    ways of hopping for every state, it learned their mean, which kept the held foot on the ground.
-    """
-    right = (gait == int(Gait.HOPPING_RIGHT))[:, None]
-    history = torch.where(right, observations.mirror_history(history), history)
-    command = torch.where(right, observations.mirror_command_observation(command), command)
-    action, _ = actor(history, command)
-    return torch.where(right, observations.mirror_action(action), action)
 
 
 def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:
