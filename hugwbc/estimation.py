@@ -1,5 +1,6 @@
 """Pose and velocity of the pelvis from IMU, encoders and foot contacts: a contact-aided invariant Kalman filter."""
 
+import collections
 import dataclasses
 
 import numpy as np
@@ -13,8 +14,12 @@ from hugwbc.state import GRAVITY, RobotState
 _FEET = len(SIDES)
 _SIZE = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
-LARGEST_READING = 1e4  # [rad/s], [m/s^2], [rad]; no sensor of a robot measures as far, a broken one may say anything
+LARGEST_READING = (
+    1e4  # [rad/s], [m/s^2], [rad], [rad/s^2]; no sensor of a robot measures as far, a broken one may say anything
+)
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
+_SAME_TIME = 1e-6  # [s]
+_PLANS = 256  # that are kept, from half a second of ticks
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
 
@@ -48,10 +53,12 @@ class EstimatorParams:
     """Of the waist joint [rad/s^2]."""
     arm_acceleration: float = 50.0
     """Of an arm joint [rad/s^2]."""
+    unplanned: float = 0.15
+    """Share of these by which a joint departs from what a controller plans for it."""
 
 
 class JointFilter:
-    """Kalman filter of every joint's position and velocity, driven by an unknown acceleration.
+    """Kalman filter of every joint's position and velocity, driven by an acceleration, unknown or planned.
 
     Attributes:
         q, dq: estimates [rad], [rad/s], shape (19,).
@@ -62,6 +69,7 @@ class JointFilter:
         self._acceleration = np.full(len(robot.joint_names), params.leg_acceleration**2)
         self._acceleration[robot.waist] = params.waist_acceleration**2
         self._acceleration[robot.arms] = params.arm_acceleration**2
+        self._unplanned = params.unplanned**2
         self.reset(robot.nominal, np.zeros_like(robot.nominal))
 
     def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
@@ -70,20 +78,31 @@ class JointFilter:
         # Covariances of (q, q), (q, dq), (dq, dq).
         self._qq, self._qv, self._vv = (np.full_like(self.q, value) for value in (self._noise[0], 0.0, self._noise[1]))
 
-    def update(self, q: np.ndarray, dq: np.ndarray, dt: float) -> None:
-        """Predict over `dt` [s], then correct by a reading of positions and velocities."""
+    def update(self, q: np.ndarray, dq: np.ndarray, dt: float, planned: np.ndarray | None = None) -> None:
+        """Predict over `dt` [s], then correct by a reading of positions and velocities.
+
+        Args:
+            q: reading [rad], shape (19,).
+            dq: reading [rad/s], shape (19,).
+            dt: since the last reading [s].
+            planned: accelerations that a controller has planned for that time [rad/s^2], shape (19,).
+        """
         drive = self._acceleration * dt**2
+        predicted_q, predicted_dq = self.q + dt * self.dq, self.dq
+        if planned is not None:
+            predicted_q, predicted_dq = predicted_q + 0.5 * dt**2 * planned, predicted_dq + dt * planned
+            drive = self._unplanned * drive
         qq = self._qq + dt * (2.0 * self._qv + dt * (self._vv + 0.25 * drive))
         qv = self._qv + dt * (self._vv + 0.5 * drive)
         vv = self._vv + drive
-        error_q, error_v = q - self.q - dt * self.dq, dq - self.dq
+        error_q, error_v = q - predicted_q, dq - predicted_dq
         # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S.
         sq, sv = qq + self._noise[0], vv + self._noise[1]
         inverse = 1.0 / (sq * sv - qv**2)
         gain_qq, gain_qv = (qq * sv - qv**2) * inverse, qv * self._noise[0] * inverse
         gain_vq, gain_vv = qv * self._noise[1] * inverse, (vv * sq - qv**2) * inverse
-        self.q = self.q + dt * self.dq + gain_qq * error_q + gain_qv * error_v
-        self.dq = self.dq + gain_vq * error_q + gain_vv * error_v
+        self.q = predicted_q + gain_qq * error_q + gain_qv * error_v
+        self.dq = predicted_dq + gain_vq * error_q + gain_vv * error_v
         self._qq, self._qv, self._vv = gain_qq * self._noise[0], gain_qv * self._noise[1], gain_vv * self._noise[1]
 
 
@@ -103,7 +122,8 @@ class StateEstimator:
     the given ones and drift with the steps. Height is relative to the ground under the first stand. The sensors are
     taken to be free of bias.
 
-    The estimate has smoothed joint positions and velocities as well (`JointFilter`).
+    The estimate has smoothed joint positions and velocities as well (`JointFilter`), out of the readings and of what
+    the controller plans.
 
     Attributes:
         contact: which feet stand, shape (2,), bool.
@@ -143,12 +163,18 @@ class StateEstimator:
         self._P = np.diag(np.repeat([params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)], 3) ** 2)
         self.contact = np.zeros(_FEET, dtype=bool)
         self._time = state.time
+        self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
         return self._estimate(state)
 
-    def update(self, state: RobotState) -> RobotState:
+    def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
         """The estimate at a new reading: everything but the time, age and forces of `state` is replaced.
 
         Readings that lack IMU or foot forces, are not finite or are beyond `LARGEST_READING` are passed on as they are.
+
+        Args:
+            state: reading, perhaps of some time ago (`state.age`).
+            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,); kept until the
+                readings of the present arrive, and ignored if not finite or beyond `LARGEST_READING`.
         """
         gyro, accelerometer, force = state.imu_gyro, state.imu_accelerometer, state.foot_force
         if gyro is None or accelerometer is None or force is None or not state.is_finite:
@@ -158,7 +184,7 @@ class StateEstimator:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
-        self._joints.update(state.q, state.dq, dt)
+        self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
         self._measure_legs(state.q)
         self._predict(gyro, accelerometer, dt)
         contact = force[:, 2] > self.params.contact_force
@@ -168,6 +194,15 @@ class StateEstimator:
             self._correct(foot)
         self.contact = contact
         return self._estimate(state)
+
+    def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
+        """What was planned for the time up to that of the reading; keeps what is planned for the present."""
+        if planned is not None and not np.abs(planned).max() <= LARGEST_READING:
+            planned = None
+        self._plans.append((state.time + state.age, planned))
+        while len(self._plans) > 1 and self._plans[0][0] < state.time - _SAME_TIME:
+            self._plans.popleft()
+        return self._plans[0][1]
 
     def _placement(self, frame: int) -> np.ndarray:
         return self._data.oMf[frame].translation

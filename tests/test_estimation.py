@@ -35,21 +35,48 @@ def _angle(a, b):
     return 2.0 * np.linalg.norm(rotations.multiply(rotations.conjugate(a), b)[1:])
 
 
-def test_joint_filter_is_the_kalman_filter_of_a_driven_double_integrator():
+@pytest.mark.parametrize("planned", [False, True])
+def test_joint_filter_is_the_kalman_filter_of_a_driven_double_integrator(planned):
     params = EstimatorParams()
     rng = np.random.default_rng(0)
     joints = JointFilter(params, ROBOT)
     waist, dt = ROBOT.waist, 0.003
-    q, dq = rng.normal(size=(20, 19)), rng.normal(size=(20, 19))
+    q, dq, plan = (scale * rng.normal(size=(20, 19)) for scale in (1.0, 1.0, 100.0))
     joints.reset(q[0], dq[0])
     x, P = np.array([q[0, waist], dq[0, waist]]), np.diag([params.encoder**2, params.joint_velocity**2])
     F, G, R = np.array([[1.0, dt], [0.0, 1.0]]), np.array([0.5 * dt**2, dt]), P.copy()
+    drive = params.waist_acceleration * (params.unplanned if planned else 1.0)
     for k in range(1, 20):
-        joints.update(q[k], dq[k], dt)
-        x, P = F @ x, F @ P @ F.T + params.waist_acceleration**2 * np.outer(G, G)
+        joints.update(q[k], dq[k], dt, plan[k] if planned else None)
+        x, P = F @ x + (G * plan[k, waist] if planned else 0.0), F @ P @ F.T + drive**2 * np.outer(G, G)
         K = P @ np.linalg.inv(P + R)
         x, P = x + K @ (np.array([q[k, waist], dq[k, waist]]) - x), (np.eye(2) - K) @ P
     assert [joints.q[waist], joints.dq[waist]] == pytest.approx(x, abs=1e-10)
+
+
+def test_a_plan_moves_the_joints_when_the_readings_of_its_time_arrive():
+    estimator, still = StateEstimator(), dataclasses.replace(_at_rest(np.array([1.0, 0.0, 0.0, 0.0])), age=0.01)
+    plan = np.zeros(19)
+    plan[ROBOT.waist] = 50.0
+    estimator.reset(still)
+    speeds = []
+    for k in range(1, 12):
+        reading = dataclasses.replace(still, time=0.002 * k)
+        speeds.append(estimator.update(reading, plan if k == 2 else np.zeros(19)).dq[ROBOT.waist])
+    # Planned for the time up to 0.014 s, which the reading of that time, the seventh, shows.
+    assert speeds[:6] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert speeds[6] > 0.05
+
+
+@pytest.mark.parametrize("absurd", [np.nan, np.inf, 1e12])
+def test_an_absurd_plan_is_ignored(absurd):
+    with_plan, without, reading = StateEstimator(), StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    with_plan.reset(reading)
+    without.reset(reading)
+    for k in range(1, 5):
+        now = dataclasses.replace(reading, time=0.002 * k)
+        estimates = with_plan.update(now, np.full(19, absurd)), without.update(now)
+    np.testing.assert_array_equal(estimates[0].dq, estimates[1].dq)
 
 
 @pytest.mark.parametrize("waist", [0.0, 0.8])

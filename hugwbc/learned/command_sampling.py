@@ -9,6 +9,7 @@ from hugwbc.learned.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Cu
 
 _V_X, _OMEGA = SPEED_COLUMNS
 _HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
+_F = COMMAND_NAMES.index("f")
 _SPEEDS = torch.tensor(SPEED_COLUMNS)
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
@@ -28,7 +29,8 @@ def draw_commands(
     Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
     curriculum has reached, or over the cells that its grid has opened; each behaviour command is at its default with
     probability `default_fraction`; standing and stepping in place have no velocity. Hopping has the paper's command
-    space of its own: v_x, v_y, omega and h; the others stay at their defaults, whose tracking rewards then regularise.
+    space of its own: v_x, v_y, omega and h; the others stay at their defaults, whose tracking rewards then regularise,
+    but for f, which training may start elsewhere.
 
     Args:
         agile: which of the robots belong to the agile group, shape (k,), bool.
@@ -61,6 +63,7 @@ def draw_commands(
     command[standing | still, : _OMEGA + 1] = 0.0
     # Hopping's ranges are the general ones or the default alone: clamping to them keeps the draws uniform.
     command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
+    command[hopping, _F] = uniform(generator, int(hopping.sum()), *config.hopping_frequency)
     return command, gait
 
 

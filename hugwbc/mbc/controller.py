@@ -103,6 +103,14 @@ class WholeBodyController:
         """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
         return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)
 
+    @property
+    def planned_acceleration(self) -> np.ndarray | None:
+        """Joint accelerations that the last command is to cause [rad/s^2], shape (19,); None where it is a fallback."""
+        outcome = self._outcome
+        if outcome is None or outcome.solution is None or outcome.output is not Output.SOLUTION:
+            return None
+        return outcome.solution.acceleration[self._columns]
+
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, standing."""
         self._clear()

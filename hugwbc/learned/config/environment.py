@@ -12,6 +12,8 @@ from hugwbc.learned.config.rewards import ExtraWeights, RewardWeights
 from hugwbc.learned.contract import ACTION_SCALE, WAIST_RATE
 from hugwbc.robot import Robot
 
+_FASTEST_HOP = 5.0  # [Hz], of which a control step is a tenth of a cycle
+
 
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
@@ -21,6 +23,9 @@ class CommandConfig:
     walking_fraction: float = 0.55
     hopping_fraction: float = 0.0
     """One-leg hopping, half on either leg. The paper trains it alone: standing 0.1, walking 0, hopping 0.9."""
+    hopping_frequency: tuple[float, float] = (2.0, 2.0)
+    """Range of a hop's f [Hz], which is 2 when the policy is used. Policies find a rhythm near 4 by themselves; a
+    training that begins there and goes down keeps to the clock."""
     default_fraction: float = 0.4
     """Probability, for each of f, l, h, p, w, to be at its default instead of drawn from its range."""
     zero_velocity_fraction: float = 0.1
@@ -37,6 +42,13 @@ class CommandConfig:
         total = sum(getattr(self, name) for name in gaits)
         # Decimal fractions that make up 1 may add up to a little more.
         require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
+        low, high = self.hopping_frequency
+        require(
+            0.0 < low <= high <= _FASTEST_HOP,
+            "command.hopping_frequency",
+            (low, high),
+            f"0 < low <= high <= {_FASTEST_HOP:g}",
+        )
         require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
 
     def fractions(self) -> dict[str, float]:
