@@ -14,9 +14,8 @@ from hugwbc.state import GRAVITY, RobotState
 _FEET = len(SIDES)
 _SIZE = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
-LARGEST_READING = (
-    1e4  # [rad/s], [m/s^2], [rad], [rad/s^2]; no sensor of a robot measures as far, a broken one may say anything
-)
+# [rad], [rad/s], [rad/s^2], [m/s^2]; no sensor of a robot measures as far, a broken one may say anything.
+LARGEST_READING = 1e4
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
 _SAME_TIME = 1e-6  # [s]
 _PLANS = 256  # that are kept, from half a second of ticks
@@ -174,7 +173,7 @@ class StateEstimator:
         Args:
             state: reading, perhaps of some time ago (`state.age`).
             planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,); kept until the
-                readings of the present arrive, and ignored if not finite or beyond `LARGEST_READING`.
+                readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of another shape.
         """
         gyro, accelerometer, force = state.imu_gyro, state.imu_accelerometer, state.foot_force
         if gyro is None or accelerometer is None or force is None or not state.is_finite:
@@ -197,7 +196,7 @@ class StateEstimator:
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
         """What was planned for the time up to that of the reading; keeps what is planned for the present."""
-        if planned is not None and not np.abs(planned).max() <= LARGEST_READING:
+        if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
             planned = None
         self._plans.append((state.time + state.age, planned))
         while len(self._plans) > 1 and self._plans[0][0] < state.time - _SAME_TIME:

@@ -8,6 +8,7 @@ import pytest
 from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.estimation import EstimatorParams, JointFilter, StateEstimator
 from hugwbc.evaluation import Constant, rollout
+from hugwbc.evaluation.loop import ControlLoop
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import SensorNoise, Simulation, noisy_simulation
@@ -68,14 +69,14 @@ def test_a_plan_moves_the_joints_when_the_readings_of_its_time_arrive():
     assert speeds[6] > 0.05
 
 
-@pytest.mark.parametrize("absurd", [np.nan, np.inf, 1e12])
+@pytest.mark.parametrize("absurd", [np.full(19, np.nan), np.full(19, np.inf), np.full(19, 1e12), np.zeros(8)])
 def test_an_absurd_plan_is_ignored(absurd):
     with_plan, without, reading = StateEstimator(), StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
     with_plan.reset(reading)
     without.reset(reading)
     for k in range(1, 5):
         now = dataclasses.replace(reading, time=0.002 * k)
-        estimates = with_plan.update(now, np.full(19, absurd)), without.update(now)
+        estimates = with_plan.update(now, absurd), without.update(now)
     np.testing.assert_array_equal(estimates[0].dq, estimates[1].dq)
 
 
@@ -184,3 +185,22 @@ def test_the_model_based_controller_walks_on_the_estimate():
     assert not trace.fell
     assert trace.measured[75:, 0].mean() == pytest.approx(0.5, abs=0.05)
     assert trace.safety.failures == 0
+
+
+def test_the_loop_tells_the_estimator_what_the_controller_plans():
+    told = []
+
+    class Listening(StateEstimator):
+        def update(self, state, planned=None):
+            told.append(planned)
+            return super().update(state, planned)
+
+    controller = WholeBodyController()
+    loop = ControlLoop(controller, Constant(Command()), noisy_simulation(seed=0), estimator=Listening())
+    loop.reset()
+    loop.step(loop.decide(0.0), loop.period)
+    np.testing.assert_array_equal(told[-1], controller.planned_acceleration)
+    assert told[-1].shape == (19,) and np.abs(told[-1]).max() > 0.0
+    broken = dataclasses.replace(loop.simulation.state(), q=np.full(19, np.nan))
+    controller.act(broken, Command(), UpperBody.none())
+    assert controller.planned_acceleration is None
