@@ -185,9 +185,10 @@ class ControlLoop:
         if self.estimator is None:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
+        planned = getattr(self.safe.controller, "planned_acceleration", None)  # not every controller plans
         for _ in range(max(1, round(duration / timestep))):
             self.simulation.step(command, timestep)
-            self._estimate = self.estimator.update(self.simulation.sense(), planned_acceleration(self.safe.controller))
+            self._estimate = self.estimator.update(self.simulation.sense(), planned)
         return self.simulation.state()
 
     def moment(self) -> Moment:
@@ -222,11 +223,6 @@ class ControlLoop:
         if solution is None or self.hands is None:
             return np.zeros(2, dtype=bool)
         return solution.reachable & self.hands.given
-
-
-def planned_acceleration(controller: Controller) -> np.ndarray | None:
-    """Joint accelerations that the controller plans now [rad/s^2], shape (19,); None if it does not say."""
-    return getattr(controller, "planned_acceleration", None)
 
 
 def foot_contacts(state: RobotState) -> np.ndarray:
