@@ -10,7 +10,7 @@ import sys
 import numpy as np
 from matplotlib.figure import Figure
 
-from hugwbc.evaluation.report.training import read_training
+from hugwbc.report.training_curve import read_training
 
 IMAGES = pathlib.Path(__file__).parent / "images"
 RECORD = IMAGES / "training.csv"

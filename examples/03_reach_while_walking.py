@@ -9,9 +9,9 @@ import numpy as np
 import tyro
 
 from hugwbc import Gait, rotations
-from hugwbc.hand_paths import Swing
 from hugwbc.mbc import WholeBodyController
-from hugwbc.script import HandMotion, Script, Segment
+from hugwbc.scripts.hand_paths import Swing
+from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.sim import Simulation
 from hugwbc.upper_ik import UpperBodySource
 

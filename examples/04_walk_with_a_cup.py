@@ -7,11 +7,11 @@ import numpy as np
 import tyro
 
 from hugwbc import Gait
-from hugwbc.evaluation import rollout
-from hugwbc.evaluation.compare import upper_body_source
-from hugwbc.hand_paths import Hold
+from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.script import HandMotion, Script, Segment
+from hugwbc.runtime import rollout
+from hugwbc.scripts.hand_paths import Hold
+from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.sim import Simulation
 
 CUP = HandMotion(None, Hold((0.35, -0.2, 0.2)), frame="heading", right_direction=(1.0, 0.0, 0.0))

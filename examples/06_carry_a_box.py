@@ -8,10 +8,10 @@
 import numpy as np
 import tyro
 
-from hugwbc.evaluation import rollout
-from hugwbc.evaluation.compare import upper_body_source
-from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.script_file import load_script
+from hugwbc.evaluation.comparison import upper_body_source
+from hugwbc.runtime import rollout
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 
 

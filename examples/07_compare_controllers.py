@@ -5,9 +5,9 @@ python examples/07_compare_controllers.py --script wave
 
 import tyro
 
-from hugwbc.evaluation.compare import compare, summarise
-from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.script_file import load_script
+from hugwbc.evaluation.comparison import compare, summarise
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.scripts.script_file import load_script
 
 
 def main(script: str = "wave") -> None:

@@ -13,7 +13,7 @@ import tyro
 
 from hugwbc import Command, UpperBody
 from hugwbc.mbc import WholeBodyController
-from hugwbc.motion import generate_motions, load_motion
+from hugwbc.scripts.motion import generate_motions, load_motion
 from hugwbc.sim import Simulation
 from hugwbc.upper_ik import Takeover
 

@@ -9,9 +9,9 @@ import time
 
 import tyro
 
-from hugwbc.evaluation import ControlLoop
-from hugwbc.evaluation.compare import upper_body_source
-from hugwbc.evaluation.controllers import ControllerSpec
+from hugwbc.evaluation.comparison import upper_body_source
+from hugwbc.runtime import ControlLoop
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.sim import Simulation
 from hugwbc.viz.live import LivePage
 

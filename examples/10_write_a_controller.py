@@ -10,7 +10,7 @@ import tyro
 
 from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot
 from hugwbc.controller import override_arms
-from hugwbc.evaluation import Constant, rollout
+from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import Simulation
 
 LEG = 0.4  # thigh and shank [m]

@@ -93,9 +93,9 @@ class Controller(Protocol):
         period: time between two calls of `act` [s].
 
     Two more members are shown in pictures where a controller has them: `phase`, the common phase of its gait
-    (`hugwbc.gait`), and `footholds`, where the soles of the feet in the air are to land (see `hugwbc.moment`). Where it
-    has `planned_acceleration`, what its last command is to do to the joints [rad/s^2], shape (19,), or None, the state
-    estimator follows the joints more closely.
+    (`hugwbc.gait`), and `footholds`, where the soles of the feet in the air are to land (`hugwbc.runtime.moment`).
+    Where it has `planned_acceleration`, what its last command is to do to the joints [rad/s^2], shape (19,), or None,
+    the state estimator follows the joints more closely.
     """
 
     name: str

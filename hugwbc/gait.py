@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hugwbc.blends import minimum_jerk
 from hugwbc.errors import UnknownNameError
 
 # Standard deviation of the switching intervals of the expected contact, in units of the homogenised phase.
@@ -161,5 +162,4 @@ def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Arr
     rising = homogenised < 0.75
     u = xp.clip(xp.where(rising, homogenised - 0.5, 1.0 - homogenised) / 0.25, 0.0, 1.0)
     base = xp.where(rising, start, end)
-    smooth = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    return xp.where(homogenised < 0.5, 0.0, base + (height - base) * smooth)
+    return xp.where(homogenised < 0.5, 0.0, base + (height - base) * minimum_jerk(u))

@@ -1,4 +1,7 @@
-"""Which room may import which: core <- sim <- {learned, mbc, upper_ik} <- evaluation, viz <- cli."""
+"""Which room may import which, and that no two modules import each other.
+
+core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {viz, evaluation, benchmarks} <- report <- cli.
+"""
 
 import ast
 import pathlib
@@ -10,15 +13,20 @@ import pytest
 import hugwbc
 
 ROOT = pathlib.Path(hugwbc.__file__).parent
-CORE = frozenset({"core"})
+BELOW = frozenset({"core", "scripts", "sim"})
 PILLARS = frozenset({"learned", "mbc", "upper_ik"})
+RUNTIME = BELOW | PILLARS | {"runtime"}
 MAY_IMPORT = {
-    "core": CORE,
-    "sim": CORE | {"sim"},
-    **{pillar: CORE | {"sim", pillar} for pillar in PILLARS},
-    "evaluation": CORE | PILLARS | {"sim", "evaluation"},
-    "viz": CORE | PILLARS | {"sim", "viz"},
-    "cli": CORE | PILLARS | {"sim", "evaluation", "viz", "cli"},
+    "core": frozenset({"core"}),
+    "scripts": frozenset({"core", "scripts"}),
+    "sim": frozenset({"core", "sim"}),
+    **{pillar: BELOW | {pillar} for pillar in PILLARS},
+    "runtime": RUNTIME,
+    "viz": RUNTIME | {"viz"},
+    "evaluation": RUNTIME | {"evaluation"},
+    "benchmarks": RUNTIME | {"evaluation", "benchmarks"},
+    "report": RUNTIME | {"viz", "evaluation", "report"},
+    "cli": RUNTIME | {"viz", "evaluation", "benchmarks", "report", "cli"},
 }
 HEAVY = ("torch", "pinocchio", "placo", "proxsuite", "meshcat", "matplotlib")
 

@@ -10,9 +10,9 @@ from hugwbc.cli.output import check_writable, format_table, parse, progress, say
 from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.benchmark import EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
-    from hugwbc.evaluation.ik_benchmark import IKFigures
-    from hugwbc.evaluation.qp_side_by_side import SideBySide
+    from hugwbc.benchmarks.hand_ik import IKFigures
+    from hugwbc.benchmarks.qp_side_by_side import SideBySide
+    from hugwbc.benchmarks.speed import EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,9 +55,9 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError(f"ik_targets is {options.ik_targets}; give 2 or more: within reach and out of it in turn")
     if options.side_by_side > 0 and not all(map(importlib.util.find_spec, ("qpsolvers", "daqp"))):
         raise ConfigError("--side-by-side needs qpsolvers and DAQP; install them with: pip install 'hugwbc[dev]'")
-    from hugwbc.evaluation import benchmark
-    from hugwbc.evaluation.ik_benchmark import compare_solvers
-    from hugwbc.learned.policy import load_policy
+    from hugwbc.benchmarks import speed as benchmark
+    from hugwbc.benchmarks.hand_ik import compare_solvers
+    from hugwbc.learned.policy.policy import load_policy
     from hugwbc.upper_ik.workspace import check_spacing, measure_workspace
 
     check_spacing(options.spacing)
@@ -95,7 +95,7 @@ def run(words: Sequence[str]) -> int:
         "threads": options.threads,
     }
     if options.side_by_side > 0:
-        from hugwbc.evaluation.qp_side_by_side import side_by_side
+        from hugwbc.benchmarks.qp_side_by_side import side_by_side
 
         comparison = side_by_side(options.side_by_side)
         figures["side_by_side"] = dataclasses.asdict(comparison)

@@ -92,8 +92,8 @@ def _agreement() -> str:
 
 def _standing() -> str:
     from hugwbc.commands import Command
-    from hugwbc.evaluation import Constant, rollout
-    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.runtime import Constant, rollout
+    from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.sim import Simulation
 
     trace = rollout(ControllerSpec("qp").build(), Constant(Command(h=-0.1)), Simulation(), duration=2.0)
@@ -103,7 +103,7 @@ def _standing() -> str:
 
 
 def _policies() -> str:
-    from hugwbc.learned.policy import load_policy, shipped_policies
+    from hugwbc.learned.policy.policy import load_policy, shipped_policies
 
     names = shipped_policies()
     if not names:
@@ -118,8 +118,8 @@ def _environment() -> str:
     import torch
 
     from hugwbc.learned.config import EnvConfig
-    from hugwbc.learned.env import HumanoidEnv
-    from hugwbc.learned.observations import JOINTS
+    from hugwbc.learned.env.humanoid_env import HumanoidEnv
+    from hugwbc.learned.policy.observations import JOINTS
 
     count, steps = 8, 20
     histories = []

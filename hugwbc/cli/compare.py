@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 from hugwbc.cli.output import check_folder, check_writable, format_table, hand_rows, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.errors import ConfigError
-from hugwbc.tables import Table
+from hugwbc.evaluation.tables import Table
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.compare import Outcome
-    from hugwbc.evaluation.controllers import ControllerSpec
-    from hugwbc.evaluation.rollout import Trace
+    from hugwbc.evaluation.comparison import Outcome
+    from hugwbc.runtime.controllers import ControllerSpec
+    from hugwbc.runtime.rollout import Trace
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,10 +46,10 @@ class CompareOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
     options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
-    from hugwbc.evaluation.compare import check_names, compare, summarise
-    from hugwbc.script import while_walking
-    from hugwbc.script_file import load_script
-    from hugwbc.viz.trace import check_count
+    from hugwbc.evaluation.comparison import check_names, compare, summarise
+    from hugwbc.scripts.script import while_walking
+    from hugwbc.scripts.script_file import load_script
+    from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers))
     script = load_script(options.script)
@@ -86,7 +86,7 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     Raises:
         ConfigError: if there is a policy and nobody to take it.
     """
-    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.runtime.controllers import ControllerSpec
 
     specs = [ControllerSpec.parse(words) for words in options.controllers]
     if options.policy is None:
@@ -121,8 +121,8 @@ def _write_files(
     options: CompareOptions, summary: Mapping[str, Any], figures: Table, traces: Sequence["Trace"]
 ) -> list[pathlib.Path]:
     """Write everything that there is to show, and return the paths."""
+    from hugwbc.report.comparison_page import summary_table, write_report
     from hugwbc.viz.replay import write_replay
-    from hugwbc.viz.report import summary_table, write_report
 
     out = options.out
     title = f"hugwbc compare: {summary['script']}"

@@ -1,6 +1,7 @@
 """What `hugwbc evaluate` prints of each protocol's result."""
 
 from hugwbc.cli.output import format_table, hand_rows
+from hugwbc.evaluation.intervals import wilson_percentage
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
     ContactsResult,
@@ -20,7 +21,6 @@ from hugwbc.evaluation.protocols import (
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
 from hugwbc.evaluation.protocols.tour import blow_outcomes
-from hugwbc.evaluation.report.statistics import wilson_percentage
 
 LISTED_PAIRS = 10
 

@@ -14,7 +14,7 @@ def run(words: Sequence[str]) -> int:
     description = "Fit one network to several, each the teacher of a gait, on the student's own states."
     config = parse(DistillationConfig, words, "distil", description)
     check_folder(config.out)
-    from hugwbc.learned.distillation import Distiller
+    from hugwbc.learned.imitation.distillation import Distiller
 
     with progress(f"distillation {config.out}") as advance:
         distiller = Distiller(config)

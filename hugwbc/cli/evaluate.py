@@ -11,10 +11,10 @@ from hugwbc.cli.output import check_folder, check_writable, parse, progress, say
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
 from hugwbc.gait import Gait
+from hugwbc.runtime.controllers import ControllerSpec
 
 _SIZES = ("episodes", "samples", "points", "rollouts")  # options that say how many episodes there are
 

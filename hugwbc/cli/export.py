@@ -20,8 +20,8 @@ class ExportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, export, say how well the file agrees."""
     options = parse(ExportOptions, words, "export", ExportOptions.__doc__)
-    from hugwbc.learned.export import TOLERANCE, export_onnx
-    from hugwbc.learned.policy import DEFAULT_POLICY, load_policy
+    from hugwbc.learned.policy.onnx_export import TOLERANCE, export_onnx
+    from hugwbc.learned.policy.policy import DEFAULT_POLICY, load_policy
 
     difference = export_onnx(load_policy(options.policy or DEFAULT_POLICY), options.out)
     say(f"wrote {options.out}; run by onnxruntime it differs from torch by {difference:.1g} (valid: {TOLERANCE:g})")

@@ -13,7 +13,7 @@ def run(words: Sequence[str]) -> int:
     description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' goes on from it."
     config = parse(ImitationConfig, words, "imitate", description)
     check_folder(config.out)
-    from hugwbc.learned.imitation import Imitator
+    from hugwbc.learned.imitation.imitation import Imitator
     from hugwbc.mbc import WholeBodyController
 
     with progress(f"imitation {config.out}") as advance:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
 from hugwbc.files import write_whole
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.campaign import Cell
-    from hugwbc.evaluation.controllers import ControllerSpec
+    from hugwbc.evaluation.engine.campaign import Cell
+    from hugwbc.runtime.controllers import ControllerSpec
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,14 +48,14 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, write."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    from hugwbc.cli.report_page import Report, report_markdown, report_page
-    from hugwbc.evaluation.campaign import run_cells
-    from hugwbc.evaluation.controllers import ControllerSpec
-    from hugwbc.evaluation.execution import Execution
-    from hugwbc.evaluation.report.export import figures_csv
-    from hugwbc.evaluation.report.profiles import profile_cells
-    from hugwbc.evaluation.report.sections import all_figures
-    from hugwbc.viz.trace import check_count
+    from hugwbc.evaluation.engine.campaign import run_cells
+    from hugwbc.evaluation.engine.execution import Execution
+    from hugwbc.report.profiles import profile_cells
+    from hugwbc.report.report_page import Report, report_markdown, report_page
+    from hugwbc.report.sections import all_figures
+    from hugwbc.report.written import figures_csv
+    from hugwbc.runtime.controllers import ControllerSpec
+    from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers))
     specs = [ControllerSpec.parse(words) for words in options.controllers]
@@ -101,8 +101,8 @@ def _wanted(cells: Sequence["Cell"], protocols: Sequence[str]) -> list["Cell"]:
 
 def _further(specs: Sequence["ControllerSpec"], ablation: tuple[str, ...] | None) -> list["ControllerSpec"]:
     """The policies of the ablation that are not among the controllers: those given, or the shipped ones."""
-    from hugwbc.evaluation.controllers import ControllerSpec
-    from hugwbc.learned.policy import shipped_policies
+    from hugwbc.learned.policy.policy import shipped_policies
+    from hugwbc.runtime.controllers import ControllerSpec
 
     if ablation is not None:
         return [ControllerSpec("learned", name) for name in ablation]
@@ -113,8 +113,8 @@ def _further(specs: Sequence["ControllerSpec"], ablation: tuple[str, ...] | None
 
 def _notes(options: ReportOptions, episodes: int, specs: Sequence["ControllerSpec"]) -> list[str]:
     """How the report was made, and what it lacks."""
-    from hugwbc.evaluation.report.ablation import PROTOCOLS, TRAINED
-    from hugwbc.learned.contract import versions
+    from hugwbc.learned.policy.policy_contract import versions
+    from hugwbc.report.ablation import PROTOCOLS, TRAINED
 
     words = [f"--profile {options.profile}", f"--controllers {' '.join(options.controllers)}", f"--seed {options.seed}"]
     words += [f"--ablation {' '.join(options.ablation)}"] if options.ablation is not None else []
@@ -139,7 +139,7 @@ def _training_file(specs: Sequence["ControllerSpec"]) -> pathlib.Path | None:
     Raises:
         ConfigError: if it cannot be used: now, and not when all episodes have been run.
     """
-    from hugwbc.evaluation.report.training import TRAINING_FILE, read_training
+    from hugwbc.report.training_curve import TRAINING_FILE, read_training
 
     for spec in specs:
         for file in spec.files():

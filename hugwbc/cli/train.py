@@ -15,7 +15,7 @@ def run(words: Sequence[str]) -> int:
     description = "Train a policy; Ctrl-C saves and stops. Every setting of the training is an option."
     config = parse(TrainConfig, words, "train", description)
     check_folder(config.out)
-    from hugwbc.learned.train import train
+    from hugwbc.learned.rl.trainer import train
 
     with progress(f"training {config.out}") as advance:
         trainer = train(config, _reporter(config.steps, advance))

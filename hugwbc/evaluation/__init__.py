@@ -1,6 +1,1 @@
-"""Runs of any controller, the paper's tracking errors and protocols, and the comparison of controllers."""
-
-from hugwbc.evaluation.loop import Constant, ControlLoop
-from hugwbc.evaluation.rollout import Trace, rollout
-
-__all__ = ["Constant", "ControlLoop", "Trace", "rollout"]
+"""Measure controllers: tracking errors, the paper's protocols, and the comparison of controllers on one script."""

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.estimation import StateEstimator
-from hugwbc.evaluation.identity import file_digest
+from hugwbc.evaluation.engine.identity import file_digest
+from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.intervention import ArmIntervention
+    from hugwbc.evaluation.moved_arms import ArmIntervention
 
 INTERVENTIONS = ("none", "noise", "motion")
 NOISE_INTERVAL = 90  # control steps between two targets of the noise, the paper's
@@ -144,8 +144,8 @@ class Conditions:
         # Loads torch, which only some evaluations need.
         import torch
 
-        from hugwbc.evaluation.intervention import ArmIntervention
-        from hugwbc.learned.arm_targets import make_arm_targets
+        from hugwbc.evaluation.moved_arms import ArmIntervention
+        from hugwbc.learned.env.arm_targets import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
         targets = make_arm_targets(

@@ -9,7 +9,7 @@ from hugwbc.mbc import feet
 from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References

@@ -10,7 +10,7 @@ from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.crouch import Crouch
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import balance_point
 from hugwbc.mbc.tasks import PelvisHeightTask, PelvisOrientationTask

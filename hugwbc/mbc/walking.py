@@ -9,7 +9,7 @@ from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, plan_step
 from hugwbc.mbc.gait_plan import GaitPlan
-from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References
 from hugwbc.mbc.step_timing import time_step

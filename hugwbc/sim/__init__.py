@@ -1,6 +1,6 @@
 """The H1 in MuJoCo: on a plane or a height field."""
 
-from hugwbc.sim.disturbance import Disturber, Force
+from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.sensors import SensorNoise
 from hugwbc.sim.simulation import Simulation, noisy_simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain

@@ -190,7 +190,7 @@ class Simulation:
         """What the sensors said `latency` ago: encoders, torso IMU, foot contacts, with noise if configured.
 
         Orientation and angular velocity are carried over from the IMU to the pelvis. Position and velocity of the
-        pelvis stand for an estimator's; they carry their own noise (`hugwbc.estimation` needs neither).
+        pelvis stand for an estimator's; they carry their own noise (`hugwbc.runtime.estimation` needs neither).
         """
         # The present is read anew: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self._latency > 0.0 else self._reading()

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
+from hugwbc.blends import smooth_step
 from hugwbc.controller import JointCommand, UpperBody
-from hugwbc.hand_paths import smooth_step
 from hugwbc.robot import load_robot
 
 DECAY_TIME = 0.5  # [s]

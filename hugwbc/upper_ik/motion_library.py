@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from hugwbc.errors import ConfigError
-from hugwbc.hand_paths import Circle, HandPath, Swing, Wander
-from hugwbc.motion import MOTION_FPS, ArmMotion
 from hugwbc.robot import load_robot
-from hugwbc.script import HandMotion
+from hugwbc.scripts.hand_paths import Circle, HandPath, Swing, Wander
+from hugwbc.scripts.motion import MOTION_FPS, ArmMotion
+from hugwbc.scripts.script import HandMotion
 from hugwbc.state import RobotState
 from hugwbc.upper_ik.solver import ArmIK
 

@@ -5,9 +5,9 @@ import enum
 
 import numpy as np
 
+from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
-from hugwbc.hand_paths import smooth_step
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from hugwbc.viz.framing import LABEL_COLOURS, Trace
 from hugwbc.viz.marks import in_stance
 from hugwbc.viz.overlays import STANCE, SWING
-from hugwbc.viz.trace import LABEL_COLOURS, Trace
 
 ROW, GAP, LINE = 9.0, 3.0, 3.0  # of a foot, between feet, of the contact within it, in the picture's units
 CONTACT = "#1c2430"

@@ -10,8 +10,8 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
-from hugwbc.moment import Moment
 from hugwbc.robot import SIDES, load_robot
+from hugwbc.runtime.moment import Moment
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow
 LEAST_FORCE = 1.0  # [N] that is drawn

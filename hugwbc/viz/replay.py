@@ -14,11 +14,11 @@ from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
 from hugwbc.files import write_whole
+from hugwbc.viz.framing import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, moment
 from hugwbc.viz.gait_bar import gait_bar
 from hugwbc.viz.marks import Mark
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
 from hugwbc.viz.overlays import LAYERS
-from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, moment
 
 FPS = 25
 _ROOT = Path(("meshcat",))

@@ -18,9 +18,9 @@ import numpy as np
 from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
+from hugwbc.viz.framing import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
 from hugwbc.viz.overlays import LAYERS
-from hugwbc.viz.trace import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
 from hugwbc.viz.video_marks import GEOM_NUMBERS, mark_geoms
 
 FPS = 25

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.viz.framing import Trace, moment
 from hugwbc.viz.marks import Mark, Marks
 from hugwbc.viz.overlays import FORCE, FORCE_RADIUS, Part, footprint, mark_parts
 from hugwbc.viz.shapes import CYLINDER_TO_Z, homogeneous, visual_shapes
-from hugwbc.viz.trace import Trace, moment
 
 # A geom is a row of numbers: type, size (3), position (3), rotation (9), red, green, blue and opacity.
 GEOM_NUMBERS = 20

@@ -111,7 +111,7 @@ def test_ramps_tours_and_efforts():
     assert lines(text)["tours completed [%]"] == ["75 [30, 95]"] and lines(text)["waypoints reached [%]"] == ["50"]
     assert lines(text)["of 40 blows survived [%]"] == ["98 [87, 100]"], "39 of them, by Wilson's interval"
     assert lines(text)["survived [s]"] == ["51.2 of 10"] and "blows of up to 885 N" in text
-    from hugwbc.evaluation.controllers import HoldController
+    from hugwbc.runtime.controllers import HoldController
 
     effort = protocols.run_effort(HoldController, protocols.EffortConfig(Gait.WALKING, duration=0.2, settle=0.1))
     text = descriptions.describe_effort(effort)

@@ -2,10 +2,10 @@ import pytest
 
 from hugwbc import Command
 from hugwbc.cli import main, play
-from hugwbc.evaluation import Constant, ControlLoop
-from hugwbc.evaluation.controllers import HoldController
 from hugwbc.gait import Gait
-from hugwbc.script import Script
+from hugwbc.runtime import Constant, ControlLoop
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.scripts.script import Script
 from hugwbc.sim import Simulation
 
 

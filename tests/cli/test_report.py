@@ -8,9 +8,9 @@ import time
 import pytest
 
 from hugwbc.cli import main
-from hugwbc.evaluation.report.sections import SECTIONS
 from hugwbc.gait import Gait
-from hugwbc.learned.policy import policy_dir
+from hugwbc.learned.policy.policy import policy_dir
+from hugwbc.report.sections import SECTIONS
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 
@@ -19,7 +19,7 @@ WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 def short(monkeypatch):
     """A profile of one short cell."""
     from hugwbc.evaluation import protocols
-    from hugwbc.evaluation.report import profiles
+    from hugwbc.report import profiles
 
     def cells(settings):
         config = protocols.ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2, **settings)
@@ -42,16 +42,16 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     assert "src=" not in page and "<script" not in page
     assert "not told apart" in capsys.readouterr().out
 
-    monkeypatch.setattr("hugwbc.evaluation.episode.rollout", None)
+    monkeypatch.setattr("hugwbc.evaluation.engine.episode.rollout", None)
     assert main(words) == 0, "a finished report is only read"
     assert (out / "report.html").read_text() == page
 
 
 def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_path, short, monkeypatch):
     from hugwbc.evaluation import protocols
-    from hugwbc.evaluation.report import profiles
-    from hugwbc.learned import checkpoint
-    from hugwbc.learned.policy import policy_file
+    from hugwbc.learned.policy import checkpoint
+    from hugwbc.learned.policy.policy import policy_file
+    from hugwbc.report import profiles
 
     def cells(settings):
         config = protocols.InterventionConfig(Gait.STANDING, episodes=9, duration=0.2, settle=0.1, **settings)
@@ -73,8 +73,9 @@ def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_
 
 
 def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, short, monkeypatch):
-    from hugwbc.evaluation import episode, protocols
-    from hugwbc.evaluation.report import profiles
+    from hugwbc.evaluation import protocols
+    from hugwbc.evaluation.engine import episode
+    from hugwbc.report import profiles
 
     def cells(settings):
         config = protocols.RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0, **settings)
@@ -105,7 +106,7 @@ REDUCED = """
 import dataclasses, sys
 from hugwbc.cli import main
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.report import profiles
+from hugwbc.report import profiles
 
 SIZES = {"points": 2, "samples": 8, "rollouts": 1, "first": 50.0, "limit": 50.0, "resolution": 0.9}
 LENGTHS = {"disturbance": (0.1, 2.0), "ramp": (3.0, 3.2)}

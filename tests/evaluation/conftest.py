@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
-from hugwbc.evaluation.rollout import Trace
 from hugwbc.kinematics import MEASURED_NAMES
-from hugwbc.safety import SafetyReport
+from hugwbc.runtime.rollout import Trace
+from hugwbc.runtime.safety import SafetyReport
 
 
 def _synthetic_trace(

@@ -6,7 +6,7 @@ import pytest
 from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.motion import ArmMotion
+from hugwbc.scripts.motion import ArmMotion
 from hugwbc.sim import Variation
 
 

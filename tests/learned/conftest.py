@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
 
 
 @pytest.fixture

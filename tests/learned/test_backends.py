@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned import env as env_module
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.train import Trainer
+from hugwbc.learned.env import humanoid_env as env_module
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.sim.terrain import HeightField
 
 COUNT = 4

@@ -7,8 +7,9 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from hugwbc.learned import checkpoint, distributed
-from hugwbc.learned.policy import load_policy
+from hugwbc.learned import distributed
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.policy import load_policy
 
 # What every process runs: its share of the stored samples, one update, one move of the curricula.
 LEARN = """
@@ -17,9 +18,9 @@ import torch
 from safetensors.torch import load_file, save_file
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig
-from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.observations import Observation
-from hugwbc.learned.ppo import PPO
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.rl.ppo import PPO
 
 torch.set_num_threads(1)
 with distributed.process_group("gloo"):

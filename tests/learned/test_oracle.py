@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from hugwbc.learned import distributed, ppo
+from hugwbc.learned import distributed
+from hugwbc.learned.rl import ppo
 
 pytest.importorskip("rsl_rl")
 from rsl_rl import algorithms

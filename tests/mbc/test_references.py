@@ -7,7 +7,7 @@ from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.mbc.command_filter import CommandFilter
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground import Ground
+from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References
 

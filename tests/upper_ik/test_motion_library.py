@@ -3,7 +3,7 @@ import pytest
 
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError
-from hugwbc.motion import load_motions
+from hugwbc.scripts.motion import load_motions
 from hugwbc.upper_ik.motion_library import make_library
 
 

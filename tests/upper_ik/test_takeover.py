@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
-from hugwbc.script_file import load_script
+from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import Takeover, TakeoverConfig, UpperBodySource
 from hugwbc.upper_ik.takeover import Phase

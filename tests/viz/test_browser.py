@@ -10,8 +10,8 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
+from hugwbc.report.comparison_page import write_report
 from hugwbc.viz.replay import write_replay
-from hugwbc.viz.report import write_report
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader")

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
-from hugwbc.moment import Moment
+from hugwbc.runtime.moment import Moment
 from hugwbc.sim.scene import load_model
 from hugwbc.viz.marks import FORCE_SCALE, Marks, hull_edges, in_stance
 from hugwbc.viz.overlays import LAYERS, mark_parts

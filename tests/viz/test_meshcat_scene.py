@@ -14,9 +14,9 @@ import meshcat
 import numpy as np
 import pytest
 
+from hugwbc.viz.framing import moment
 from hugwbc.viz.meshcat_scene import Scene
 from hugwbc.viz.server import open_visualizer
-from hugwbc.viz.trace import moment
 
 
 def _listening_addresses(port: int) -> set[str]:

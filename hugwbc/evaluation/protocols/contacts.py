@@ -7,10 +7,10 @@ import numpy as np
 
 from hugwbc import gait as gaits
 from hugwbc.commands import Command, default_command
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedResult, CountedSettings, Run, run_episodes
-from hugwbc.evaluation.rollout import RECORD_PERIOD
 from hugwbc.gait import Gait
+from hugwbc.runtime.rollout import RECORD_PERIOD
 
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 

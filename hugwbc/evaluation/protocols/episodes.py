@@ -10,13 +10,29 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.batch_rollout import most_robots
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.episode import ControllerFactory, Job, Judge, Row, Run, controller_of, joins_batch, run_job
-from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.identity import code_identity, controller_identity, digest, judge_module, row_type, to_json
-from hugwbc.evaluation.plans import EpisodePlan
-from hugwbc.evaluation.store import ResultStore, plain
+from hugwbc.evaluation.engine.batch_rollout import most_robots
+from hugwbc.evaluation.engine.episode import (
+    ControllerFactory,
+    Job,
+    Judge,
+    Row,
+    Run,
+    controller_of,
+    joins_batch,
+    run_job,
+)
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.identity import (
+    code_identity,
+    controller_identity,
+    digest,
+    judge_module,
+    row_type,
+    to_json,
+)
+from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine.store import ResultStore, plain
 from hugwbc.gait import Gait
 
 _WORTHWHILE = 64  # robots in a batch, beyond which each costs hardly less

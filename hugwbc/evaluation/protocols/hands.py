@@ -10,15 +10,15 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.compare import upper_body_source
+from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.loop import UpperBodySource
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, known, mean
-from hugwbc.evaluation.rollout import RECORD_PERIOD, Trace, rollout
 from hugwbc.gait import Gait
-from hugwbc.hand_paths import Line
 from hugwbc.robot import load_robot
-from hugwbc.script import DEFAULT_RAMP, HandMotion, Script, Segment
+from hugwbc.runtime.loop import UpperBodySource
+from hugwbc.runtime.rollout import RECORD_PERIOD, Trace, rollout
+from hugwbc.scripts.hand_paths import Line
+from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, IKSolution

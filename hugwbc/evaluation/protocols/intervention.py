@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import INTERVENTIONS
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors
-from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedSettings,

@@ -8,8 +8,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.paper import ERROR_NAMES
-from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     GaitSettings,

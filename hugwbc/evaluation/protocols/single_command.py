@@ -12,8 +12,8 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
-from hugwbc.evaluation.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,
@@ -24,8 +24,8 @@ from hugwbc.evaluation.protocols.episodes import (
     mean,
     run_episodes,
 )
-from hugwbc.evaluation.rollout import Trace
 from hugwbc.gait import Gait
+from hugwbc.runtime.rollout import Trace
 
 SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted apart
 

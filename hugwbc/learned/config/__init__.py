@@ -1,6 +1,6 @@
 """Every number of training, imitation and distillation, each with its meaning; all of them are flags of the verbs."""
 
-from hugwbc.learned.config.distillation import CALIBRATED_COMMANDS, DistillationConfig
+from hugwbc.learned.config.distillation_settings import CALIBRATED_COMMANDS, DistillationConfig
 from hugwbc.learned.config.environment import (
     CommandConfig,
     CurriculumConfig,
@@ -8,9 +8,9 @@ from hugwbc.learned.config.environment import (
     RandomizationConfig,
     TerrainConfig,
 )
-from hugwbc.learned.config.imitation import ImitationConfig
-from hugwbc.learned.config.rewards import ExtraWeights, RewardWeights
-from hugwbc.learned.config.training import PPOConfig, TrainConfig
+from hugwbc.learned.config.imitation_settings import ImitationConfig
+from hugwbc.learned.config.reward_weights import ExtraWeights, RewardWeights
+from hugwbc.learned.config.training_settings import PPOConfig, TrainConfig
 
 __all__ = [
     "CALIBRATED_COMMANDS",

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.rewards import ExtraWeights, RewardWeights
-from hugwbc.learned.contract import ACTION_SCALE, WAIST_RATE
+from hugwbc.learned.config.reward_weights import ExtraWeights, RewardWeights
+from hugwbc.learned.policy.policy_contract import ACTION_SCALE, WAIST_RATE
 from hugwbc.robot import Robot
 
 _FASTEST_HOP = 5.0  # [Hz], of which a control step is a tenth of a cycle

@@ -3,8 +3,8 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import ControllerSpec
 from hugwbc.evaluation.protocols.contacts import ContactsConfig, clock_phases, fit_clock, run_contacts
+from hugwbc.runtime.controllers import ControllerSpec
 
 
 @pytest.mark.parametrize("gait", [Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT])

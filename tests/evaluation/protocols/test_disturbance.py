@@ -8,10 +8,10 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.protocols import DisturbanceConfig, run_disturbance
 from hugwbc.evaluation.protocols import disturbance as module
 from hugwbc.evaluation.protocols.disturbance import DIRECTIONS, DisturbanceEpisode, disturbance_plan
+from hugwbc.runtime.controllers import HoldController
 
 CONFIG = DisturbanceConfig(rollouts=4)
 

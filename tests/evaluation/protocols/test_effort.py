@@ -5,8 +5,8 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.protocols import EffortConfig, run_effort
+from hugwbc.runtime.controllers import HoldController
 
 
 class Recorder(HoldController):

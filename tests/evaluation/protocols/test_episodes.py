@@ -7,11 +7,11 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ResultFileError
-from hugwbc.evaluation import episode
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import ControllerSpec
-from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine import episode
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine.store import ResultStore
 from hugwbc.evaluation.protocols.episodes import (
     CountedResult,
     EpisodeSettings,
@@ -21,7 +21,7 @@ from hugwbc.evaluation.protocols.episodes import (
     _batch_size,
     run_episodes,
 )
-from hugwbc.evaluation.store import ResultStore
+from hugwbc.runtime.controllers import ControllerSpec
 
 PLANS = [EpisodePlan(Command(w=w, gait=Gait.STANDING)) for w in (0.1, 0.2, 0.3, 0.4)]
 FACTORY = ControllerSpec("hold").build

@@ -4,12 +4,12 @@ from hugwbc import Gait, JointCommand
 from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols import FootDisplacementConfig, run_foot_displacement
 from hugwbc.evaluation.protocols.episodes import EpisodeSettings, run_episodes
 from hugwbc.evaluation.protocols.intervention import InterventionJudge
 from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.controllers import HoldController
 
 
 class LimpForTall(HoldController):

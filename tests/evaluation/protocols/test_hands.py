@@ -6,11 +6,11 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.protocols import HandsConfig, run_hands
 from hugwbc.evaluation.protocols.hands import HIGH, LOW, hands_script, reachable_targets
 from hugwbc.gait import Gait
 from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.controllers import HoldController
 
 
 def test_jitter_by_hand():

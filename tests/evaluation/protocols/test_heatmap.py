@@ -6,12 +6,12 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols import HeatmapConfig, run_heatmap
 from hugwbc.evaluation.protocols import heatmap as module
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.heatmap import HeatmapEpisode, HeatmapJudge, heatmap_plans
+from hugwbc.runtime.controllers import HoldController
 
 STANDING = HeatmapConfig(Gait.STANDING, points=3)
 

@@ -6,11 +6,11 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols import InterventionConfig, run_intervention
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.intervention import InterventionJudge
+from hugwbc.runtime.controllers import HoldController
 
 NOISE = Conditions(intervention="noise")
 

@@ -5,12 +5,12 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols import RampConfig, run_ramp
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.ramp import RampJudge, ramp_schedule
 from hugwbc.kinematics import MEASURED_NAMES
+from hugwbc.runtime.controllers import HoldController
 
 CONFIG = RampConfig(Gait.WALKING, duration=14.0, settle=4.0)
 

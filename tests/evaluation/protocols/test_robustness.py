@@ -4,11 +4,11 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import HoldController
 from hugwbc.evaluation.protocols import RobustnessConfig, run_robustness
 from hugwbc.evaluation.protocols import robustness as module
 from hugwbc.evaluation.protocols.episodes import run_episodes
 from hugwbc.evaluation.protocols.robustness import GRID, RobustnessEpisode, robustness_level
+from hugwbc.runtime.controllers import HoldController
 
 
 def test_every_value_has_the_same_commands_and_its_own_conditions(monkeypatch):

@@ -5,11 +5,11 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.plans import EpisodePlan
+from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities, small_velocities
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.small_velocities import SmallVelocityEpisode, sample_episodes
+from hugwbc.runtime.controllers import HoldController
 
 
 def test_each_direction_gets_its_share_of_the_small_speeds_alone():

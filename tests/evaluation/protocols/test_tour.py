@@ -7,12 +7,12 @@ import pytest
 
 from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.controllers import HoldController
-from hugwbc.evaluation.episode import joins_batch
+from hugwbc.evaluation.engine.episode import joins_batch
 from hugwbc.evaluation.navigation import Tour
 from hugwbc.evaluation.protocols import TourConfig, run_tour
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.tour import STRUCK, TourJudge, blow_outcomes, strongest_blow, tour_plan
+from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Disturber, Simulation
 
 CONFIG = TourConfig(seed=5)

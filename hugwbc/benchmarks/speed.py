@@ -1,0 +1,232 @@
+"""Speed of the parts: training and its environment, controllers, hand IK."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from mujoco.batch import Batch
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, UpperBody
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.engine.batch_rollout import Episode, rollouts
+from hugwbc.evaluation.metrics import percentiles
+from hugwbc.gait import Gait
+from hugwbc.learned.config import EnvConfig, TrainConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.policy.observations import JOINTS
+from hugwbc.learned.policy.policy import LearnedController
+from hugwbc.learned.rl.trainer import Trainer
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.loop import Constant
+from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.script_file import load_script
+from hugwbc.sim import Simulation
+from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
+
+WARM_UP_STEPS = 20
+WALK = Command(v_x=0.5, gait=Gait.WALKING)
+QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
+"""Under which the model-based controller is measured; jumping, it plans forces as well."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvironmentSpeed:
+    """Speed of the training environment, in control steps of one robot per second.
+
+    Attributes:
+        steps_per_s: observations, rewards and resets included, the learner not.
+        bare_steps_per_s: `mujoco.batch` alone: same model, batch size, substeps and states.
+        ratio: of the two.
+        count: robots in the batch.
+        control_steps: measured.
+    """
+
+    steps_per_s: float
+    bare_steps_per_s: float
+    ratio: float
+    count: int
+    control_steps: int
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingSpeed:
+    """Speed of training end to end, in control steps of one robot per second.
+
+    Attributes:
+        steps_per_s: environment and learner.
+        collect_fraction: of the time, spent in collecting; the rest is the update.
+        ratio: to bare physics.
+        count: robots.
+        iterations: measured.
+    """
+
+    steps_per_s: float
+    collect_fraction: float
+    ratio: float
+    count: int
+    iterations: int
+
+
+@dataclasses.dataclass(frozen=True)
+class RolloutSpeed:
+    """Speed of a policy's evaluation, in processor time for a simulated second of one robot.
+
+    Attributes:
+        single_ms: in a rollout by itself, with the making of its simulation [ms].
+        batched_ms: in a batch, each robot's share [ms].
+        ratio: of the two.
+        count: robots in the batch.
+        timestep: of the physics [s].
+    """
+
+    single_ms: float
+    batched_ms: float
+    ratio: float
+    count: int
+    timestep: float
+
+
+def rollout_speed(controller: LearnedController, count: int, seconds: float, timestep: float) -> RolloutSpeed:
+    """Measure evaluations of a policy in which robots stand, on one thread.
+
+    Args:
+        controller: the policy.
+        count: robots in the batch.
+        seconds: length of the episodes [s].
+        timestep: of the physics [s].
+    """
+    torch.set_num_threads(1)
+    conditions, stand = Conditions(timestep=timestep), Constant(Command())
+    begin = time.process_time()
+    rollout(controller, stand, conditions.simulation(seconds, (0,)), duration=seconds)
+    middle = time.process_time()
+    rollouts(controller, [Episode(stand, conditions)] * count, duration=seconds)
+    single, batched = middle - begin, (time.process_time() - middle) / count
+    return RolloutSpeed(1e3 * single / seconds, 1e3 * batched / seconds, single / batched, count, timestep)
+
+
+def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int = 1) -> TrainingSpeed:
+    """Measure whole training iterations, after one for warm-up; nothing is saved.
+
+    Args:
+        bare_steps_per_s: of physics alone, as `environment_speed` measures it with as many threads.
+        count: number of robots.
+        iterations: to measure.
+        threads: of simulation and learner.
+    """
+    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_interval=0)
+    trainer = Trainer(config)
+    trainer.iterate()
+    rows = [trainer.iterate() for _ in range(iterations)]
+    seconds = np.array([config.ppo.horizon * count / row["steps_per_second"] for row in rows])
+    collect = float(np.sum(seconds * [row["collect_fraction"] for row in rows]) / seconds.sum())
+    speed = float(iterations * config.ppo.horizon * count / seconds.sum())
+    return TrainingSpeed(speed, collect, speed / bare_steps_per_s, count, iterations)
+
+
+def environment_speed(count: int, control_steps: int, seed: int = 0, threads: int = 1) -> EnvironmentSpeed:
+    """Measure the training environment against bare physics.
+
+    Before every step the bare batch gets the environment's states and controls: both simulate the same contacts.
+    Actions are noise: robots stumble, fall and are reset, as early in training.
+
+    Args:
+        count: robots in the batch.
+        control_steps: to measure, after a warm-up.
+        seed: of environment and actions.
+        threads: of both.
+    """
+    config = EnvConfig(count=count)
+    torch.set_num_threads(threads)
+    env = HumanoidEnv(config, seed=seed, threads=threads)
+    bare = Batch(env.simulation.model, count, threads)
+    states = {name: bare.bind(name) for name in ("qpos", "qvel", "ctrl")}
+    generator = torch.Generator().manual_seed(seed)
+    env_s = bare_s = 0.0
+    for step in range(WARM_UP_STEPS + control_steps):
+        action = 0.5 * torch.randn(count, JOINTS, generator=generator)
+        for name in ("qpos", "qvel"):
+            states[name][:] = getattr(env.simulation, name)
+        begin = time.perf_counter()
+        env.step(action)
+        env.observe()
+        middle = time.perf_counter()
+        states["ctrl"][:] = env.simulation.ctrl
+        start = time.perf_counter()
+        bare.step(nstep=config.substeps)
+        if step >= WARM_UP_STEPS:
+            env_s += middle - begin
+            bare_s += time.perf_counter() - start
+    total = count * control_steps
+    return EnvironmentSpeed(total / env_s, total / bare_s, bare_s / env_s, count, control_steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class QpSpeed:
+    """Speed and reliability of the model-based controller in one gait.
+
+    Attributes:
+        tick_ms: p50 and p99 of whole calls, from state to joint command [ms].
+        cpu_ms: the same in processor time: what a call takes where nothing else runs [ms].
+        unsolved: share of the calls whose QP was not solved, or only without its joint limits.
+        ticks: calls measured.
+    """
+
+    tick_ms: dict[str, float | None]
+    cpu_ms: dict[str, float | None]
+    unsolved: float
+    ticks: int
+
+
+def qp_speed(command: Command, duration: float) -> QpSpeed:
+    """Time every call of the model-based controller under one command, from a stand in simulation.
+
+    Args:
+        command: to follow.
+        duration: simulated [s].
+    """
+    simulation, controller = Simulation(), WholeBodyController()
+    state, arms = simulation.reset(), UpperBody.none()
+    controller.reset(state)
+    wall, cpu = [], []
+    for _ in range(max(1, round(duration / controller.period))):
+        begin = time.perf_counter(), time.thread_time()
+        joint_command = controller.act(state, command, arms)
+        end = time.perf_counter(), time.thread_time()
+        wall.append(1e3 * (end[0] - begin[0]))
+        cpu.append(1e3 * (end[1] - begin[1]))
+        state = simulation.step(joint_command, controller.period)
+    counts = controller.diagnostics
+    unsolved = (counts.fallbacks + counts.relaxed) / len(wall)
+    return QpSpeed(percentiles(np.array(wall)), percentiles(np.array(cpu)), unsolved, len(wall))
+
+
+def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
+    """Median and 99th percentile of a policy's call at a standing state [ms]: its work does not depend on the state."""
+    torch.set_num_threads(1)
+    state = Simulation().state()
+    controller.reset(state)
+    return percentiles(_times(lambda _: controller.act(state, WALK, UpperBody.none()), calls))
+
+
+def ik_tick(calls: int) -> dict[str, float | None]:
+    """Median and 99th percentile of one call of the hand IK, gravity compensation included, on moving targets [ms]."""
+    script, dt = load_script("loco_manipulation"), 0.02
+    source = UpperBodySource(gravity_compensation=True)
+    state: RobotState = Simulation().state()
+    targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
+    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
+
+
+def _times(call: Callable[[int], object], count: int) -> np.ndarray:
+    """Time of each call after a warm-up [ms], shape (count,)."""
+    times = []
+    for index in range(WARM_UP_STEPS + count):
+        begin = time.perf_counter()
+        call(index)
+        times.append(1e3 * (time.perf_counter() - begin))
+    return np.array(times[WARM_UP_STEPS:])

@@ -1,0 +1,1 @@
+"""Run the episodes of a protocol, in one process or many, and keep their results."""

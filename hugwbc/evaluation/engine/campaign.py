@@ -1,0 +1,192 @@
+"""Many protocols with many controllers in one go; each finished cell is a JSON file that a report reads."""
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from hugwbc.errors import ResultFileError
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.identity import code_identity, digest, to_json
+from hugwbc.evaluation.engine.store import ResultStore, set_aside
+from hugwbc.files import finite_json, write_whole
+from hugwbc.runtime.controllers import ControllerSpec
+
+FORMAT = "hugwbc result"
+VERSION = 1
+FOLDER = "cells"
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One protocol with one controller.
+
+    Attributes:
+        protocol: as on the command line.
+        spec: the controller.
+        config: the protocol's settings.
+        run: the protocol: called with a controller factory, settings, and what to call after each episode.
+    """
+
+    protocol: str
+    spec: ControllerSpec
+    config: Any
+    run: Callable[..., Any]
+
+    @property
+    def work(self) -> float:
+        """About how long it takes, beside other cells: simulated seconds."""
+        return float(self.config.episodes * self.config.duration)
+
+    def identity(self) -> dict[str, Any]:
+        """Everything that determines the result, as JSON."""
+        controller = self.spec.identity()
+        return {
+            "protocol": self.protocol,
+            "config": to_json(self.config),
+            "controller": controller,
+            **code_identity([self.run.__module__, *controller["modules"]]),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class CellResult:
+    """What a cell gave.
+
+    Attributes:
+        protocol: as on the command line.
+        controller: its label.
+        result: the protocol's result, as JSON.
+    """
+
+    protocol: str
+    controller: str
+    result: dict[str, Any]
+
+
+def run_cells(
+    cells: Sequence[Cell], execution: Execution, on_progress: Callable[[float, float], None] | None = None
+) -> list[CellResult]:
+    """Run the cells that are not finished yet, one after the other, and read the others.
+
+    Args:
+        cells: what to run.
+        execution: where episodes run; finished episodes and cells are kept in its store, if it has one.
+        on_progress: called after each episode with the fraction done, and with what of it was only read.
+
+    Raises:
+        ResultFileError: if there is a file in the way that is foreign or of another version.
+    """
+    progress = _Progress(on_progress or (lambda fraction, read: None), sum(cell.work for cell in cells), execution)
+    results = []
+    for cell in cells:
+        path, identity = _place(cell, execution.store)
+        if path is not None and path.exists():
+            result = read_result(path, identity)
+            progress.end(cell, read=True)
+        else:
+            result = _run(cell, execution, path, identity, progress.begin(cell))
+            progress.end(cell)
+        results.append(CellResult(cell.protocol, cell.spec.label, result))
+    return results
+
+
+class _Progress:
+    """Turns finished cells and episodes into fractions of all work."""
+
+    def __init__(self, tell: Callable[[float, float], None], total: float, execution: Execution) -> None:
+        self._tell, self._total, self._store = tell, total, execution.store
+        self._done = self._read = 0.0  # simulated seconds, of cells that are finished
+        self._partly_read = 0.0  # of the cell under way
+
+    def begin(self, cell: Cell) -> Callable[[object], None]:
+        """What to call after each episode of a cell."""
+        share = cell.work / cell.config.episodes
+        before, episodes = self._restored, 0
+
+        def on_episode(_: object) -> None:
+            nonlocal episodes
+            episodes += 1
+            done = min(episodes, cell.config.episodes)  # of a search it is not known before
+            self._partly_read = share * min(self._restored - before, done)
+            self._report(share * done)
+
+        return on_episode
+
+    def end(self, cell: Cell, *, read: bool = False) -> None:
+        """A cell is finished; `read` if its result was there."""
+        self._done += cell.work
+        self._read += cell.work if read else self._partly_read
+        self._partly_read = 0.0
+        self._report()
+
+    @property
+    def _restored(self) -> int:
+        return 0 if self._store is None else self._store.restored
+
+    def _report(self, done: float = 0.0) -> None:
+        self._tell(min((self._done + done) / self._total, 1.0), (self._read + self._partly_read) / self._total)
+
+
+def _place(cell: Cell, store: ResultStore | None) -> tuple[pathlib.Path | None, dict[str, Any]]:
+    """The file of a cell's result and its identity, nothing without a store; a fresh one sets aside what was there."""
+    if store is None:
+        return None, {}
+    identity = cell.identity()
+    name = f"{cell.protocol}-{cell.spec.label}-{digest(identity)[:16]}.json".replace(" ", "_")
+    path = store.folder / FOLDER / name
+    if store.first_use(path):
+        set_aside(path)
+    return path, identity
+
+
+def _run(
+    cell: Cell,
+    execution: Execution,
+    path: pathlib.Path | None,
+    identity: dict[str, Any],
+    on_episode: Callable[[object], None],
+) -> dict[str, Any]:
+    config = cell.config
+    if any(field.name == "execution" for field in dataclasses.fields(config)):
+        config = dataclasses.replace(config, execution=execution)
+    result = finite_json(dataclasses.asdict(cell.run(cell.spec.build, config, on_episode)))
+    content = {"format": FORMAT, "version": VERSION, "identity": identity, "result": result}
+    text = json.dumps(content, allow_nan=False)
+    if path is not None:
+        try:
+            write_whole(path, text)
+        except OSError as error:
+            raise ResultFileError(
+                f"cannot write {path}: {error.strerror}; choose another folder for the results"
+            ) from error
+    return json.loads(text)["result"]
+
+
+def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The result in a cell's file.
+
+    Args:
+        path: of the file.
+        identity: what it should be of; None takes any.
+
+    Raises:
+        ResultFileError: if the file cannot be read, or is foreign, of another version or of another cell.
+    """
+    remedy = "nothing was changed; move the file away, or choose another folder for the results"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultFileError(f"cannot read {path}: {error}; {remedy}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ResultFileError(f"{path} is no result of an evaluation; {remedy}")
+    if content.get("version") != VERSION:
+        raise ResultFileError(
+            f"{path} has format version {content.get('version')}, this hugwbc reads {VERSION}; {remedy}"
+        )
+    if identity is not None and content.get("identity") != identity:
+        raise ResultFileError(f"{path} holds the result of another cell than its name says; {remedy}")
+    if "result" not in content:
+        raise ResultFileError(f"{path} holds no result; {remedy}")
+    return content["result"]

@@ -1,0 +1,65 @@
+"""External control of the arms in evaluation: the training's noise or motions, for any controller, without any IK."""
+
+import numpy as np
+import torch
+
+from hugwbc.controller import UpperBody
+from hugwbc.learned.env.arm_targets import ArmTargets
+from hugwbc.robot import load_robot
+from hugwbc.runtime.rollout import Trace
+from hugwbc.scripts.motion import MOTION_FPS
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+_PERIOD = 1.0 / MOTION_FPS  # [s] between two postures of the source
+_ONE = torch.tensor([0])
+
+
+class ArmIntervention:
+    """Moves both arms, whatever the hand targets: an upper-body source for `ControlLoop`.
+
+    The postures come at 50 Hz; in between, the targets go linearly from one to the next, with their velocity.
+
+    Attributes:
+        postures: those given since `reset`, at 50 Hz [rad], each of shape (8,).
+    """
+
+    solution = None
+
+    def __init__(self, source: ArmTargets) -> None:
+        """Play a source for one robot."""
+        self._source = source
+        robot = load_robot()
+        self._nominal = robot.nominal[robot.arms]
+        self.postures: list[np.ndarray] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew at nominal; the source goes on with other targets."""
+        self._source.reset(_ONE)
+        self.postures = []
+        self._begin = self._end = self._nominal
+        self._elapsed = _PERIOD
+
+    def update(
+        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
+    ) -> UpperBody:
+        """Arm targets at the end of the next `dt` seconds; state, hands and the last command do not matter."""
+        self._elapsed += dt
+        while self._elapsed > _PERIOD + 1e-9:
+            self._elapsed -= _PERIOD
+            self._source.step()
+            self._begin, self._end = self._end, self._source.targets()[0].double().numpy()
+            self.postures.append(self._end)
+        ratio = self._elapsed / _PERIOD
+        speed = (self._end - self._begin) / _PERIOD
+        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed)
+
+    def error(self, trace: Trace, settle: float) -> float:
+        """Mean distance of the arm joints to the targets of a run after `settle` [s], in rad; NaN if it was shorter."""
+        steps = min(len(self.postures), len(trace.time) - 1)
+        # A sample is taken before the target of its time acts: the next one shows what came of it.
+        kept = trace.time[1 : steps + 1] >= settle
+        reached = trace.qpos[1 : steps + 1, 7:][:, load_robot().arms]
+        difference = np.abs(reached - np.array(self.postures[:steps]).reshape(steps, -1))[kept]
+        return float(difference.mean()) if difference.size else float("nan")

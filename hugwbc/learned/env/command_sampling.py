@@ -1,0 +1,76 @@
+"""How training draws gaits and commands."""
+
+import torch
+
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.gait import Gait
+from hugwbc.learned.config import CommandConfig
+from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Curriculum
+
+_V_X, _OMEGA = SPEED_COLUMNS
+_HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
+_F = COMMAND_NAMES.index("f")
+_SPEEDS = torch.tensor(SPEED_COLUMNS)
+_BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
+
+
+def uniform(
+    generator: torch.Generator, count: int, low: float | torch.Tensor, high: float | torch.Tensor
+) -> torch.Tensor:
+    """Uniform numbers between `low` and `high`, shape (count,)."""
+    return low + torch.rand(count, generator=generator) * (high - low)
+
+
+def draw_commands(
+    agile: torch.Tensor, config: CommandConfig, curriculum: Curriculum, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Gaits and commands for some robots.
+
+    Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
+    curriculum has reached, or over the cells that its grid has opened; each behaviour command is at its default with
+    probability `default_fraction`; standing and stepping in place have no velocity. Hopping has the paper's command
+    space of its own: v_x, v_y, omega and h; the others stay at their defaults, whose tracking rewards then regularise,
+    but for f, which training may start elsewhere.
+
+    Args:
+        agile: which of the robots belong to the agile group, shape (k,), bool.
+        config: the probabilities.
+        curriculum: the reached speeds.
+        generator: of the draws.
+
+    Returns:
+        Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
+    """
+    count = agile.numel()
+    gait = _draw_gaits(count, config, generator)
+    standing, hopping = gait == Gait.STANDING, gait >= Gait.HOPPING_LEFT
+    agile = agile & ~hopping
+    ranges = command_ranges(Gait.WALKING)
+    columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]
+    fast = torch.where(agile, curriculum.max_speed, MAX_SPEED[0])
+    columns[_V_X] = uniform(generator, count, ranges["v_x"].initial[0], fast)
+    turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
+    columns[_OMEGA] = uniform(generator, count, -turn, turn)
+    command = torch.stack(columns, dim=1)
+    if curriculum.grid is not None:
+        gridded = (agile & ~standing).nonzero().squeeze(1)
+        if gridded.numel():
+            command[gridded[:, None], _SPEEDS] = curriculum.grid.draw(gait[gridded], generator)
+    for i in _BEHAVIOUR:
+        at_default = torch.rand(count, generator=generator) < config.default_fraction
+        command[at_default, i] = ranges[COMMAND_NAMES[i]].default
+    still = torch.rand(count, generator=generator) < config.zero_velocity_fraction
+    command[standing | still, : _OMEGA + 1] = 0.0
+    # Hopping's ranges are the general ones or the default alone: clamping to them keeps the draws uniform.
+    command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
+    command[hopping, _F] = uniform(generator, int(hopping.sum()), *config.hopping_frequency)
+    return command, gait
+
+
+def _draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
+    """Values of `Gait` in the configured fractions, shape (count,)."""
+    gaits = torch.tensor([Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING])
+    hopping = config.hopping_fraction / 2.0
+    shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)
+    draw = torch.rand(count, generator=generator).double()
+    return gaits[torch.bucketize(draw, shares.cumsum(0), right=True)]

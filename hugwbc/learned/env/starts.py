@@ -1,0 +1,161 @@
+"""Where episodes start: near the nominal pose; or in recorded motion, for hopping."""
+
+import pathlib
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.env.command_sampling import uniform
+from hugwbc.learned.env.readings import tensor
+from hugwbc.learned.env.rough_ground import RoughGround
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.policy_contract import versions
+
+STARTS_FILE = "starts.safetensors"
+# Of one recorded state: position and velocity of the simulation, and what the environment remembers of a robot.
+COLUMNS: dict[str, tuple[int, ...]] = {
+    "qpos": (7 + obs.JOINTS,),
+    "qvel": (6 + obs.JOINTS,),
+    "command": (len(COMMAND_NAMES),),
+    "gait": (),
+    "phase": (),
+    "actions": (3, obs.JOINTS),
+    "history": (obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE),
+    "waist": (),
+}
+
+START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
+START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
+
+
+class RecordedStarts:
+    """States of robots in motion, from which episodes can start.
+
+    An episode that starts in the middle of a hop shows what a good hop is worth before the learner can begin one
+    (reference state initialisation: Peng et al., DeepMimic, ACM Transactions on Graphics 2018).
+
+    Attributes:
+        columns: by the names of `COLUMNS`, a row per state.
+    """
+
+    def __init__(self, columns: Mapping[str, torch.Tensor], path: pathlib.Path) -> None:
+        """Take the columns of a file.
+
+        Args:
+            columns: by name.
+            path: of the file, for messages.
+
+        Raises:
+            PolicyFileError: if columns are missing or have other shapes.
+        """
+        rows = len(columns["gait"]) if "gait" in columns else 0
+        for name, shape in COLUMNS.items():
+            found = tuple(columns[name].shape) if name in columns else None
+            if not rows or found != (rows, *shape):
+                raise PolicyFileError(
+                    f"{path} has no usable recorded starts: '{name}' has the shape {found}, not {(rows, *shape)}; give "
+                    "a file that this version's 'hugwbc imitate' wrote"
+                )
+        self.columns = dict(columns)
+
+    @classmethod
+    def load(cls, path: pathlib.Path) -> "RecordedStarts":
+        """Read what `save` wrote.
+
+        Raises:
+            PolicyFileError: if the file is missing, truncated, corrupted, or of another kind.
+        """
+        tensors, _ = checkpoint.load_file(path, "starts")
+        return cls(tensors, path)
+
+    def draw(
+        self, gait: torch.Tensor, share: float, generator: torch.Generator
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Random states for a share of the robots, of each one's own gait.
+
+        Args:
+            gait: values of `Gait`, shape (k,).
+            share: probability of each robot.
+            generator: of the draws.
+
+        Returns:
+            Which of the robots have one, as indices into `gait`, shape (m,), and the columns of those, (m, ...). A
+            robot whose gait was not recorded has none.
+        """
+        chosen = torch.rand(len(gait), generator=generator) < share
+        sample = torch.rand(len(gait), generator=generator, dtype=torch.float64)
+        rows = torch.full((len(gait),), -1)
+        for value in gait.unique().tolist():
+            recorded = (self.columns["gait"] == value).nonzero().squeeze(1)
+            if len(recorded):
+                mine = chosen & (gait == value)
+                rows[mine] = recorded[(sample[mine] * len(recorded)).long()]
+        having = (rows >= 0).nonzero().squeeze(1)
+        return having, {name: column[rows[having]] for name, column in self.columns.items()}
+
+
+class StartRecorder:
+    """Collects states for `RecordedStarts`, up to a number of them.
+
+    Attributes:
+        count: how many there are.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        """Room for `capacity` states."""
+        self._capacity = capacity
+        self._parts: list[dict[str, torch.Tensor]] = []
+        self.count = 0
+
+    def add(self, columns: Mapping[str, torch.Tensor]) -> None:
+        """Take states, the columns of `COLUMNS` with a row for each; what is beyond the capacity is left out."""
+        part = {name: columns[name][: self._capacity - self.count].clone() for name in COLUMNS}
+        self._parts.append(part)
+        self.count += len(part["gait"])
+
+    @property
+    def full(self) -> bool:
+        """Whether no more fit in."""
+        return self.count >= self._capacity
+
+    def save(self, path: pathlib.Path) -> None:
+        """Write all states."""
+        columns = {name: torch.cat([part[name] for part in self._parts]) for name in COLUMNS}
+        checkpoint.save_file(path, columns, "starts", {"states": self.count, "versions": versions()})
+
+
+def draw_starts(
+    nominal: np.ndarray, robots: torch.Tensor, ground: RoughGround | None, generator: torch.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of robots that start: nominal with noise, a random heading, and a push of the pelvis.
+
+    Args:
+        nominal: pelvis position above the origin, quaternion (w, x, y, z), joint positions, shape (26,).
+        robots: indices, shape (k,).
+        ground: on whose levels they start; None for a plane, where all start at the origin.
+        generator: of the draws.
+
+    Returns:
+        Positions as `nominal`, shape (k, 26); velocities, shape (k, 25), zero in the joints.
+    """
+    count = robots.numel()
+    yaw = uniform(generator, count, -np.pi, np.pi).numpy()
+    qpos = np.tile(nominal, (count, 1))
+    qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
+    joints = len(nominal) - 7
+    qpos[:, 7:] += _symmetric(generator, count, joints, START_JOINT_NOISE)
+    if ground is not None:
+        sample = torch.rand((count, 2), generator=generator)
+        qpos[:, :3] += ground.starts(robots, tensor(yaw), sample).numpy()
+    qvel = np.zeros((count, 6 + joints))
+    qvel[:, :6] = _symmetric(generator, count, 6, START_VELOCITY)
+    return qpos, qvel
+
+
+def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> np.ndarray:
+    sample = torch.rand((rows, columns), generator=generator)
+    return (half_width * (2.0 * sample - 1.0)).numpy()

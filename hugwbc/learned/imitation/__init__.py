@@ -1,0 +1,1 @@
+"""Learning from a teacher: imitation of the QP, and distillation of several policies into one."""

@@ -1,0 +1,190 @@
+"""A start for the reinforcement learning: imitate a controller, such as the QP (`hugwbc.learned.imitation.dagger`)."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+
+from hugwbc.commands import Command
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.gait import Gait
+from hugwbc.learned.config import ImitationConfig
+from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.learned.env.env_starts import recorded
+from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
+from hugwbc.learned.env.terminations import held_foot_down
+from hugwbc.learned.imitation.dagger import Dagger, Report
+from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.robot import Robot, load_robot
+from hugwbc.state import RobotState
+
+ACTION_LIMIT = 12.0  # of a label, in action units: in a fall the teacher may ask for anything
+_AGREED = 0.5  # [s] for which robot and teacher are in the commanded gait before the student may drive
+_FIRST_OWN_TIME = 0.1  # [s], at the beginning
+_RECORDED = 0.3  # of the states in which an episode could start: those of successive steps are alike
+
+
+class Teacher(Protocol):
+    """A controller that runs the common phase of `hugwbc.gait` by itself."""
+
+    @property
+    def phase(self) -> float:
+        """The phase of the control period that the last call of `act` was for, in [0, 1)."""
+        ...
+
+    @property
+    def stepping(self) -> bool:
+        """Whether that phase advances: not while it stands, or prepares the first step."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past."""
+        ...
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """The joint command for the next period."""
+        ...
+
+
+def equivalent_targets(command: JointCommand, robot: Robot, damping: np.ndarray) -> np.ndarray:
+    """Position targets that make the policy's PD do what a joint command asks for, shape (19,) [rad].
+
+    kp (q* - q) - kd dq = tau + kp (q_d - q) + kd (dq_d - dq) for every q and dq, so q* = q_d + (tau + kd dq_d) / kp:
+    the command's feed-forward and motion at the policy's stiffness instead of the command's.
+
+    Args:
+        command: the teacher's.
+        robot: with the policy's stiffness.
+        damping: the policy's [N*m*s/rad], shape (19,).
+    """
+    return command.q + (command.tau + damping * command.dq) / robot.kp
+
+
+class Imitator(Dagger[ImitationConfig]):
+    """Collects a controller's labels and fits the student."""
+
+    interval = 40
+    least_rate = 0.1
+
+    def __init__(self, config: ImitationConfig, make_teacher: Callable[[float], Teacher]) -> None:
+        """Set up robots, teachers and student.
+
+        Args:
+            config: the settings.
+            make_teacher: gives a teacher for a control period [s]; called once a robot.
+
+        Raises:
+            ConfigError: if the labels do not fit into memory.
+        """
+        torch.manual_seed(config.seed)
+        super().__init__(config, ActorCritic(config.std), round(config.samples))
+        self._robot = load_robot()
+        self._teachers = [make_teacher(self.env.dt) for _ in range(self.env.count)]
+        for teacher, state in zip(self._teachers, self.env.simulation.states(), strict=True):
+            teacher.reset(state)
+        self._taught = torch.ones(self.env.count, dtype=torch.bool)
+        self._agreed = torch.zeros(self.env.count)
+        self._starts = StartRecorder(config.starts)
+        self._damping = config.env.damping(self._robot)
+
+    def run(self, report: Report) -> None:
+        """Collect and fit; writes a policy, a snapshot to train from, and states to start from."""
+        super().run(report)
+        if self._starts.count:
+            self._starts.save(self.config.out / STARTS_FILE)
+
+    def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
+        """What the policy and the snapshot say of their training: its beginning."""
+        own = {
+            "iteration": 0,
+            "steps": self.samples,
+            # At the small std that keeps what was imitated, the first steps of a higher rate would undo it.
+            "learning_rate": 1e-5,
+            "skipped": 0,
+            # The teacher's motion needs no easing-in of the penalties.
+            "curriculum": Curriculum(self.config.env.curriculum).state_dict() | {"penalty_scale": 1.0},
+        }
+        return own | record
+
+    def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
+        """Smooth L1: the teacher's torques jump when a foot comes down."""
+        return torch.nn.functional.smooth_l1_loss(action, label, reduction="none")
+
+    def collect(self) -> int:
+        """One control step of all robots, and its labels; returns how many fell."""
+        env = self.env
+        label, weight = self._labels()
+        self._record()
+        observation = env.observe()
+        own = self._own_action(observation)
+        self._store(observation, label, weight)
+        usable = weight.any(dim=1)
+        action = torch.where((self._taught & usable)[:, None], label, own)
+        result = env.step(action + self._exploration())
+        fallen = result.done.clone()
+        fallen[result.timed_out] = False
+        self._hand_over()
+        self._restart(result.done.nonzero().squeeze(1))
+        return int(fallen.sum())
+
+    def _record(self) -> None:
+        """Keep some of the states in which the teacher drives and the robot is in its gait."""
+        if self._starts.full or self.progress >= self.config.handover:
+            return
+        sample = torch.rand(self.env.count, generator=self._generator) < _RECORDED
+        rows = (sample & self._taught & (self._agreed >= _AGREED)).nonzero().squeeze(1)
+        if rows.numel():
+            self._starts.add(recorded(self.env, rows))
+
+    def _hand_over(self) -> None:
+        """Follow how long robots and teachers have been in the commanded gait; change drivers within the episode."""
+        env, c = self.env, self.config
+        down = held_foot_down(env.readings, env.gait)
+        stepping = torch.tensor([teacher.stepping for teacher in self._teachers])
+        agree = (stepping == (env.gait != int(Gait.STANDING))) & ~down
+        self._agreed = torch.where(agree, self._agreed + env.dt, 0.0)
+        if c.own_time == 0.0:
+            return
+        mean = _FIRST_OWN_TIME + min(self.progress / c.handover, 1.0) * (c.own_time - _FIRST_OWN_TIME)
+        sample = torch.rand(env.count, generator=self._generator)
+        given = self._taught & (self._agreed >= _AGREED) & (sample < env.dt / c.taught_time)
+        taken = ~self._taught & (down | (sample < env.dt / mean))
+        self._taught ^= given | taken
+
+    def _restart(self, robots: torch.Tensor) -> None:
+        """New episodes: the teacher drives fewer and fewer of them, or begins all of them."""
+        if robots.numel():
+            share = max(self.config.least_taught, 1.0 - self.progress / self.config.handover)
+            by_share = torch.rand(robots.numel(), generator=self._generator) < share
+            self._taught[robots] = by_share | (self.config.own_time > 0.0)
+            self._agreed[robots] = 0.0
+            states = self.env.simulation.states()
+            for robot in robots.tolist():
+                self._teachers[robot].reset(states[robot])
+
+    def _labels(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The teachers' actions and the weight of each joint; robots take the phase of teachers that step."""
+        env, robot = self.env, self._robot
+        arms, active = env.intervention.targets().double().numpy(), env.intervention.active.numpy()
+        base = env.next_waist().numpy()
+        scale = self.config.env.action_scales(robot)
+        labels = np.zeros((env.count, ACTION_SIZE))
+        for i, state in enumerate(env.simulation.states()):
+            command = Command.from_array(env.command[i].double().numpy(), Gait(int(env.gait[i])))
+            upper_body = UpperBody.targets(arms[i]) if active[i] else UpperBody.none()
+            joints = self._teachers[i].act(state, command, upper_body)
+            labels[i] = equivalent_targets(joints, robot, self._damping) - robot.nominal
+            labels[i, robot.waist] -= base[i]
+            if self._teachers[i].stepping:  # before that, the phase runs on, as it does without a teacher
+                env.phase[i] = self._teachers[i].phase
+        actions = torch.from_numpy(labels / scale).float()
+        weight = torch.ones_like(actions)
+        # Legs carry the robot; arms and waist are easy and must not fill the network.
+        weight[:, robot.arms] = self.config.upper_weight
+        weight[:, robot.waist] = self.config.upper_weight
+        weight[np.ix_(active, robot.arms)] = 0.0
+        finite = torch.isfinite(actions).all(dim=1)
+        weight[~finite] = 0.0
+        actions[~finite] = 0.0
+        return actions.clamp(-ACTION_LIMIT, ACTION_LIMIT), weight

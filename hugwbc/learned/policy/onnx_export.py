@@ -1,0 +1,123 @@
+"""A policy as an ONNX file, for runtimes without torch; written node by node, checked against the policy itself."""
+
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.files import write_whole
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
+from hugwbc.learned.policy.policy import LearnedController
+
+OPSET = 17
+IR_VERSION = 8  # the one that came with this opset; older runtimes refuse newer ones
+TOLERANCE = 1e-5  # between torch and the exported file, relative to the larger of 1 and torch's value
+_SAMPLES = 64
+
+
+def _onnx() -> tuple[Any, Any]:
+    """The modules onnx and onnxruntime: an extra, so that a robot that only runs torch need not have them."""
+    try:
+        import onnx
+        import onnxruntime
+    except ImportError as error:
+        raise ConfigError(f"ONNX export needs {error.name}: run `pip install 'hugwbc[export]'`") from error
+    return onnx, onnxruntime
+
+
+def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
+    """Write a policy's network with its contract to an ONNX file, and compare what the file does.
+
+    Inputs: history, shape (n, 315), and command, shape (n, 13), as the contract lays them out. Outputs: action, shape
+    (n, 19), and estimate, shape (n, 6). The contract is in the file's metadata, as JSON under "contract"; what turns
+    an action into joint targets is written there.
+
+    Args:
+        controller: the policy.
+        path: of the file.
+
+    Returns:
+        Largest difference between the file, run by onnxruntime, and torch, on random inputs; relative above 1.
+
+    Raises:
+        ConfigError: if onnx or onnxruntime is not installed, or the file cannot be written.
+        PolicyFileError: if the file does not do what the policy does.
+    """
+    onnx, runtime = _onnx()
+    model = _model(onnx, controller.actor)
+    entry = model.metadata_props.add()
+    entry.key, entry.value = "contract", json.dumps(controller.metadata)
+    onnx.checker.check_model(model, full_check=True)
+    data = model.SerializeToString()
+    session = runtime.InferenceSession(data, providers=["CPUExecutionProvider"])
+    difference = _difference(session, controller.actor)
+    if not difference <= TOLERANCE:
+        raise PolicyFileError(
+            f"the exported network differs from the policy by {difference:.2g}, valid is {TOLERANCE:g}; "
+            "nothing was written. Check that the policy's weights are finite and of ordinary size"
+        )
+    try:
+        write_whole(path, data)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+    return difference
+
+
+def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
+    """The graph of `Actor.forward`."""
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    nodes, weights = [], []
+
+    def mlp(name: str, layers: nn.Module, source: str, target: str) -> None:
+        """Linear layers and ELUs from one value of the graph to another."""
+        modules = list(layers.children())
+        for i, layer in enumerate(modules):
+            result = target if i == len(modules) - 1 else f"{name}.{i}"
+            if isinstance(layer, nn.Linear):
+                parts = {"weight": layer.weight, "bias": layer.bias}
+                for part, value in parts.items():
+                    array = value.detach().numpy()
+                    weights.append(onnx.numpy_helper.from_array(array, f"{name}.{i}.{part}"))
+                inputs = [source, f"{name}.{i}.weight", f"{name}.{i}.bias"]
+                nodes.append(helper.make_node("Gemm", inputs, [result], transB=1))
+            else:
+                assert isinstance(layer, nn.ELU), layer
+                nodes.append(helper.make_node("Elu", [source], [result], alpha=float(layer.alpha)))
+            source = result
+
+    def constant(name: str, value: int) -> str:
+        weights.append(onnx.numpy_helper.from_array(np.array([value], dtype=np.int64), name))
+        return name
+
+    mlp("encoder", actor.encoder, "history", "latent")
+    mlp("estimator", actor.estimator, "latent", "estimate")
+    ends = [constant("newest_begin", -obs.PROPRIOCEPTION_SIZE), constant("newest_end", 2**31), constant("axis", 1)]
+    nodes.append(helper.make_node("Slice", ["history", *ends], ["newest"]))
+    nodes.append(helper.make_node("Concat", ["latent", "estimate", "newest", "command"], ["joined"], axis=1))
+    mlp("policy", actor.policy, "joined", "action")
+
+    sizes = {"history": obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, "command": obs.COMMAND_SIZE}
+    results = {"action": ACTION_SIZE, "estimate": obs.ESTIMATE_SIZE}
+    inputs, outputs = (
+        [helper.make_tensor_value_info(name, kind, ["n", size]) for name, size in group.items()]
+        for group in (sizes, results)
+    )
+    graph = helper.make_graph(nodes, "hugwbc_policy", inputs, outputs, weights)
+    opset = [helper.make_opsetid("", OPSET)]
+    return helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="hugwbc")
+
+
+@torch.no_grad()
+def _difference(session: Any, actor: Actor) -> float:  # noqa: ANN401  an optional package
+    generator = torch.Generator().manual_seed(0)
+    history = torch.randn(_SAMPLES, obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, generator=generator)
+    command = torch.randn(_SAMPLES, obs.COMMAND_SIZE, generator=generator)
+    found = session.run(["action", "estimate"], {"history": history.numpy(), "command": command.numpy()})
+    expected = actor(history, command)
+    pairs = [(torch.from_numpy(a), b) for a, b in zip(found, expected, strict=True)]
+    return max(float(((a - b).abs() / b.abs().clamp(min=1.0)).max()) for a, b in pairs)

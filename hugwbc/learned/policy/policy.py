@@ -1,0 +1,201 @@
+"""A trained policy as a controller: loaded from safetensors, without the training code."""
+
+import os
+import pathlib
+from typing import Any
+
+import numpy as np
+import torch
+
+from hugwbc.commands import Command
+from hugwbc.controller import JointCommand, UpperBody, override_arms
+from hugwbc.errors import PolicyFileError, UnknownNameError
+from hugwbc.learned.policy import checkpoint, self_test
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.policy_contract import complete_contract
+from hugwbc.learned.policy.policy_rows import PolicyRows, row_by_row
+from hugwbc.robot import load_robot, model_dir
+from hugwbc.state import RobotState
+
+DEFAULT_POLICY = "h1"
+POLICY_FILE = "policy.safetensors"
+LARGEST_READING = 1e10  # [rad], [rad/s]: MuJoCo's own bound; far beyond it the network overflows
+
+
+def policy_dir() -> pathlib.Path:
+    """Folder of the shipped policies."""
+    return model_dir() / "policies"
+
+
+def shipped_policies() -> list[str]:
+    """Names of the shipped policies."""
+    return sorted(path.parent.name for path in policy_dir().glob(f"*/{POLICY_FILE}"))
+
+
+def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
+    """The file of a shipped policy's name, of a policy file, or of a folder that holds one.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+    """
+    for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
+        # Unlike pathlib's, os.path's answer to a name that no file can have is no.
+        if os.path.exists(path):
+            return path / POLICY_FILE if path.is_dir() else path
+    raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
+
+
+def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
+    """What moved the arms in a policy's training, as its record says: "noise", "motion" or "none"; None without one.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+        PolicyFileError: if the file is missing, truncated or foreign.
+    """
+    _, metadata = checkpoint.load_file(policy_file(name_or_path), "policy")
+    record: Any = metadata
+    for key in ("training", "config", "env", "intervention"):
+        record = record.get(key) if isinstance(record, dict) else None
+    return record if isinstance(record, str) else None
+
+
+def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
+    """A controller from a shipped policy's name, a policy file, or a folder that holds one.
+
+    Args:
+        name_or_path: "h1", or a path.
+        threads: that torch may use in this process; None leaves torch's own choice. For one robot more than one only
+            costs: on a busy machine, threads that wait for each other made a tick of 0.4 ms last 55 ms.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+        PolicyFileError: if the file is truncated, corrupted, of another program or another robot, or fails its
+            self-test.
+    """
+    if threads is not None:
+        torch.set_num_threads(threads)
+    path = policy_file(name_or_path)
+    tensors, metadata = checkpoint.load_file(path, "policy")
+    metadata = complete_contract(metadata, path)
+    stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
+    actor = Actor()
+    try:
+        actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
+    except RuntimeError as error:
+        raise PolicyFileError(f"{path} does not fit the policy network: {error}") from error
+    controller = LearnedController(actor, metadata)
+    # A file from before the contract was versioned has no self-test.
+    if "contract" in metadata:
+        _verify(controller, stored, path)
+    return controller
+
+
+def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], path: pathlib.Path) -> None:
+    """Refuse a policy that does not do here what it did where it was saved."""
+    try:
+        deviation = self_test.deviation(controller, stored)
+    except (LookupError, ValueError, TypeError, RuntimeError) as error:
+        raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
+    if deviation > self_test.TOLERANCE:
+        writer = controller.metadata.get("versions", {}).get("hugwbc", "unknown")
+        raise PolicyFileError(
+            f"{path} fails its self-test: joint targets differ by up to {deviation:.2g} rad from the stored ones, "
+            f"valid is {self_test.TOLERANCE:g}. The file was changed, or this hugwbc runs policies differently than "
+            f"hugwbc {writer}, which wrote it; use that version"
+        )
+
+
+def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], training: dict[str, Any]) -> None:
+    """Write a policy file: weights, contract, training record and self-test.
+
+    Args:
+        path: of the file.
+        actor: the network.
+        contract: what `policy_contract` gave for the run.
+        training: anything about its making that JSON can hold.
+    """
+    metadata = contract | {"training": training}
+    tensors = actor.state_dict() | self_test.record(LearnedController(actor, metadata))
+    checkpoint.save_file(path, tensors, "policy", metadata)
+
+
+def _is_readable(state: RobotState) -> bool:
+    """Whether the network can take it: an action that overflowed would come back in the next frame, for ever."""
+    numbers = np.concatenate((state.q, state.dq, state.angular_velocity))
+    return state.is_finite and float(np.abs(numbers).max()) <= LARGEST_READING
+
+
+class LearnedController:
+    """The policy behind the common controller interface.
+
+    Attributes:
+        name: "learned".
+        period: time between two actions [s].
+        metadata: the policy's contract and training record.
+        actor: its network.
+        held: how often a state that cannot be read was replaced by the last good observation.
+    """
+
+    name = "learned"
+
+    def __init__(self, actor: Actor, metadata: dict[str, Any]) -> None:
+        """Run a given network.
+
+        Args:
+            actor: the trained network.
+            metadata: its contract, as `policy_contract` or `complete_contract` give it.
+        """
+        self.period = float(metadata["period"])
+        self.metadata = metadata
+        self.held = 0
+        self.robot = load_robot()
+        self.actor = actor.eval()
+        self._rows = PolicyRows(metadata, self.actor, 1)
+
+    @property
+    def phase(self) -> float:
+        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        return float(self._rows.phase[0])
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past; the history starts filled with the first frame."""
+        self._rows.reset()
+        if _is_readable(state):
+            self._push(state)
+
+    def for_many(self, count: int) -> PolicyRows:
+        """The same policy for many robots; what it gives each is what `act` gives one, bit for bit."""
+        return PolicyRows(self.metadata, row_by_row(self.actor), count)
+
+    def _push(self, state: RobotState) -> None:
+        self._rows.push(state.angular_velocity[None], state.projected_gravity[None], state.q[None], state.dq[None])
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """Joint targets for the next period; arms under external control take their targets.
+
+        A state that is not finite, or beyond `LARGEST_READING`, leaves the history as it was. Commands outside their
+        ranges are clamped.
+        """
+        if _is_readable(state):
+            self._push(state)
+        else:
+            self.held += 1
+        command, _ = command.clamp()
+        rows = self._rows
+        q = rows.decide(command.array()[None], np.array([int(command.gait)]), np.array([upper_body.indicator]))[0]
+        zero = np.zeros_like(q)
+        own = JointCommand(q=q, dq=zero, kp=rows.kp, kd=rows.kd, tau=zero)
+        return override_arms(own, upper_body, self.robot)
+
+    def last_pass(self) -> dict[str, torch.Tensor]:
+        """Inputs and outputs of the network in the last call of `act`.
+
+        Returns:
+            history (1, 315), observation (1, 13), action (1, 19) and estimate (1, 6), in observation units.
+        """
+        return {
+            "history": self._rows.history.flatten(1).clone(),
+            "observation": self._rows.observation.clone(),
+            "action": self._rows.action.clone(),
+            "estimate": self._rows.estimate.clone(),
+        }

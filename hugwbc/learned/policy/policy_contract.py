@@ -1,0 +1,185 @@
+"""What a policy file promises: everything that someone needs who runs the network elsewhere."""
+
+import dataclasses
+import importlib.metadata
+import json
+import math
+import platform
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hugwbc import gait as gaits
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.errors import PolicyFileError
+from hugwbc.gait import Gait
+from hugwbc.learned.policy import networks
+from hugwbc.learned.policy import observations as obs
+from hugwbc.robot import load_robot
+
+CONTRACT_VERSION = 1
+PERIOD = 0.02  # [s], the paper's control period
+ACTION_SCALE = 0.25  # [rad] of joint target per unit of action
+WAIST_RATE = 2.0  # [rad/s], at which the waist's joint target follows the commanded w
+# What a policy may have of its own, with the valid range of every number; the rest must be this version's.
+_OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
+_OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
+_FIXED = (
+    "robot",
+    "joint_names",
+    "history_frames",
+    "proprioception",
+    "command",
+    "command_names",
+    "command_scales",
+    "estimate",
+    "gait",
+    "network",
+)
+
+
+def versions() -> dict[str, str]:
+    """Versions that a result depends on."""
+    packages = ("hugwbc", "mujoco", "numpy", "safetensors", "torch")
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **{package: importlib.metadata.version(package) for package in packages},
+    }
+
+
+def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
+    """Settings as JSON holds them, paths as text: what a policy says of how it was made."""
+    return json.loads(json.dumps(dataclasses.asdict(settings), default=str))
+
+
+def policy_contract(
+    *,
+    period: float = PERIOD,
+    action_scale: ArrayLike = ACTION_SCALE,
+    waist_rate: float = WAIST_RATE,
+    kp: ArrayLike | None = None,
+    kd: ArrayLike | None = None,
+) -> dict[str, Any]:
+    """The contract of a policy trained with this version, as JSON can hold it; SI units, radians.
+
+    Args:
+        period: time between two actions [s].
+        action_scale: radians of joint target per unit of action, one number or one a joint.
+        waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
+        kp: stiffness that it was trained with [N*m/rad], shape (19,); None for the robot's own.
+        kd: damping, likewise [N*m*s/rad].
+    """
+    robot = load_robot()
+    ranges = command_ranges(Gait.WALKING)
+    return {
+        "contract": CONTRACT_VERSION,
+        "robot": "h1",
+        "joint_names": list(robot.joint_names),
+        "nominal": robot.nominal.tolist(),
+        "kp": np.asarray(robot.kp if kp is None else kp).tolist(),
+        "kd": np.asarray(robot.kd if kd is None else kd).tolist(),
+        "lower": robot.lower.tolist(),
+        "upper": robot.upper.tolist(),
+        "velocity_limit": robot.velocity_limit.tolist(),
+        "torque_limit": robot.torque_limit.tolist(),
+        "period": period,
+        "action_scale": np.broadcast_to(np.asarray(action_scale, dtype=float), robot.kp.shape).tolist(),
+        "waist_rate": waist_rate,
+        "history_frames": obs.HISTORY_FRAMES,
+        "proprioception": _layout(
+            ("angular velocity of the pelvis in its own frame", 3, obs.ANGULAR_VELOCITY_SCALE),
+            ("unit vector of gravity in the pelvis frame", 3, 1.0),
+            ("q - nominal", obs.JOINTS, 1.0),
+            ("dq", obs.JOINTS, obs.JOINT_VELOCITY_SCALE),
+            ("last action", obs.JOINTS, 1.0),
+        ),
+        "command": _layout(
+            *((name, 1, obs.COMMAND_SCALES[name]) for name in COMMAND_NAMES),
+            ("psi: 0.5 walking, else 0", 1, 1.0),
+            ("phi_stance: 1 standing, else 0.5", 1, 1.0),
+            ("clocks of the left and the right foot", 2, 1.0),
+            ("intervention indicator: arms under external control", 1, 1.0),
+        ),
+        "command_names": list(COMMAND_NAMES),
+        "command_scales": obs.COMMAND_SCALES,
+        "command_defaults": {name: ranges[name].default for name in COMMAND_NAMES},
+        "estimate": _layout(
+            ("velocity of the pelvis in the heading frame", 3, obs.LINEAR_VELOCITY_SCALE),
+            ("clearance of the left and the right sole", 2, obs.LENGTH_SCALE),
+            ("pelvis height minus the nominal one", 1, obs.LENGTH_SCALE),
+        ),
+        "gait": {
+            "values": {gait.label: int(gait) for gait in Gait},
+            "duty": gaits.DEFAULT_DUTY,
+            "walking_offset_of_left_foot": Gait.WALKING.phase_offset,
+            "standing_phase": gaits.STANDING_PHASE,
+            "phase_of_the_held_leg_hopping": gaits.FLYING_PHASE,
+            "phase": "0 at the start; advanced by f * period, modulo 1, before every call",
+            "clock": "sin(2 pi phase of the foot)",
+        },
+        "network": {
+            "encoder": list(networks.ENCODER_HIDDEN),
+            "latent": networks.LATENT_SIZE,
+            "estimator": list(networks.ESTIMATOR_HIDDEN),
+            "policy": list(networks.POLICY_HIDDEN),
+            "activation": "elu",
+            "policy_input": "latent, estimate, newest frame, command",
+        },
+        "joint_target": "nominal + action_scale * action; the waist's plus w, followed at waist_rate from 0",
+        "versions": versions(),
+    }
+
+
+def _layout(*parts: tuple[str, int, float]) -> list[dict[str, Any]]:
+    return [{"name": name, "size": size, "scale": scale} for name, size, scale in parts]
+
+
+def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any]:
+    """The contract of a policy file, checked against what this version can run.
+
+    A file from before the contract was versioned has fewer entries; this version's stand for the missing ones, which
+    had no other values then.
+
+    Args:
+        metadata: of the file.
+        origin: name of the file, for the message.
+
+    Raises:
+        PolicyFileError: if an entry is missing, out of range, or other than this version runs.
+    """
+    expected = policy_contract()
+    version = metadata.get("contract")
+    if version is None:
+        described = {key: metadata[key] for key in metadata if key not in ("proprioception", "command")}
+        metadata = {key: expected[key] for key in expected if key not in ("contract", "versions")} | described
+    elif not isinstance(version, int) or version > CONTRACT_VERSION:
+        raise PolicyFileError(
+            f"{origin} has contract version {version}, this hugwbc reads up to {CONTRACT_VERSION}; "
+            "it was written by a newer hugwbc: update this one"
+        )
+    for key in _FIXED:
+        if metadata.get(key) != expected[key]:
+            raise PolicyFileError(
+                f"{origin} has {key} = {metadata.get(key)}, this version of hugwbc runs {expected[key]}; "
+                "use a policy trained with this version"
+            )
+    joints = len(expected["joint_names"])
+    if type(metadata.get("action_scale")) in (int, float):  # one number stands for all joints
+        metadata = metadata | {"action_scale": [float(metadata["action_scale"])] * joints}
+    for key, (low, high) in _OWN_NUMBERS.items():
+        _check_numbers(origin, key, [metadata.get(key)], 1, low, high)
+    for key, (low, high) in _OWN_VECTORS.items():
+        _check_numbers(origin, key, metadata.get(key), joints, low, high)
+    return metadata
+
+
+def _check_numbers(origin: object, key: str, values: object, count: int, low: float, high: float) -> None:
+    numbers = values if isinstance(values, list) and len(values) == count else [math.nan]
+    # A NaN fails both comparisons; bool is an int for Python, not for a contract.
+    if not all(type(v) in (int, float) and low <= v <= high for v in numbers):
+        raise PolicyFileError(
+            f"{origin} has {key} = {values}; valid: {count} number(s) from {low:g} to {high:g}. "
+            "Use a policy file as hugwbc wrote it"
+        )

@@ -1,0 +1,141 @@
+"""One policy for any number of robots: each row has its own past, and comes out as if it were alone."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from hugwbc import gait as gaits
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.robot import load_robot
+
+_F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
+_SMALL = 400  # multiplications, below which PyTorch's loop takes over
+Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+
+
+class PolicyRows:
+    """Observations and actions of n robots under one policy.
+
+    Attributes:
+        kp, kd: gains of the joints [N*m/rad, N*m*s/rad], shape (19,).
+        history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
+        observation: of the commands, shape (n, 13).
+        action, estimate: the network's last outputs, shapes (n, 19) and (n, 6).
+        phase: common phase of each gait, shape (n,).
+    """
+
+    def __init__(self, metadata: dict[str, Any], network: Network, count: int) -> None:
+        """Set up rows; `reset` before the first `push`.
+
+        Args:
+            metadata: the policy's contract.
+            network: action and estimate from history and command observation.
+            count: number of robots.
+        """
+        vectors = (np.array(metadata[name], dtype=float) for name in ("nominal", "action_scale", "kp", "kd"))
+        self._nominal, self._scale, self.kp, self.kd = vectors
+        self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
+        self._network = network
+        self._period = float(metadata["period"])
+        self._waist_step = float(metadata["waist_rate"]) * self._period
+        self._waist_joint = load_robot().waist
+        self.history = torch.zeros(count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
+        self.observation = torch.zeros(count, obs.COMMAND_SIZE)
+        self.action = torch.zeros(count, obs.JOINTS)
+        self.estimate = torch.zeros(count, obs.ESTIMATE_SIZE)
+        self.phase = np.zeros(count)
+        self._waist = np.zeros(count)
+        self._started = False
+
+    def reset(self) -> None:
+        """Forget the past of all rows; their histories start filled with the next frame, and are zero until then."""
+        self.history = torch.zeros_like(self.history)
+        self.action = torch.zeros_like(self.action)
+        self.phase = np.zeros_like(self.phase)
+        self._waist = np.zeros_like(self._waist)
+        self._started = False
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Drop all rows but some, shape (n,), bool: of robots that are done."""
+        chosen = torch.from_numpy(rows)
+        for name in ("history", "observation", "action", "estimate"):
+            setattr(self, name, getattr(self, name)[chosen])
+        self.phase, self._waist = self.phase[rows], self._waist[rows]
+
+    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
+        """Add a frame to the histories.
+
+        Args:
+            angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
+            gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
+            q: joint positions [rad], shape (n, 19).
+            dq: joint velocities [rad/s], shape (n, 19).
+        """
+        frame = obs.proprioception(
+            _tensor(angular_velocity), _tensor(gravity), _tensor(q) - self._nominal_row, _tensor(dq), self.action
+        )
+        if self._started:
+            self.history = torch.cat((self.history[:, 1:], frame[:, None]), dim=1)
+        else:
+            self.history[:] = frame[:, None]
+            self._started = True
+
+    @torch.no_grad()
+    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
+        """Joint position targets for the next period [rad], shape (n, 19).
+
+        Args:
+            command: within the ranges, order of `COMMAND_NAMES`, shape (n, 8).
+            gait: values of `Gait`, shape (n,).
+            indicator: whether the arms are under external control, shape (n,), bool.
+        """
+        self.phase = gaits.advance_phase(self.phase, command[:, _F], self._period)
+        gait_row = torch.as_tensor(gait)
+        feet = gaits.foot_phases(_tensor(self.phase), gait_row)
+        clock = gaits.clock(gaits.homogenised_phase(feet))
+        self.observation = obs.command_observation(_tensor(command), gait_row, clock, torch.as_tensor(indicator))
+        self.action, self.estimate = self._network(self.history.flatten(1), self.observation)
+        q = self._nominal + self._scale * self.action.double().numpy()
+        self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)
+        q[:, self._waist_joint] += self._waist
+        return q
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.as_tensor(values, dtype=torch.float32)
+
+
+class _RowLinear(nn.Module):
+    """A linear layer whose rows do not depend on how many there are.
+
+    A product of matrices sums in another order than one of a vector and a matrix: the last bits differ, and a walk
+    with contacts makes them grow. A batch of products of one row each sums as the row alone does, and costs a tenth of
+    calling the layer for each. PyTorch multiplies small matrices of a batch by a loop of its own, which does not.
+    """
+
+    def __init__(self, linear: nn.Linear) -> None:
+        super().__init__()
+        self.weight, self.bias = linear.weight, linear.bias
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """Shape (n, inputs) to (n, outputs)."""
+        if self.weight.numel() < _SMALL:
+            return torch.cat([nn.functional.linear(row, self.weight, self.bias) for row in rows.split(1)])
+        weight = self.weight.t()[None].expand(len(rows), -1, -1)
+        return torch.bmm(rows[:, None], weight)[:, 0] + self.bias
+
+
+def row_by_row(actor: Actor) -> Actor:
+    """A copy of the network that gives each row of a batch what the network gives it alone."""
+    result = copy.deepcopy(actor)
+    for part in [module for module in result.modules() if isinstance(module, nn.Sequential)]:
+        for index, layer in enumerate(part):
+            if isinstance(layer, nn.Linear):
+                part[index] = _RowLinear(layer)
+    return result

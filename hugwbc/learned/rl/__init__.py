@@ -1,0 +1,1 @@
+"""Reinforcement learning: PPO, the training loop, its checkpoints and its log."""

@@ -1,0 +1,105 @@
+"""A short evaluation inside the training: the policy without exploration noise, the same commands every time."""
+
+import dataclasses
+import math
+
+import torch
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.gait import Gait
+from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.readings import TRACKED, tracked
+from hugwbc.learned.policy.networks import Actor
+
+# Errors that count the same in the score: of the size of the paper's walking errors [m/s, rad/s, m, rad].
+ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
+FALL_COST = 20.0  # of the score if every robot falls: more than any error of a robot that stays up
+SETTLE = 1.0  # [s] that are left out of the errors
+SCORE = "evaluation/score"
+_FALLS = "evaluation/falls"
+_NEVER = 2**30  # control steps
+_SEED = 0
+_COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
+
+
+class Evaluator:
+    """Robots that start the same episodes again at every evaluation.
+
+    Commands, gaits and the robots' parameters are drawn once as training draws them, over the initial ranges; no
+    pushes, observation noise or intervention; rough ground of all levels; a command lasts the whole episode. All random
+    numbers are its own: the training goes on as if there had been no evaluation.
+    """
+
+    def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int) -> None:
+        """Build the robots.
+
+        Args:
+            config: of the training.
+            count: number of robots.
+            seconds: length of the episodes [s].
+            threads: of the simulation.
+        """
+        calm = dataclasses.replace(config.randomization, noise=0.0, push_velocity=0.0)
+        every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
+        settings = dataclasses.replace(
+            config,
+            count=count,
+            episode_steps=_NEVER,
+            flip_probability=0.0,
+            randomization=calm,
+            terrain=every_level,
+            command=dataclasses.replace(config.command, resample_steps=_NEVER),
+        )
+        self._env = HumanoidEnv(settings, seed=_SEED, threads=threads)
+        self._env.age.zero_()
+        self._start = {name: tensor.clone() for name, tensor in self._env.state_dict().items()}
+        self._steps = math.ceil(seconds / self._env.dt)
+        self._settle = min(math.ceil(SETTLE / self._env.dt), self._steps - 1)
+        self._gaits = [Gait(int(value)) for value in self._env.gait.unique()]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the figures."""
+        return [SCORE, _FALLS, *(f"evaluation/{gait.label}/{name}" for gait in self._gaits for name in ERROR_SCALES)]
+
+    @torch.no_grad()
+    def run(self, actor: Actor) -> dict[str, float]:
+        """Mean absolute errors of each gait, fraction of falls, and one score, the lower the better.
+
+        The score is the mean over gaits of the mean over commands of error / `ERROR_SCALES`, plus `FALL_COST` times
+        the fraction of robots that fell. Errors count until a robot's fall; without any, they are NaN.
+
+        Args:
+            actor: the policy.
+        """
+        env = self._env
+        env.load_state_dict(self._start)
+        command, gait = env.command.clone(), env.gait.clone()
+        upright = torch.ones(env.count, dtype=torch.bool)
+        sums, samples = torch.zeros(env.count, len(_COLUMNS)), torch.zeros(env.count)
+        for step in range(self._steps):
+            observation = env.observe()
+            action, _ = actor(observation.history, observation.command)
+            upright &= ~env.step(action).done
+            if step >= self._settle:
+                # A robot that fell goes on with another command, in readings of its new episode: not counted.
+                error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
+                sums += torch.where(upright[:, None], error, 0.0)
+                samples += upright
+        env.statistics.pop()
+        return self._figures(gait, sums, samples, float((~upright).float().mean()))
+
+    def _figures(self, gait: torch.Tensor, sums: torch.Tensor, samples: torch.Tensor, falls: float) -> dict[str, float]:
+        scales = torch.tensor(list(ERROR_SCALES.values()))
+        figures, scores = {}, []
+        for one in self._gaits:
+            chosen = gait == one
+            errors = sums[chosen].sum(0) / samples[chosen].sum()
+            figures |= {
+                f"evaluation/{one.label}/{name}": float(error) for name, error in zip(ERROR_SCALES, errors, strict=True)
+            }
+            if bool(torch.isfinite(errors).all()):
+                scores.append(float((errors / scales).mean()))
+        score = FALL_COST * falls + (sum(scores) / len(scores) if scores else 0.0)
+        return {SCORE: score, _FALLS: falls, **figures}

@@ -1,0 +1,289 @@
+"""PPO with an estimator loss and a symmetry loss: the whole algorithm, readable from top to bottom."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import torch
+from torch import nn
+
+from hugwbc.learned import distributed
+from hugwbc.learned.config import PPOConfig
+from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.policy.observations import Observation
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
+
+
+def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Log density of a diagonal Gaussian, summed over the joints, shape (n,)."""
+    normal = (action - mean) * torch.exp(-log_std)
+    return (-0.5 * normal.square() - log_std - 0.5 * _LOG_TWO_PI).sum(-1)
+
+
+def kl_divergence(
+    old_mean: torch.Tensor, old_log_std: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor
+) -> torch.Tensor:
+    """KL(old || new) of two diagonal Gaussians, summed over the joints, shape (n,)."""
+    ratio = (old_log_std - log_std).exp()
+    distance = (old_mean - mean) * torch.exp(-log_std)
+    return (log_std - old_log_std + 0.5 * (ratio.square() + distance.square()) - 0.5).sum(-1)
+
+
+def generalised_advantage(
+    reward: torch.Tensor, done: torch.Tensor, value: torch.Tensor, last_value: torch.Tensor, gamma: float, lam: float
+) -> torch.Tensor:
+    """Generalised advantage estimates, shape (t, n).
+
+    A_t = delta_t + gamma lam (1 - done_t) A_{t+1}, delta_t = r_t + gamma (1 - done_t) V_{t+1} - V_t.
+
+    Args:
+        reward: with gamma V(final observation) already added where an episode only ran out of time, shape (t, n).
+        done: episode ended after this step, shape (t, n), bool.
+        value: of the observation before the step, shape (t, n).
+        last_value: of the observation after the last step, shape (n,).
+        gamma: discount.
+        lam: trace decay.
+    """
+    advantage = torch.zeros_like(value)
+    following, running = last_value, torch.zeros_like(last_value)
+    for t in reversed(range(len(reward))):
+        going_on = (~done[t]).to(value.dtype)
+        delta = reward[t] + gamma * going_on * following - value[t]
+        running = delta + gamma * lam * going_on * running
+        advantage[t], following = running, value[t]
+    return advantage
+
+
+def surrogate_loss(
+    log_prob: torch.Tensor, old_log_prob: torch.Tensor, advantage: torch.Tensor, clip: float
+) -> torch.Tensor:
+    """PPO's clipped surrogate, negated: -mean min(r A, clip(r, 1 - c, 1 + c) A)."""
+    ratio = (log_prob - old_log_prob).exp()
+    return -torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
+
+
+def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tensor, clip: float) -> torch.Tensor:
+    """Clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2); c may be infinite."""
+    clipped = old_value + (value - old_value).clamp(-clip, clip)
+    return torch.max((value - returns).square(), (clipped - returns).square()).mean()
+
+
+@dataclasses.dataclass(eq=False)
+class Rollout:
+    """One iteration of experience, all of shape (horizon, n, ...)."""
+
+    history: torch.Tensor
+    command: torch.Tensor
+    critic: torch.Tensor
+    estimate: torch.Tensor
+    action: torch.Tensor
+    mean: torch.Tensor
+    log_prob: torch.Tensor
+    value: torch.Tensor
+    reward: torch.Tensor
+    done: torch.Tensor
+
+    @classmethod
+    def empty(cls, horizon: int, count: int, device: torch.device) -> "Rollout":
+        """Storage for `horizon` steps of `count` robots on a device."""
+        sizes = {
+            "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
+            "command": (obs.COMMAND_SIZE,),
+            "critic": (obs.CRITIC_SIZE,),
+            "estimate": (obs.ESTIMATE_SIZE,),
+            "action": (ACTION_SIZE,),
+            "mean": (ACTION_SIZE,),
+            "log_prob": (),
+            "value": (),
+            "reward": (),
+        }
+        tensors = {name: torch.empty(horizon, count, *size, device=device) for name, size in sizes.items()}
+        return cls(**tensors, done=torch.empty(horizon, count, dtype=torch.bool, device=device))
+
+
+class PPO:
+    """The learner.
+
+    Attributes:
+        network: actor, critic and exploration std.
+        learning_rate: current, adapted to the KL divergence.
+        skipped: updates left out because a loss or gradient was not finite.
+        on_skip: called with the minibatch and the losses of such an update.
+    """
+
+    def __init__(self, config: PPOConfig, count: int, generator: torch.Generator, device: str = "cpu") -> None:
+        """Build networks and optimiser.
+
+        Args:
+            config: the settings.
+            count: number of robots.
+            generator: of actions and minibatches, on the CPU.
+            device: of networks and stored experience; observations and actions are exchanged on the CPU.
+        """
+        self.config = config
+        self.device = torch.device(device)
+        self.network = ActorCritic(config.std_initial).to(self.device)
+        self.learning_rate = config.learning_rate
+        critic = list(self.network.critic.parameters())
+        actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
+        # The rate that the KL allows the actor, down to 1e-5 at a small std, would leave the critic behind.
+        self.optimiser = torch.optim.Adam(
+            [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}]
+        )
+        self.rollout = Rollout.empty(config.horizon, count, self.device)
+        self.skipped = 0
+        self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
+        self._generator = generator
+        self.bound_std(0.0)
+
+    def bound_std(self, steps: float) -> None:
+        """Keep the exploration std of every joint between its minimum and the schedule's maximum.
+
+        Args:
+            steps: environment steps so far.
+        """
+        c = self.config
+        progress = min(1.0, steps / c.std_steps)
+        largest = c.std_initial * (c.std_final / c.std_initial) ** progress
+        with torch.no_grad():
+            self.network.log_std.clamp_(math.log(c.std_min), math.log(largest))
+
+    # Acting ---------------------------------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def act(self, t: int, observation: Observation) -> torch.Tensor:
+        """Sample actions for step t and store what the update needs."""
+        r = self.rollout
+        for field in dataclasses.fields(observation):
+            getattr(r, field.name)[t] = getattr(observation, field.name)
+        mean, _ = self.network.actor(r.history[t], r.command[t])
+        noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
+        action = mean + noise * self.network.log_std.exp()
+        r.action[t], r.mean[t] = action, mean
+        r.log_prob[t] = log_probability(action, mean, self.network.log_std)
+        r.value[t] = self._value(r.critic[t])
+        return action.cpu()
+
+    @torch.no_grad()
+    def record(self, t: int, result: StepResult) -> None:
+        """Store the outcome of step t; a time-out is bootstrapped from the observation in which it ended."""
+        self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
+        if result.timed_out.numel():
+            final = self._value(result.final_critic.to(self.device))
+            self.rollout.reward[t, result.timed_out.to(self.device)] += self.config.gamma * final
+
+    def _value(self, critic_observation: torch.Tensor) -> torch.Tensor:
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
+            value = self.network.critic(critic_observation)
+        return value.float()
+
+    # Learning -------------------------------------------------------------------------------------------------------
+
+    def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
+        """Learn from the stored iteration; returns mean losses, KL, learning rate and std.
+
+        Args:
+            last: observation after the last step.
+            critic_only: leave the actor as it is.
+        """
+        for name, parameter in self.network.named_parameters():
+            parameter.requires_grad_(name.startswith("critic.") or not critic_only)
+        c, r = self.config, self.rollout
+        with torch.no_grad():
+            last_value = self._value(last.critic.to(self.device))
+            advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
+        batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
+        batch["returns"] = advantage.flatten() + batch["value"]
+        batch["advantage"] = distributed.standardised(advantage.flatten())
+        old_log_std = self.network.log_std.detach().clone()
+        sums: dict[str, float] = {}
+        count = 0
+        for rows in self._minibatches(advantage.numel()):
+            # A sixth of the time of value[rows].
+            minibatch = {name: value.index_select(0, rows) for name, value in batch.items()}
+            losses, applied = self._step(minibatch, old_log_std)
+            if applied:
+                sums = {name: sums.get(name, 0.0) + value for name, value in losses.items()}
+                count += 1
+            else:
+                self.skipped += 1
+                self.on_skip(minibatch, losses)
+        std = self.network.log_std.detach().exp()
+        return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
+            "learning_rate": self.learning_rate,
+            "std": float(std.mean()),
+            "skipped": float(self.skipped),
+        }
+
+    def _minibatches(self, samples: int) -> Iterator[torch.Tensor]:
+        size = math.ceil(samples / self.config.minibatches)
+        for _ in range(self.config.epochs):
+            yield from torch.randperm(samples, generator=self._generator).to(self.device).split(size)
+
+    def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
+        """One gradient step on a minibatch: its losses, and whether it was applied."""
+        c, network = self.config, self.network
+        mean, estimate = network.actor(b["history"], b["command"])
+        value = self._value(b["critic"])
+        log_prob = log_probability(b["action"], mean, network.log_std)
+
+        l_value = value_loss(value, b["value"], b["returns"], c.value_clip or math.inf)
+        l_policy = surrogate_loss(log_prob, b["log_prob"], b["advantage"], c.clip)
+        l_estimation = (estimate - b["estimate"]).square().mean()
+        l_symmetry = self._symmetry_loss(b["history"], b["command"], mean)
+        entropy = network.log_std.sum()
+        loss = (
+            l_value
+            + c.policy_weight * l_policy
+            + c.estimation_weight * l_estimation
+            + c.beta * l_symmetry
+            - c.entropy_weight * entropy
+        )
+
+        with torch.no_grad():
+            kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
+        # A critic that learns alone moves no policy: its KL of zero says nothing about the rate.
+        if network.log_std.requires_grad:
+            self._adapt_learning_rate(kl)
+        applied = self._descend(loss)
+        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
+        return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
+
+    def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
+        """Mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2; the gradient flows through the mirrored branch."""
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
+            mirrored, _ = self.network.actor(obs.mirror_history(history), obs.mirror_command_observation(command))
+        return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
+
+    def _adapt_learning_rate(self, kl: float) -> None:
+        low, high = self.config.learning_rate_range
+        if kl > 2.0 * self.config.target_kl:
+            self.learning_rate = max(low, self.learning_rate / 1.5)
+        elif kl < 0.5 * self.config.target_kl:
+            self.learning_rate = min(high, self.learning_rate * 1.5)
+        self.set_learning_rate(self.learning_rate)
+
+    def set_learning_rate(self, rate: float) -> None:
+        """Set the actor's learning rate; the critic's stays as configured."""
+        self.learning_rate = rate
+        self.optimiser.param_groups[0]["lr"] = rate
+
+    def _descend(self, loss: torch.Tensor) -> bool:
+        """Apply the gradient unless it is not finite; returns whether."""
+        self.optimiser.zero_grad()
+        loss.backward()
+        distributed.average_gradients(self.network.parameters())
+        # Each on its own: a large error of the critic must not shorten the actor's step.
+        norms = [
+            nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm)
+            for group in self.optimiser.param_groups
+        ]
+        values = (loss, *norms)
+        finite = not distributed.anywhere(not all(bool(torch.isfinite(value)) for value in values))
+        if finite:
+            self.optimiser.step()
+        return finite

@@ -1,0 +1,281 @@
+"""The model-based whole-body controller: gait plan, tasks and QP behind the interface of every controller."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.errors import ConfigError
+from hugwbc.kinematics import in_place
+from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
+from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.locomotion import Locomotion
+from hugwbc.mbc.odometry import LegOdometry
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.prediction import Predictor
+from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
+from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
+
+_LARGEST_SQUARE = 1e12  # of the norm of a state: beyond, products overflow
+_NOTABLE = 1e-3  # [rad], from which on a change of an arm's target is reported
+_LARGEST_EXCESS = 0.1  # of an orientation's squared norm over 1; an IMU that died may give zeros
+
+
+class WholeBodyController:
+    """Walks and stands by inverse dynamics.
+
+    A state without position or velocity is completed from the legs (`LegOdometry`).
+
+    Attributes:
+        name: "qp".
+        carries_arms: that its torques bear the arms' weight, which external arm targets need not.
+        period: time between two calls of `act` [s].
+        params: gains, weights and limits.
+        dynamics: the robot model at the last state.
+    """
+
+    name = "qp"
+    carries_arms = True
+
+    def __init__(
+        self, params: ControllerParams | None = None, *, period: float = 0.002, dynamics: Dynamics | None = None
+    ) -> None:
+        """Set up.
+
+        Args:
+            params: gains, weights and limits.
+            period: time between two calls of `act` [s]; 0.002 to 0.01, and 0.02 with reduced tracking.
+            dynamics: a robot model other than the shared one.
+
+        Raises:
+            ConfigError: if the period is not above 0.
+        """
+        if not 0.0 < period < math.inf:
+            raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
+        self.params = params or ControllerParams()
+        self.period = period
+        self.dynamics = dynamics or Dynamics()
+        self._robot = load_robot()
+        self._nominal_arms = self._robot.nominal[self._robot.arms]
+        self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
+        self._lowest_torque = -self._highest_torque
+        self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        for gains in (self._kp, self._kd):  # every command has the same ones
+            gains.setflags(write=False)
+        self._filter = CommandFilter(self.params)
+        self._locomotion = Locomotion(self.params)
+        self._odometry = LegOdometry()
+        self._columns = in_place(self.dynamics.columns)
+        self._predictor = Predictor(self.dynamics, period)
+        self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
+        self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
+        self._waist.weight[:] = self.params.waist_weight
+        self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
+        self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._fallbacks = 0
+        self._relaxed = 0
+        self._held = 0
+        self._last: JointCommand | None = None
+        self._started = False
+        self._outcome: _Outcome | None = None
+        self._free_arms()
+
+    @property
+    def phase(self) -> float:
+        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        return self._locomotion.plan.phase
+
+    @property
+    def stepping(self) -> bool:
+        """Whether that clock runs: not while the robot stands or shifts its weight before the first step."""
+        return self._locomotion.plan.stepping
+
+    @property
+    def footholds(self) -> np.ndarray:
+        """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
+        return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)
+
+    @property
+    def planned_acceleration(self) -> np.ndarray | None:
+        """Joint accelerations that the last command is to cause [rad/s^2], shape (19,); None where it is a fallback."""
+        outcome = self._outcome
+        if outcome is None or outcome.solution is None or outcome.output is not Output.SOLUTION:
+            return None
+        return outcome.solution.acceleration[self._columns]
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past and start from this state, standing."""
+        self._clear()
+        self._qp.reset()
+        self._locomotion.plan.reset()
+        if _usable(state):
+            self._start(state)
+
+    def _start(self, state: RobotState) -> None:
+        self._odometry.reset()
+        self._predictor.reset()
+        state = self._odometry.complete(state, np.ones(2, dtype=bool), 0.0)
+        self.dynamics.update(state)
+        self._locomotion.reset(self.dynamics)
+        ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
+        pelvis = self.dynamics.frame("pelvis")
+        height = float(pelvis.position[2] - ground - self._robot.nominal_height)
+        pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
+        self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
+        self._started = True
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """The joint command for the next period; never raises on bad numbers, never returns NaN.
+
+        Unusable states and unsolved QPs are counted; the last good command is held for a while, then the joints are
+        damped. `diagnostics` tells.
+        """
+        if not _usable(state):
+            return self._fall_back(None, ("the state is not finite, or has no orientation",))
+        if not self._started:
+            self._start(state)
+        state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
+        self.dynamics.update(state)
+        smooth, report = self._filter.update(
+            command,
+            self.period,
+            stepping=not self._locomotion.settled,
+            running=self._locomotion.plan.gait,
+            waiting=self._locomotion.waiting,
+            stray=self._locomotion.stray,
+        )
+        self._locomotion.update(self.dynamics, smooth, self.period)
+        report += self._set_posture(smooth, upper_body)
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
+        terms = [task.evaluate(self.dynamics) for task in tasks]
+        points = self._locomotion.contact_points(self.dynamics)
+        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
+        if solution.status is QpStatus.FAILED:
+            return self._fall_back(solution, report)
+        self._relaxed += solution.status is QpStatus.RELAXED
+        self._held = 0
+        self._predictor.record(solution.acceleration)
+        self._last = self._joint_command(state, solution)
+        self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
+        return self._last
+
+    def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
+        """Targets of waist and arms; arms under external control are prescribed motion."""
+        params, robot = self.params, self._robot
+        self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
+        if not upper_body.indicator:
+            if not self._arms_free:
+                self._free_arms()
+            return ()
+        self._arms_free = False
+        finite = np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
+        mask, report = upper_body.mask & finite, ()
+        if (upper_body.mask & ~finite).any():
+            report += ("arm targets that are not finite are ignored",)
+        target = np.clip(upper_body.q, robot.lower[robot.arms], robot.upper[robot.arms])
+        if (mask & (np.abs(target - upper_body.q) > _NOTABLE)).any():
+            report += ("arm targets beyond the joints' ranges are clamped",)
+        self._arms.target[:] = np.where(mask, target, robot.nominal[robot.arms])
+        self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
+        self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
+        # Sampled at the control period, a servo must stay well below the sampling frequency.
+        stiffness = min(params.takeover_gains[0], (0.4 / self.period) ** 2)
+        damping = min(params.takeover_gains[1], 0.8 / self.period)
+        self._arms.stiffness[:] = np.where(mask, stiffness, params.arm_gains[0])
+        self._arms.damping[:] = np.where(mask, damping, params.arm_gains[1])
+        return report
+
+    def _free_arms(self) -> None:
+        """The arms hold the nominal pose, as far as the rest of the body lets them."""
+        arms, params = self._arms, self.params
+        arms.target[:] = self._nominal_arms
+        arms.rate[:] = 0.0
+        arms.weight[:] = params.arm_weight
+        arms.stiffness[:], arms.damping[:] = params.arm_gains
+        self._arms_free = True
+
+    def _joint_command(self, state: RobotState, solution: QpSolution) -> JointCommand:
+        """Feed-forward torque, and a weak PD about the motion that it should cause.
+
+        The PD's targets are those of the middle of the period, so that along the predicted motion its torque averages
+        to zero, while it damps what departs from it between two ticks.
+        """
+        half = 0.5 * self.period
+        acceleration = solution.acceleration[self._columns]
+        return JointCommand(
+            q=state.q + half * state.dq,
+            dq=state.dq + half * acceleration,
+            kp=self._kp,
+            kd=self._kd,
+            tau=np.minimum(np.maximum(solution.torque, self._lowest_torque), self._highest_torque),
+        )
+
+    def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
+        self._fallbacks += 1
+        self._held += 1
+        self._predictor.record(np.zeros(self.dynamics.nv))
+        if self._last is not None and self._held * self.period <= self.params.hold_time:
+            self._outcome = _Outcome(Output.HELD, solution, report, [], [])
+            return self._last
+        self._outcome = _Outcome(Output.DAMPING, solution, report, [], [])
+        zero = np.zeros_like(self._robot.kp)
+        return JointCommand(
+            q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
+        )
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What the last tick did; put together when it is read."""
+        if self._outcome is None:
+            return Diagnostics()
+        output, solution, report, tasks, terms = self._outcome
+        plan = self._locomotion.plan
+        solved = solution is not None and solution.status is not QpStatus.FAILED
+        forces = solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3))
+        return Diagnostics(
+            output=output,
+            status=QpStatus.FAILED if solution is None else solution.status,
+            iterations=0 if solution is None else solution.iterations,
+            mode=plan.mode,
+            swing=None if plan.swing is None else SIDES[plan.swing],
+            contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
+            task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
+            next_foothold=self._locomotion.foothold if self._started else None,
+            fallbacks=self._fallbacks,
+            relaxed=self._relaxed,
+            out_of_reach=self._locomotion.out_of_reach if self._started else 0,
+            failed_plans=self._locomotion.failed_plans if self._started else 0,
+            report=report,
+        )
+
+
+class _Outcome(NamedTuple):
+    """What `diagnostics` is made of."""
+
+    output: Output
+    solution: QpSolution | None
+    report: tuple[str, ...]
+    tasks: list[Task]
+    terms: list[TaskTerms]
+
+
+def _usable(state: RobotState) -> bool:
+    """Whether what the controller reads is finite and of a reasonable norm, and the orientation a unit quaternion.
+
+    A NaN compares as false.
+    """
+    values = [state.q, state.dq, state.orientation, state.angular_velocity]
+    values += [value for value in (state.position, state.velocity) if value is not None]
+    if state.foot_force is not None:
+        values.append(state.foot_force.ravel())
+    together = np.concatenate(values)
+    turned = abs(state.orientation.dot(state.orientation) - 1.0) < _LARGEST_EXCESS
+    return bool(together.dot(together) < _LARGEST_SQUARE and turned) and math.isfinite(state.age)

@@ -1,0 +1,39 @@
+"""Where the training's noise takes the hands, by the level of its curriculum."""
+
+import numpy as np
+import torch
+
+from hugwbc.evaluation.conditions import NOISE_INTERVAL
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned.env.arm_targets import NoiseTargets
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
+
+LEVELS = (0.25, 0.5, 0.75, 1.0)  # of alpha
+SAMPLES = 400
+
+
+def hand_clouds(level: float, samples: int = SAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of both hands in the pelvis frame [m], each of shape (samples, 3), under noise of a curriculum level.
+
+    The arms follow alpha noise + (1 - alpha) policy, the paper's blend; the nominal posture stands for the policy.
+
+    Args:
+        level: the paper's alpha, in [0, 1].
+        samples: how many robots' postures.
+        seed: of the noise.
+    """
+    source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(seed))
+    # The robots' targets are spread over the interval: after two of them the start at nominal is forgotten.
+    for _ in range(2 * NOISE_INTERVAL):
+        source.step()
+    robot, kinematics = load_robot(), Kinematics()
+    nominal = robot.nominal[robot.arms]
+    postures = level * source.targets().double().numpy() + (1.0 - level) * nominal
+    hands = np.empty((len(SIDES), samples, 3))
+    for index, posture in enumerate(postures):
+        q = robot.nominal.copy()
+        q[robot.arms] = posture
+        kinematics.update(RobotState(q, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+        hands[:, index] = [kinematics.position(f"{side}_hand") for side in SIDES]
+    return hands[0], hands[1]

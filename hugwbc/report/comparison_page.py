@@ -1,0 +1,86 @@
+"""A self-contained page with tables and plots of one or more runs."""
+
+import pathlib
+from collections.abc import Iterator, Mapping, Sequence
+
+from hugwbc.evaluation.tables import Cell, Table
+from hugwbc.files import write_whole
+from hugwbc.report import page
+from hugwbc.viz.framing import LABEL_COLOURS, Trace
+from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
+
+
+def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
+    """One column for each run, one row for each number of its nested summary, named by its path.
+
+    Args:
+        title: of the table.
+        summaries: for each run its summary: numbers, or mappings of them to any depth.
+    """
+    flat = {name: dict(_flatten(summary)) for name, summary in summaries.items()}
+    paths = list(dict.fromkeys(path for values in flat.values() for path in values))
+    rows = [(path, *(flat[name].get(path) for name in flat)) for path in paths]
+    return Table(title, ("", *flat), rows)
+
+
+def _flatten(summary: Mapping, prefix: str = "") -> Iterator[tuple[str, Cell]]:
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{prefix}{key} ")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def report_html(
+    title: str,
+    traces: Sequence[Trace],
+    tables: Sequence[Table] = (),
+    *,
+    subtitle: str = "",
+    links: Mapping[str, str] | None = None,
+) -> str:
+    """The page; needs no network.
+
+    Args:
+        title: of the page.
+        traces: 1 to 4 runs, plotted in the colours of `LABEL_COLOURS`.
+        tables: above the plots.
+        subtitle: a sentence below the title.
+        links: text and address of other pages, such as the replay beside this one.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    sections = [
+        ("Commanded and measured", tracking_panels(traces)),
+        ("Hands", hand_panels(traces)),
+        ("Torques", torque_panels(traces)),
+    ]
+    body = [
+        page.heading(title, 1),
+        page.paragraph(subtitle) if subtitle else "",
+        f"<p>{page.links(links)}</p>" if links else "",
+        *(page.table_html(table) for table in tables),
+        *(_section(name, panels, traces) for name, panels in sections if panels),
+    ]
+    return page.page_html(title, body)
+
+
+def write_report(
+    path: pathlib.Path,
+    title: str,
+    traces: Sequence[Trace],
+    tables: Sequence[Table] = (),
+    *,
+    subtitle: str = "",
+    links: Mapping[str, str] | None = None,
+) -> None:
+    """Write `report_html` to a file."""
+    write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
+
+
+def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:
+    names = [f"{trace.name} (fell)" if trace.fell else trace.name for trace in traces]
+    dashed = "commanded" if title.startswith("Commanded") else ""
+    key = page.legend(names, LABEL_COLOURS, dashed)
+    return f"{page.heading(title)}\n{key}\n{page.pictures(panels)}"

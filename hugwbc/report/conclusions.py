@@ -1,0 +1,74 @@
+"""Sentences that follow from the figures: none of them is typed in."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from hugwbc.evaluation.tables import Table
+from hugwbc.report.figures import Figure, Verdict, against, times
+
+_GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
+_MOST_NAMED = 4  # quantities in one sentence
+
+
+def conclusions(figures: Sequence[Figure], first: str, second: str) -> list[str]:
+    """What the figures say of two controllers against the paper, and against each other."""
+    lines = [line for name in dict.fromkeys((first, second)) for line in _overall(figures, name)]
+    return lines if first == second else lines + _total_duel(figures, first, second)
+
+
+def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
+    """A controller against the paper, over all tables that have the paper's figures."""
+    compared = [f for f in figures if f.controller == controller and f.verdict is not Verdict.NONE]
+    if not compared:
+        return []
+    counts = Counter(figure.verdict for figure in compared)
+    better = sum(counts[verdict] for verdict in _GOOD)
+    worse = [figure for figure in compared if figure.verdict not in _GOOD]
+    line = (
+        f"Against the paper, {controller} is as good or better in {better} of {len(compared)} figures, worse in "
+        f"{len(worse)}, of which {counts[Verdict.UNCLEAR_WORSE]} by less than the uncertainty."
+    )
+    if worse:
+        worst = sorted(worse, key=lambda figure: -_ratio(figure))[:_MOST_NAMED]
+        named = "; ".join(f"{f.quantity} ({f.table}) {times(_ratio(f))}" for f in worst)
+        line += f" Furthest behind: {named}."
+    return [line]
+
+
+def _ratio(figure: Figure) -> float:
+    assert figure.ratio is not None
+    return figure.ratio[0]
+
+
+def _pairs(figures: Iterable[Figure], first: str, second: str) -> list[tuple[Figure, Verdict]]:
+    """The figures of the first controller that the second one has as well, and how they compare."""
+    others = {(f.table, f.quantity): f for f in figures if f.controller == second}
+    mine = [f for f in figures if f.controller == first and (f.table, f.quantity) in others]
+    pairs = [(figure, against(figure, others[figure.table, figure.quantity])) for figure in mine]
+    return [(figure, verdict) for figure, verdict in pairs if verdict is not Verdict.NONE]
+
+
+def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
+    """For each table in which figures of the two are, those in which one is better, and how many are not told apart."""
+    rows = []
+    for table in dict.fromkeys(figure.table for figure in figures):
+        pairs = _pairs([figure for figure in figures if figure.table == table], first, second)
+        wins = [figure.quantity for figure, verdict in pairs if verdict is Verdict.BETTER]
+        losses = [figure.quantity for figure, verdict in pairs if verdict is Verdict.WORSE]
+        if pairs:
+            rows.append(
+                (table, ", ".join(wins) or None, ", ".join(losses) or None, len(pairs) - len(wins) - len(losses))
+            )
+    return Table(f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "not told apart"), rows)
+
+
+def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
+    counts = Counter(verdict for _, verdict in _pairs(figures, first, second))
+    total = sum(counts.values())
+    if not total:
+        return []
+    unclear = counts[Verdict.UNCLEAR_BETTER] + counts[Verdict.UNCLEAR_WORSE]
+    return [
+        f"In all {total} figures that both have, {first} is better in {counts[Verdict.BETTER]}, {second} in "
+        f"{counts[Verdict.WORSE]}; {unclear} are not told apart."
+    ]

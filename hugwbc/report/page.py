@@ -1,0 +1,143 @@
+"""Self-contained pages of text, tables and pictures: they load nothing, and are light or dark as the reader wishes."""
+
+import html
+from collections.abc import Mapping, Sequence
+
+from hugwbc.evaluation.tables import Cell, Marked, Table, cell_text
+from hugwbc.viz.plots import Panel
+
+_LONG_TEXT = 24  # characters of a cell, from which on its column is one of text, which wraps
+
+
+def page_html(title: str, body: Sequence[str]) -> str:
+    """The page.
+
+    Args:
+        title: of the page, as text.
+        body: its parts, as HTML.
+    """
+    return _TEMPLATE.replace("@TITLE@", html.escape(title)).replace("@BODY@", "\n".join(part for part in body if part))
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading, with an anchor to link to."""
+    return f'<h{level} id="{anchor(text)}">{html.escape(text)}</h{level}>'
+
+
+def anchor(text: str) -> str:
+    """The name by which a heading is linked to."""
+    return html.escape("-".join("".join(c if c.isalnum() else " " for c in text.lower()).split()))
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of text."""
+    return f"<p>{html.escape(text)}</p>"
+
+
+def bullets(lines: Sequence[str]) -> str:
+    """A list of sentences."""
+    return "<ul>\n" + "\n".join(f"<li>{html.escape(line)}</li>" for line in lines) + "\n</ul>"
+
+
+def links(addresses: Mapping[str, str]) -> str:
+    """Texts and addresses of other pages or headings, in one line."""
+    return " · ".join(f'<a href="{html.escape(to)}">{html.escape(text)}</a>' for text, to in addresses.items())
+
+
+def legend(names: Sequence[str], colours: Sequence[str], dashed: str = "") -> str:
+    """Names of colours, and of the dashed line if there is one."""
+    pairs = zip(names, colours, strict=False)
+    parts = [f'<span><i style="background:{colour}"></i>{html.escape(name)}</span>' for name, colour in pairs]
+    if dashed:
+        parts.append(f"<span><i class='dashed'></i>{html.escape(dashed)}</span>")
+    return f'<p class="legend">{"".join(parts)}</p>'
+
+
+def pictures(panels: Sequence[Panel]) -> str:
+    """Pictures side by side where there is room."""
+    figures = "\n".join(
+        f"<figure><figcaption>{html.escape(panel.title)}</figcaption>{panel.svg}</figure>" for panel in panels
+    )
+    return f'<div class="grid">\n{figures}\n</div>'
+
+
+def table_html(table: Table, level: int = 2) -> str:
+    """A table with its title and note; it scrolls by itself where it is wider than the page."""
+    columns = [[row[index] for row in table.rows] for index in range(len(table.columns))]
+    wordy = [any(isinstance(cell, str) and len(cell) > _LONG_TEXT for cell in column) for column in columns]
+    head = "".join(map(_column_head, table.columns, wordy))
+    rows = "\n".join(
+        f'<tr><th scope="row">{html.escape(cell_text(row[0]))}</th>{"".join(map(_cell, row[1:], wordy[1:]))}</tr>'
+        for row in table.rows
+    )
+    note = f'\n<p class="note">{html.escape(table.note)}</p>' if table.note else ""
+    return (
+        f'{heading(table.title, level)}\n<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n'
+        f"<tbody>\n{rows}\n</tbody>\n</table></div>{note}"
+    )
+
+
+def _column_head(title: str, wordy: bool) -> str:
+    name = ' class="text"' if wordy else ""
+    return f'<th scope="col"{name}>{html.escape(title)}</th>'
+
+
+def _cell(value: Cell, wordy: bool) -> str:
+    name = value.mark if isinstance(value, Marked) else "text" if wordy else ""
+    mark = f' class="{name}"' if name else ""
+    return f"<td{mark}>{html.escape(cell_text(value))}</td>"
+
+
+_TEMPLATE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>@TITLE@</title>
+<style>
+  :root { color-scheme: light dark;
+    --ground: #ffffff; --ink: #1c2430; --line: #d5dae2; --card: #f6f8fa; --link: #1a5fb4;
+    --worse: #fbdcd6; --unclear: #fdf3d8; }
+  @media (prefers-color-scheme: dark) {
+    :root { --ground: #14181f; --ink: #dfe5ee; --line: #343c49; --card: #1b212b; --link: #7db3f5;
+    --worse: #5c2a24; --unclear: #463a18; }
+  }
+  body { margin: 0 auto; padding: 16px; max-width: 1200px; background: var(--ground); color: var(--ink);
+    font: 15px/1.5 system-ui, sans-serif; }
+  h1 { font-size: 1.6em; margin: 0.4em 0; }
+  h2 { font-size: 1.3em; margin: 1.8em 0 0.5em; }
+  h3 { font-size: 1.05em; margin: 1.4em 0 0.4em; }
+  a { color: var(--link); }
+  .wide { overflow-x: auto; }
+  table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95em; }
+  th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
+  td.text { white-space: normal; min-width: 14em; }
+  td.text, th.text { text-align: left; }
+  th[scope="row"], th:first-child { text-align: left; font-weight: normal; }
+  thead th { font-weight: 600; white-space: normal; vertical-align: bottom; }
+  thead th:not(.text) { max-width: 9em; }
+  td.worse { background: var(--worse); font-weight: 600; }
+  td.unclear { background: var(--unclear); }
+  td.published { font-style: italic; opacity: 0.85; }
+  .note { font-size: 0.9em; opacity: 0.85; max-width: 80ch; }
+  .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 8px; }
+  .legend i { display: inline-block; width: 22px; height: 0; border-top: 3px solid transparent; margin-right: 8px;
+    vertical-align: middle; }
+  .legend i:not(.dashed) { height: 3px; border: 0; }
+  .legend i.dashed { border-top: 2px dashed currentColor; }
+  .grid { display: grid; margin-top: 12px;
+    grid-template-columns: repeat(auto-fill, minmax(min(100%, 420px), 1fr)); gap: 12px; }
+  figure { margin: 0; padding: 10px; border: 1px solid var(--line); border-radius: 8px; background: var(--card); }
+  figcaption { font-size: 0.92em; margin-bottom: 4px; }
+  @media (max-width: 640px) {
+    th, td { white-space: normal; padding: 3px 6px; }
+    td.text { min-width: 0; }
+  }
+  svg { display: block; width: 100%; height: auto; }
+</style>
+</head>
+<body>
+@BODY@
+</body>
+</html>
+"""

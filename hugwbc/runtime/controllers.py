@@ -1,0 +1,270 @@
+"""Controllers by name or path, as on the command line: ours, a plug-in's, a policy folder, a foreign policy.
+
+A plug-in is an entry point in the group `hugwbc.controllers`: something to call that gives an object with the members
+of `hugwbc.controller.Controller`. If it has a parameter `policy`, that receives what the user gave with --policy, or
+None. Ours are registered in the same way.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import inspect
+import pathlib
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import numpy as np
+
+import hugwbc
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
+from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
+from hugwbc.robot import load_robot
+from hugwbc.runtime.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
+from hugwbc.runtime.foreign.network import SUFFIXES
+from hugwbc.state import RobotState
+
+GROUP = "hugwbc.controllers"
+# As in pyproject.toml, for a source tree that is not installed and has no metadata.
+_OURS = {
+    "learned": "hugwbc.runtime.controllers:learned_controller",
+    "qp": "hugwbc.mbc:WholeBodyController",
+    "hold": "hugwbc.runtime.controllers:HoldController",
+}
+_PATHS = "the path of a policy folder or file, or of a contract (.yaml)"
+
+
+class HoldController:
+    """Holds the nominal pose with the PD gains and turns the waist as commanded: the baseline that does not balance."""
+
+    name = "hold"
+    period = 0.02
+
+    def __init__(self) -> None:
+        self.robot = load_robot()
+
+    def reset(self, state: RobotState) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """The nominal pose, with the commanded waist angle and external arm targets."""
+        q = self.robot.nominal.copy()
+        q[self.robot.waist] = command.w
+        return override_arms(JointCommand.position(self.robot, np.asarray(q)), upper_body, self.robot)
+
+
+def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
+    """The HugWBC policy: a shipped one by name, a file or a folder; None for the default.
+
+    Raises:
+        PolicyFileError: if the policy file is missing, truncated or foreign.
+    """
+    from hugwbc.learned.policy.policy import load_policy
+
+    return load_policy() if policy is None else load_policy(policy)
+
+
+def load_controller(name: str, policy: str | pathlib.Path | None = None) -> Controller:
+    """Build a controller.
+
+    Args:
+        name: one of `controller_names()`, or the path of a policy or of a contract (`ControllerSpec`).
+        policy: a shipped policy's name, or the path of a policy, for a controller that takes one.
+
+    Raises:
+        UnknownNameError: if there is neither a controller nor a file of that name.
+        ConfigError: if the controller takes no policy.
+        ContractError: if a contract is malformed.
+        PolicyFileError: if a policy file is missing, truncated or foreign.
+    """
+    return ControllerSpec(name, policy).build()
+
+
+@functools.cache
+def plugins() -> dict[str, EntryPoint]:
+    """The registered controllers by name, ours first.
+
+    Raises:
+        ConfigError: if two packages register different controllers under one name.
+    """
+    found = {name: EntryPoint(name, value, GROUP) for name, value in _OURS.items()}
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise ConfigError(
+                f"two controllers are registered as '{entry.name}': {other.value} and {entry.value}; uninstall one of "
+                "the packages, or let it register another name"
+            )
+    return found
+
+
+def controller_names() -> tuple[str, ...]:
+    """Names of the registered controllers and of the shipped contracts of foreign policies."""
+    return (*plugins(), *CONTRACT_NAMES)
+
+
+@dataclasses.dataclass(frozen=True)
+class ControllerSpec:
+    """A controller by name or path: cheap to send to another process, which builds it there.
+
+    Attributes:
+        name: one of `controller_names()`, the path of a policy file or of a folder with one, or the path of a contract
+            of a foreign policy or of a folder with a `contract.yaml`.
+        policy: of the learned controller: name of a shipped policy or path of a policy file; of a foreign policy: its
+            network's file; of a plug-in that takes one, whatever that is; None for the default.
+    """
+
+    name: str
+    policy: str | pathlib.Path | None = None
+
+    def __post_init__(self) -> None:
+        path = pathlib.Path(self.name)
+        if self.name not in controller_names() and path.suffix in SUFFIXES:
+            raise ConfigError(
+                f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
+            )
+        if self.name not in controller_names() and not path.exists():
+            raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
+        if self.policy is not None and not self._is_foreign:
+            self._check_policy()
+
+    def _check_policy(self) -> None:
+        """Refuse a policy that nobody would read.
+
+        Raises:
+            ConfigError: if the controller takes none.
+        """
+        if self.name not in plugins():
+            raise ConfigError(f"controller '{self.name}' takes no policy: it is one; leave out '{self.policy}'")
+        if not _takes_policy(_loaded(plugins()[self.name])):
+            raise ConfigError(
+                f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
+                "takes one, such as learned"
+            )
+
+    @classmethod
+    def parse(cls, words: str) -> "ControllerSpec":
+        """From `NAME`, or `NAME=POLICY`, as lists of controllers on the command line have it."""
+        name, equals, policy = words.partition("=")
+        return cls(name, policy) if equals and name in controller_names() else cls(words)
+
+    @property
+    def label(self) -> str:
+        """Short name for tables: tells apart what differs in policy alone."""
+        name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
+        return name if self.policy is None else f"{name} {pathlib.Path(self.policy).stem}"
+
+    def build(self) -> Controller:
+        """The controller, ready to `reset`.
+
+        Raises:
+            ContractError: if a contract is malformed.
+            PolicyFileError: if a policy file is missing, truncated or foreign.
+            ConfigError: if a plug-in cannot be loaded, or does not give a controller.
+        """
+        if self.name in plugins():
+            return _build_plugin(plugins()[self.name], self.policy)
+        if self._is_foreign:
+            from hugwbc.runtime.foreign import load_foreign_policy
+
+            return load_foreign_policy(self.name, self.policy)
+        return learned_controller(self.name)
+
+    @property
+    def _is_foreign(self) -> bool:
+        path = pathlib.Path(self.name)
+        in_folder = path.is_dir() and (path / CONTRACT_FILE).is_file()
+        return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
+
+    @property
+    def training(self) -> str | None:
+        """What moved the arms in the training, one of the paper's; None for what was not trained, or does not say.
+
+        Raises:
+            PolicyFileError: if a policy file is missing, truncated or foreign.
+        """
+        if self._is_foreign or (self.name in plugins() and self.name != "learned"):
+            return None
+        from hugwbc.learned.policy.policy import trained_with
+
+        (path,) = self.files()
+        return trained_with(path)
+
+    def identity(self) -> dict[str, Any]:
+        """What the controller's behaviour depends on, as JSON: name, package, modules, digests of files.
+
+        Equal controllers have equal identities on any machine; no path is in it.
+
+        Raises:
+            PolicyFileError: if one of the files is missing.
+        """
+        missing = [path for path in self.files() if not path.is_file()]
+        if missing:
+            raise PolicyFileError(f"there is no policy file {missing[0]}; give the path of one")
+        entry = plugins().get(self.name)
+        dist = None if entry is None else entry.dist
+        package = f"hugwbc {hugwbc.__version__}" if dist is None else f"{dist.name} {dist.version}"
+        return {
+            "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
+            "package": package,
+            "modules": [entry.value.partition(":")[0] if entry else "hugwbc.runtime.controllers"],
+            "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
+            "policy": self._policy_word,
+        }
+
+    @property
+    def _policy_word(self) -> str | None:
+        """A plug-in's policy that is a word to itself: neither of ours, nor a file or folder."""
+        ours = self.name not in plugins() or self.name in _OURS
+        given = None if self.policy is None or ours else pathlib.Path(self.policy)
+        return None if given is None or given.exists() else str(self.policy)
+
+    def files(self) -> list[pathlib.Path]:
+        """The files that it is made of: contract and network, or policy."""
+        given = None if self.policy is None else pathlib.Path(self.policy)
+        if self._is_foreign:
+            contract = contract_path(self.name)
+            network = given or load_contract(contract).policy
+            return [contract, *([] if network is None else [network])]
+        from hugwbc.learned.policy.policy import DEFAULT_POLICY, policy_file
+
+        if self.name not in plugins():
+            return [policy_file(self.name)]
+        if self.name == "learned":
+            return [policy_file(given or DEFAULT_POLICY)]
+        if given is not None and given.is_dir():
+            return sorted(path for path in given.rglob("*") if path.is_file())
+        return [] if given is None or not given.is_file() else [given]
+
+
+def _loaded(entry: EntryPoint) -> Callable[..., Any]:
+    """What a plug-in is made by.
+
+    Raises:
+        ConfigError: if it cannot be loaded.
+    """
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"controller '{entry.name}' ({entry.value}) cannot be loaded: {error}; install its package again"
+        ) from error
+
+
+def _takes_policy(factory: Callable[..., Any]) -> bool:
+    return "policy" in inspect.signature(factory).parameters
+
+
+def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None) -> Controller:
+    """What a plug-in makes, if that is a controller."""
+    factory = _loaded(entry)
+    controller = factory(policy=policy) if _takes_policy(factory) else factory()
+    if not isinstance(controller, Controller):
+        missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
+        raise ConfigError(
+            f"controller '{entry.name}' ({entry.value}) gives a {type(controller).__name__} without "
+            f"{', '.join(missing)}; see hugwbc.controller.Controller"
+        )
+    return controller

@@ -1,0 +1,1 @@
+"""What a robot is asked to do over time: command scripts, hand paths, arm motions, and the shipped scripts."""

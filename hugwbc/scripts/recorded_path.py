@@ -1,0 +1,70 @@
+"""Ways of a hand that somebody has recorded: samples over time, read from CSV files."""
+
+import csv
+import dataclasses
+import functools
+import pathlib
+
+import numpy as np
+
+from hugwbc.errors import TargetError
+from hugwbc.scripts.hand_paths import HandPath, Point
+from hugwbc.targets import position
+
+
+@dataclasses.dataclass(frozen=True)
+class Recorded(HandPath):
+    """A path from samples, linear between them.
+
+    Attributes:
+        time: of the samples, rising [s].
+        points: [m], as many.
+    """
+
+    time: tuple[float, ...]
+    points: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        if not self.time or len(self.points) != len(self.time):
+            raise TargetError(
+                f"recorded path has {len(self.time)} times and {len(self.points)} points; give one x, y, z each"
+            )
+        for index, point in enumerate(self.points):
+            position(f"recorded path's point {index + 1}", point)
+        time, _ = self._arrays
+        if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
+            raise TargetError("recorded path's times do not rise; sort the samples and remove repeated times")
+
+    @functools.cached_property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.time, dtype=float), np.array(self.points, dtype=float)
+
+    def at(self, t: float) -> np.ndarray:
+        """Position at time `t` [s], shape (3,) [m]."""
+        time, points = self._arrays
+        return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
+
+
+def read_path(path: pathlib.Path) -> Recorded:
+    """A recorded path from a CSV file with the columns t, x, y, z [s, m], one header line; empty lines do not count.
+
+    Raises:
+        TargetError: if the file cannot be read or a line of it is not four numbers.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin their files with a mark
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TargetError(f"cannot read the hand path {path}: {error}; give a CSV file with columns t,x,y,z") from error
+    if not rows or [name.strip() for name in rows[0]] != ["t", "x", "y", "z"]:
+        raise TargetError(f"{path}:1: the header is {','.join(rows[0]) if rows else 'missing'}; write t,x,y,z")
+    samples: list[list[float]] = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            t, x, y, z = map(float, row)
+        except ValueError:
+            raise TargetError(f"{path}:{number}: '{','.join(row)}' is not four numbers t,x,y,z") from None
+        samples.append([t, x, y, z])
+    return Recorded(tuple(s[0] for s in samples), tuple((s[1], s[2], s[3]) for s in samples))

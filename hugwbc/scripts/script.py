@@ -1,0 +1,254 @@
+"""Command scripts: what the robot is asked to do over time, the same for every controller.
+
+A script is a list of segments of plain numbers. Within a segment the commands ramp smoothly from the previous
+segment's values to its own, and then hold; the gait switches at once, at the segment's start. `script_file` reads
+scripts from YAML; the shipped ones are in `hugwbc/scripts`.
+"""
+
+import bisect
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from hugwbc.blends import smooth_rate, smooth_step
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
+from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.scripts.hand_paths import HandPath, Point
+from hugwbc.scripts.motion import ArmMotion
+from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
+
+DEFAULT_RAMP = 1.0  # [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class HandMotion:
+    """Paths of the hands, in one frame; None for a hand that rests beside the body. The rest as in `HandTargets`."""
+
+    left: HandPath | None
+    right: HandPath | None
+    frame: HandFrame = "pelvis"
+    left_direction: Point | None = None
+    right_direction: Point | None = None
+    together: bool = False
+    whole_body: bool = False
+
+    def __post_init__(self) -> None:
+        if self.left is None and self.right is None:
+            raise TargetError("neither hand has a path; give at least one, or no hands at all")
+        if self.frame not in HAND_FRAMES:
+            raise UnknownNameError("hand frame", self.frame, HAND_FRAMES)
+        self.at(0.0)
+
+    def at(self, t: float) -> HandTargets:
+        """Targets at time `t` [s] since the motion's start."""
+        left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
+        return HandTargets(left, right, self.frame, *self._directions, self.together, self.whole_body)
+
+    @functools.cached_property
+    def _directions(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        checked = HandTargets.of(
+            self.left and (0, 0, 0),
+            self.right and (0, 0, 0),
+            left_direction=self.left_direction,
+            right_direction=self.right_direction,
+            together=self.together,
+        )
+        return checked.left_direction, checked.right_direction
+
+
+@dataclasses.dataclass(frozen=True)
+class Segment:
+    """A stretch of a script.
+
+    Attributes:
+        label: what happens, for people.
+        duration: [s].
+        gait: from the segment's start.
+        commands: values by name, reached after `ramp`; commands that are not named go to their default.
+        hands: None leaves the arms to the controller. A motion equal to the previous segment's goes on, another starts.
+        motion: of the arm joints, instead of hands; goes on and starts likewise, and rests at its end.
+        ramp: time from the previous segment's values to this one's [s]; for the hands as well.
+    """
+
+    label: str
+    duration: float
+    gait: Gait = Gait.STANDING
+    commands: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    hands: HandMotion | None = None
+    ramp: float = DEFAULT_RAMP
+    motion: ArmMotion | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.duration) and self.duration > 0.0):
+            raise ConfigError(f"segment '{self.label}' lasts {self.duration} s; give a finite duration above 0 s")
+        if not 0.0 <= self.ramp <= self.duration:
+            raise ConfigError(
+                f"segment '{self.label}' ramps for {self.ramp} s; give 0 s up to its duration of {self.duration:g} s"
+            )
+        if self.hands is not None and self.motion is not None:
+            raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
+        object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
+        self.command()
+
+    def command(self) -> Command:
+        """The command at the end of the ramp.
+
+        Raises:
+            UnknownNameError: if a name in `commands` is no command.
+            CommandError: if a value is not finite or not in the gait's range.
+        """
+        try:
+            return Command.from_mapping(self.commands, self.gait).validate()
+        except CommandError as error:
+            raise CommandError(f"segment '{self.label}': {error}") from None
+
+    def blend(self, elapsed: float) -> float:
+        """How much of the way from the previous segment's values has been covered after `elapsed` [s], in [0, 1]."""
+        return 1.0 if self.ramp == 0.0 else smooth_step(elapsed / self.ramp)
+
+    def blend_rate(self, elapsed: float) -> float:
+        """How fast `blend` rises after `elapsed` [s], in 1/s."""
+        return 0.0 if self.ramp == 0.0 else smooth_rate(elapsed / self.ramp) / self.ramp
+
+
+@dataclasses.dataclass(frozen=True)
+class Script:
+    """Segments one after the other, checked when it is made: no ramp leaves the range of its gait.
+
+    Attributes:
+        name: for tables and files.
+        segments: at least one.
+        about: what it shows, for people.
+    """
+
+    name: str
+    segments: tuple[Segment, ...]
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.segments:
+            raise ConfigError(f"script '{self.name}' is empty; give it at least one segment")
+        for before, after in zip(self.segments, self.segments[1:], strict=False):
+            check_transition(before, after)
+
+    @functools.cached_property
+    def _ends(self) -> list[float]:
+        return np.cumsum([segment.duration for segment in self.segments]).tolist()
+
+    @functools.cached_property
+    def _hand_starts(self) -> list[float]:
+        """When the hand motion of each segment began: with the first of the segments that share it [s]."""
+        starts: list[float] = []
+        begin = 0.0
+        for index, segment in enumerate(self.segments):
+            before = self.segments[index - 1]
+            goes_on = index > 0 and segment.hands == before.hands and segment.motion is before.motion
+            starts.append(starts[-1] if goes_on else begin)
+            begin = self._ends[index]
+        return starts
+
+    @functools.cached_property
+    def _values(self) -> list[np.ndarray]:
+        """Command values before the script and at the end of each segment's ramp."""
+        return [default_command(self.segments[0].gait).array(), *(s.command().array() for s in self.segments)]
+
+    @property
+    def duration(self) -> float:
+        """Of all segments [s]."""
+        return self._ends[-1]
+
+    def _locate(self, t: float) -> tuple[int, float]:
+        """Index of the segment at time `t` and the time since its start [s]; times outside are moved to the ends."""
+        index = min(bisect.bisect_right(self._ends, t), len(self.segments) - 1)
+        start = self._ends[index - 1] if index else 0.0
+        return index, min(max(t - start, 0.0), self.segments[index].duration)
+
+    def command_at(self, t: float) -> Command:
+        """The command at time `t` [s]; the script starts from the default command, and its end holds for ever."""
+        index, elapsed = self._locate(t)
+        segment = self.segments[index]
+        before, after = self._values[index], self._values[index + 1]
+        return Command.from_array(before + segment.blend(elapsed) * (after - before), segment.gait)
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """The targets of hands or arm joints at time `t` [s], or None where the arms are the controller's."""
+        index, elapsed = self._locate(t)
+        segment = self.segments[index]
+        if segment.motion is not None:
+            return self._joints_at(t, index, segment.motion, elapsed)
+        if segment.hands is None:
+            return None
+        targets = segment.hands.at(t - self._hand_starts[index])
+        before = self.segments[index - 1].hands if index else None
+        if before is None or before == segment.hands:
+            return targets
+        start, blend = before.at(t - self._hand_starts[index - 1]), segment.blend(elapsed)
+        left = _blended(start.left, targets.left, blend)
+        right = _blended(start.right, targets.right, blend)
+        return dataclasses.replace(targets, left=left, right=right)
+
+    def _joints_at(self, t: float, index: int, motion: ArmMotion, elapsed: float) -> HandTargets:
+        q, dq = motion.at(t - self._hand_starts[index])
+        before = self.segments[index - 1].motion if index else None
+        if before is not None and before is not motion:
+            start, start_dq = before.at(t - self._hand_starts[index - 1])
+            blend, rate = self.segments[index].blend(elapsed), self.segments[index].blend_rate(elapsed)
+            q, dq = start + blend * (q - start), start_dq + blend * (dq - start_dq) + rate * (q - start)
+        return HandTargets(None, None, joints=q, joint_velocity=dq)
+
+
+def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> np.ndarray | None:
+    """Between two targets of a hand; at once where it had none before."""
+    return end if start is None or end is None else start + blend * (end - start)
+
+
+def check_transition(before: Segment, after: Segment) -> None:
+    """Refuse a segment that cannot follow another.
+
+    Ranges are boxes and ramps are convex: if the start of a ramp is valid in the new gait, all of it is.
+
+    Raises:
+        CommandError: if the ramp would start outside the range of the new gait.
+        TargetError: if both have hands, in different frames.
+    """
+    start = before.command()
+    for name in COMMAND_NAMES:
+        low, high = command_ranges(after.gait)[name].finishing
+        value = getattr(start, name)
+        if not low <= value <= high:
+            unit = COMMAND_UNITS[name]
+            raise CommandError(
+                f"segment '{after.label}' ({after.gait.label}) starts from {name} = {value:g} {unit} of segment "
+                f"'{before.label}', but {after.gait.label} allows {low:g} to {high:g} {unit}; "
+                f"put a {before.gait.label} segment between them that brings {name} into that range"
+            )
+    if before.hands is not None and after.hands is not None and before.hands.frame != after.hands.frame:
+        raise TargetError(
+            f"segment '{after.label}' changes the hand frame from {before.hands.frame} to {after.hands.frame}; "
+            "put a segment without hands between them"
+        )
+
+
+def while_walking(script: Script, v_x: float) -> Script:
+    """The script with a walk under it: where it stands, or walks on the spot, the robot walks ahead instead.
+
+    Args:
+        script: whose hands, heights, pitches and waist angles stay.
+        v_x: forward velocity of the segments without one of their own [m/s].
+
+    Raises:
+        CommandError: if the walking gait does not admit a value.
+    """
+    segments = []
+    for segment in script.segments:
+        commands = dict(segment.commands)
+        if segment.gait is Gait.STANDING or not any(commands.get(name) for name in VELOCITY_NAMES):
+            commands["v_x"] = v_x
+        gait = Gait.WALKING if segment.gait is Gait.STANDING else segment.gait
+        segments.append(dataclasses.replace(segment, gait=gait, commands=commands))
+    return Script(f"{script.name} while walking", tuple(segments), script.about)

@@ -1,0 +1,124 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.engine.batch_rollout import Episode, fits, most_robots, rollouts
+from hugwbc.evaluation.engine.plans import Knot, Schedule
+from hugwbc.evaluation.navigation import Navigator, Tour, Waypoint
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.loop import Constant
+from hugwbc.runtime.rollout import Trace, rollout
+from hugwbc.sim import Force
+
+COARSE = Conditions(timestep=0.005)
+WALK, STAND = Command(v_x=0.6, gait=Gait.WALKING), Command(h=-0.1, w=0.4, gait=Gait.STANDING)
+TURN = Schedule((Knot(0.0, WALK), Knot(0.3, Command(v_x=0.3, omega=2.0, gait=Gait.WALKING), ramp=0.4)))
+SHOVE = Force((0.0, 400.0, 0.0), start=0.3, duration=0.3, frame="heading")
+OTHER = dataclasses.replace(COARSE, payload=3.0, friction=0.6, gain=1.05, strength=0.95)
+MOVED = dataclasses.replace(COARSE, intervention="noise")
+PLANS = [
+    (Constant(WALK), COARSE, ()),
+    (Constant(STAND), MOVED, ()),
+    (TURN, OTHER, ()),
+    (Constant(WALK), COARSE, (SHOVE, Force((0.0, 0.0, -30.0), link="pelvis"))),
+    (Constant(dataclasses.replace(WALK, gait=Gait.JUMPING)), MOVED, ()),
+    (Navigator(Tour((Waypoint(1.0, 0.5, 0.4), Waypoint(0.0, 0.0, 0.0)), 0.5, Gait.WALKING)), COARSE, ()),
+]
+
+
+@pytest.fixture(scope="module")
+def policy():
+    """The shipped policy."""
+    return ControllerSpec("learned").build()
+
+
+def _arms(conditions: Conditions, index: int):
+    return conditions.arms((0, index))
+
+
+def _batch(policy, duration: float, **changes) -> list[Trace | None]:
+    episodes = [Episode(s, dataclasses.replace(c, **changes), f, _arms(c, i)) for i, (s, c, f) in enumerate(PLANS)]
+    return rollouts(policy, episodes, duration=duration)
+
+
+def _alone(policy, index: int, duration: float, **changes) -> Trace:
+    source, conditions, forces = PLANS[index]
+    conditions = dataclasses.replace(conditions, **changes)
+    simulation = conditions.simulation(duration, (0, index))
+    return rollout(policy, source, simulation, _arms(conditions, index), duration=duration, forces=forces)
+
+
+def _assert_same(one: Trace, other: Trace, tolerance: float) -> None:
+    timing = {"tick_ms", "ik_ms", "pressure_centre", "touch_downs", "safety"}
+    for field in dataclasses.fields(Trace):
+        if field.name not in timing:
+            expected, found = getattr(one, field.name), getattr(other, field.name)
+            if isinstance(expected, np.ndarray):
+                np.testing.assert_allclose(found, expected, atol=tolerance, rtol=0, err_msg=field.name)
+            else:
+                assert expected == found, field.name
+    assert [list(times) for times in one.touch_downs] == [list(times) for times in other.touch_downs]
+    assert dataclasses.replace(one.safety, overruns=0) == dataclasses.replace(other.safety, overruns=0)
+
+
+def test_the_first_second_is_that_of_single_rollouts(policy):
+    batch = _batch(policy, 1.0)
+    for index, trace in enumerate(batch):
+        assert trace is not None and trace.tick_ms.size == trace.steps
+        _assert_same(_alone(policy, index, 1.0), trace, 1e-6)
+
+
+def test_a_fall_ends_one_robot_alone(policy):
+    falls = [trace.fell for trace in _batch(policy, 1.6)]
+    assert falls == [False, False, False, True, False, False]
+    _assert_same(_alone(policy, 3, 1.6), _batch(policy, 1.6)[3], 1e-6)
+
+
+def test_the_finer_time_step_of_evaluations(policy):
+    source, conditions, forces = PLANS[0]
+    conditions = dataclasses.replace(conditions, timestep=0.002)
+    (trace,) = rollouts(policy, [Episode(source, conditions, forces)], duration=0.4)
+    _assert_same(_alone(policy, 0, 0.4, timestep=0.002), trace, 1e-6)
+
+
+@pytest.mark.parametrize("spoiled_rows", [[0], list(range(len(PLANS)))])
+def test_what_the_policy_cannot_answer_is_left_to_a_rollout_by_itself(policy, monkeypatch, spoiled_rows):
+    make = policy.for_many
+
+    def spoiled(count):
+        rows = make(count)
+        decide = rows.decide
+
+        def first_fails(*inputs):
+            targets = decide(*inputs)
+            if len(targets) == len(PLANS):
+                targets[spoiled_rows, 3] = np.nan
+            return targets
+
+        rows.decide = first_fails
+        return rows
+
+    monkeypatch.setattr(policy, "for_many", spoiled)
+    batch = _batch(policy, 0.2)
+    assert [index for index, trace in enumerate(batch) if trace is None] == spoiled_rows
+    monkeypatch.undo()
+    if batch[2] is not None:
+        _assert_same(_alone(policy, 2, 0.2), batch[2], 1e-6)
+
+
+def test_what_a_batch_cannot_express_does_not_fit(policy):
+    assert fits(policy, OTHER) and fits(policy, MOVED) and not fits(ControllerSpec("hold").build(), COARSE)
+    for change in ({"terrain_roughness": 0.01}, {"slope": 0.05}, {"noise": True}, {"latency": 0.01}):
+        assert not fits(policy, dataclasses.replace(COARSE, **change))
+    assert most_robots(1.0) == 2048 > most_robots(60.0) > 50
+
+
+def test_errors_are_those_of_a_rollout(policy):
+    with pytest.raises(ConfigError, match="choose a time step that divides it"):
+        rollouts(policy, [Episode(Constant(WALK), Conditions(timestep=0.003))], duration=0.1)
+    with pytest.raises(UnknownNameError, match="unknown link 'torso'"):
+        rollouts(policy, [Episode(Constant(WALK), COARSE, (Force((1.0, 0.0, 0.0), link="torso"),))], duration=0.1)

@@ -1,0 +1,83 @@
+import dataclasses
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule
+from hugwbc.evaluation.protocols.episodes import EpisodeSettings, run_episodes
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.sim import Force
+
+WALK = Command(gait=Gait.WALKING, v_x=1.0)
+RAMP = Schedule((Knot(0.0, Command()), Knot(1.0, WALK, ramp=2.0), Knot(4.0, Command(w=0.5))))
+PLAN = EpisodePlan(RAMP, (Force((1.0, 2.0, 3.0), 0.1, 0.2),), Conditions(payload=3.0, friction=0.5), draw=7)
+
+
+def test_a_schedule_steps_and_ramps():
+    wanted = {-1.0: 0.0, 0.999: 0.0, 1.0: 0.0, 1.5: 0.25, 3.0: 1.0, 3.9: 1.0, 4.0: 0.0, 9.0: 0.0}
+    for t, v_x in wanted.items():
+        assert RAMP.command_at(t).v_x == pytest.approx(v_x), t
+    gaits = [RAMP.command_at(t).gait for t in (0.99, 1.0, 3.9, 4.0)]
+    assert gaits == [Gait.STANDING, Gait.WALKING, Gait.WALKING, Gait.STANDING]
+    assert RAMP.command_at(9.0) == Command(w=0.5)
+
+
+@pytest.mark.parametrize(
+    "knots",
+    [
+        (),
+        (Knot(1.0, Command()),),
+        (Knot(0.0, Command(), ramp=1.0),),
+        (Knot(0.0, Command()), Knot(1.0, Command(), ramp=2.0), Knot(2.0, Command())),
+        (Knot(0.0, Command()), Knot(2.0, Command()), Knot(1.0, Command())),
+    ],
+)
+def test_bad_schedules_are_refused(knots):
+    with pytest.raises(ConfigError, match=r"knot"):
+        Schedule(knots)
+
+
+def test_plans_are_values():
+    assert pickle.loads(pickle.dumps(PLAN)) == PLAN and hash(PLAN) == hash(dataclasses.replace(PLAN))
+    content = json.loads(json.dumps(dataclasses.asdict(PLAN), allow_nan=False))
+    assert content["commands"]["knots"][1]["command"]["v_x"] == 1.0
+    assert content["forces"] == [
+        {"vector": [1.0, 2.0, 3.0], "start": 0.1, "duration": 0.2, "link": "torso_link", "frame": "world"}
+    ]
+    assert content["conditions"]["friction"] == 0.5 and content["draw"] == 7
+    assert PLAN.command == Command() and EpisodePlan(WALK).command == WALK
+
+
+def run(*plans: EpisodePlan, **settings):
+    config = EpisodeSettings(duration=0.3, settle=0.1, **settings)
+    return run_episodes(HoldController, plans, lambda index, run: run.trace, config)
+
+
+def test_the_forces_of_a_plan_push_the_robot():
+    still, pushed = run(EpisodePlan(Command()), EpisodePlan(Command(), (Force((300.0, 0.0, 0.0), 0.1, 0.1),)))
+    np.testing.assert_array_equal(still.qpos[:6], pushed.qpos[:6])
+    assert pushed.qpos[-1, 0] - still.qpos[-1, 0] > 0.01
+
+
+def test_conditions_of_a_plan_come_before_those_of_the_settings():
+    plans = (EpisodePlan(Command()), EpisodePlan(Command(), conditions=Conditions()))
+    loaded, free = run(*plans, conditions=Conditions(payload=10.0))
+    np.testing.assert_array_equal(free.qpos, run(plans[0])[0].qpos)
+    assert not np.array_equal(loaded.qpos, free.qpos)
+
+
+def test_the_draw_decides_and_not_the_place_in_the_list():
+    plans = [EpisodePlan(Command(), draw=draw) for draw in (3, 4, 3)]
+    first, other, same = run(*plans, conditions=Conditions(terrain_roughness=0.02, intervention="noise"))
+    np.testing.assert_array_equal(first.target, same.target)
+    assert not np.array_equal(first.target, other.target)
+
+
+def test_a_schedule_is_followed():
+    (trace,) = run(EpisodePlan(Schedule((Knot(0.0, Command()), Knot(0.1, Command(w=0.2), ramp=0.1)))))
+    np.testing.assert_allclose(trace.command[[0, 5, 7, 10, 14], 7], [0.0, 0.0, 0.08, 0.2, 0.2], atol=1e-9)

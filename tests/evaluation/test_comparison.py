@@ -1,0 +1,104 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.comparison import compare, summarise, upper_body_source
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.controllers import ControllerSpec, HoldController
+from hugwbc.scripts.hand_paths import Hold
+from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
+from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+
+REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
+SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))
+
+
+WALKS = {"learned": (0.0, 0.3), "qp": (0.0,)}  # by controller, the walk put under each script [m/s]
+
+
+class Other(HoldController):
+    name = "other"
+
+
+def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
+    trace = synthetic_trace(Command(v_x=0.5, gait=Gait.WALKING), bias={"v_x": 0.1, "w": -0.2}, duration=4.0)
+    n = trace.time.size
+    error = np.full((n, 2), np.nan)
+    error[-100:] = (0.01, 0.03)
+    target = np.where(np.isfinite(error)[..., None], np.zeros(3), np.nan)
+    outcome = summarise(
+        dataclasses.replace(
+            trace,
+            hand_error=error,
+            hand_target_world=target,
+            reachable=np.isfinite(error),
+            tick_ms=np.arange(101.0),
+            ik_ms=np.full(5, 0.25),
+        )
+    )
+    assert not outcome.fell and outcome.survived_s == 4.0 and outcome.steps == n
+    assert outcome.errors == pytest.approx({"v_x": 0.1, "v_y": 0.0, "omega": 0.0, "h": 0.0, "p": 0.0, "w": 0.2})
+    assert outcome.hand_error_m["mean"] == pytest.approx(0.02)
+    assert (outcome.hand_error_m["left"], outcome.hand_error_m["right"]) == pytest.approx((0.01, 0.03))
+    assert outcome.tick_ms == {"p50": 50.0, "p99": 99.0}
+    assert outcome.ik_ms == pytest.approx({"p50": 0.25, "p99": 0.25})
+    # 2 Hz for 4 s: the left foot comes down at 0.5, 1.0, ... 3.5 s, the right one at 0.25, 0.75, ... 3.75 s
+    assert outcome.footsteps == 7 + 8
+
+
+def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets():
+    traces = compare([HoldController(), Other()], SCRIPT)
+    assert [trace.name for trace in traces] == ["hold", "other"]
+    for trace in traces:
+        assert trace.time[-1] == pytest.approx(SCRIPT.duration - 0.02)
+        np.testing.assert_array_equal(trace.command, [SCRIPT.command_at(t).array() for t in trace.time])
+        wanted = np.isfinite(trace.hand_target_world).all(axis=(1, 2))
+        np.testing.assert_array_equal(wanted, [SCRIPT.hands_at(t) is not None for t in trace.time])
+    np.testing.assert_array_equal(traces[0].qpos, traces[1].qpos)
+
+
+def test_the_qp_brings_both_hands_to_their_targets():
+    (trace,) = compare([WholeBodyController()], SCRIPT)
+    assert not trace.fell
+    assert trace.hand_error[-5:].max() < 0.02
+    assert np.nanmax(trace.hand_error) > 0.1, "the hands start far from their targets"
+
+
+def test_noise_follows_the_seed():
+    first, again, other = (compare([HoldController()], SCRIPT, seed=s, noise=True)[0] for s in (1, 1, 2))
+    np.testing.assert_array_equal(first.qpos, again.qpos)
+    assert not np.array_equal(first.qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
+
+
+def test_position_driven_controllers_get_gravity_compensation():
+    assert upper_body_source(HoldController())._gravity is not None
+    assert upper_body_source(WholeBodyController())._gravity is None
+    strong = HoldController()
+    strong.carries_arms = True  # type: ignore[attr-defined]
+    assert upper_body_source(strong)._gravity is None
+
+
+@pytest.mark.parametrize("controllers", [[], [HoldController(), HoldController()]])
+def test_no_controller_or_one_twice_is_refused(controllers):
+    with pytest.raises(ConfigError, match="give at least one, each once"):
+        compare(controllers, SCRIPT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPT_NAMES)
+@pytest.mark.parametrize(("controller", "v_x"), [(name, v) for name, speeds in WALKS.items() for v in speeds])
+def test_every_shipped_script_is_finished_without_a_fall(controller, v_x, script):
+    scene = load_script(script)
+    if v_x:
+        scene = while_walking(scene, v_x)
+    (trace,) = compare([ControllerSpec(controller).build()], scene)
+    outcome = summarise(trace)
+    assert not outcome.fell
+    if trace.reachable.any():
+        given = np.isfinite(trace.hand_target_world).all(axis=2)
+        assert trace.reachable[given].mean() > 0.85
+        # The way to the first target is included.
+        assert outcome.hand_error_m["mean"] < (0.06 if controller == "qp" else 0.16)

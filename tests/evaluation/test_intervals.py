@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+
+
+def test_the_interval_is_that_of_the_normal_distribution_for_many_samples():
+    samples = np.random.default_rng(1).normal(2.0, 0.5, 400)
+    estimate = bootstrap_mean(samples.tolist())
+    error = samples.std() / np.sqrt(samples.size)
+    assert estimate.value == pytest.approx(samples.mean()) and estimate.samples == 400
+    assert estimate.low == pytest.approx(samples.mean() - 1.96 * error, abs=0.15 * error)
+    assert estimate.high == pytest.approx(samples.mean() + 1.96 * error, abs=0.15 * error)
+
+
+def test_it_covers_the_truth_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    estimates = [bootstrap_mean(rng.exponential(1.0, 40).tolist()) for _ in range(200)]
+    covered = np.mean([e.low <= 1.0 <= e.high for e in estimates if e.low is not None and e.high is not None])
+    assert 0.88 <= covered <= 0.98
+
+
+def test_score_interval_of_a_part():
+    """Against the figures of Wilson's formula for 5 of 20 and 0 of 4, worked out by hand."""
+    some, none = wilson_percentage([True] * 5 + [False] * 15), wilson_percentage([False] * 4)
+    assert (some.value, some.low, some.high) == pytest.approx((25.0, 11.19, 46.87), abs=0.01)
+    assert (none.value, none.low, none.high) == pytest.approx((0.0, 0.0, 48.99), abs=0.01)
+    assert wilson_percentage([]).value is None and wilson_percentage([True]).high == 100.0
+
+
+def test_few_and_missing_samples():
+    assert bootstrap_mean([]).value is None
+    one = bootstrap_mean([None, 3.0])
+    assert (one.value, one.low, one.high, one.samples) == (3.0, None, None, 1)
+    same = bootstrap_mean([2.0, 2.0, None])
+    assert (same.value, same.low, same.high, same.samples) == (2.0, 2.0, 2.0, 2)
+    assert bootstrap_mean([1.0, 2.0, 3.0]) == bootstrap_mean([1.0, 2.0, 3.0])

@@ -1,0 +1,29 @@
+import pytest
+
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.tables import Marked, Table, cell_text, markdown_table
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"), (float("nan"), "–"), (True, "yes"), (0.012345, "0.0123"), (12, "12"), ("a", "a"),
+        (Marked("2 worse", "worse"), "2 worse"),
+    ],
+)  # fmt: skip
+def test_cells(value, text):
+    assert cell_text(value) == text
+
+
+def test_markdown_marks_what_is_worse():
+    table = Table("T", ("", "a|b"), [("E", Marked("2 worse", "worse")), ("F", Marked("3", "published"))], "A note.")
+    assert markdown_table(table).split("\n") == [
+        "### T", "", r"|  | a\|b |", "| --- | ---: |", "| E | **2 worse** |", "| F | 3 |", "", "A note."
+    ]  # fmt: skip
+
+
+def test_bad_tables_are_refused():
+    with pytest.raises(ConfigError, match="table 'T' has 2 columns, a row of it 1 cells"):
+        Table("T", ("a", "b"), [("only one",)])
+    with pytest.raises(ConfigError, match="marked 'bad'; valid: worse, unclear, published"):
+        Marked("1", "bad")

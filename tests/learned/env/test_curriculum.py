@@ -1,0 +1,88 @@
+import pytest
+
+from hugwbc.learned.config import CurriculumConfig
+from hugwbc.learned.env.curriculum import Curriculum
+
+CONFIG = CurriculumConfig(
+    warm_up_iterations=2,
+    alpha_interval=1,
+    speed_interval=1,
+    linear_threshold=0.7,
+    angular_threshold=0.5,
+    speed_threshold=0.7,
+)
+
+
+def started() -> Curriculum:
+    curriculum = Curriculum(CONFIG)
+    for _ in range(2):
+        curriculum.update((1.0, 1.0), (1.0, 1.0))
+    return curriculum
+
+
+def test_nothing_moves_during_warm_up() -> None:
+    curriculum = started()
+    assert (curriculum.alpha, curriculum.max_speed, curriculum.penalty_scale) == (0.0, 0.6, 0.2)
+    assert "warm-up" in curriculum.gates["alpha"]
+
+
+def test_alpha_rises_when_both_rewards_pass() -> None:
+    curriculum = started()
+    curriculum.update((0.0, 0.0), (0.71, 0.51))
+    assert curriculum.alpha == pytest.approx(0.01)
+    assert curriculum.gates["alpha"] == "open"
+
+
+def test_alpha_holds_between_the_thresholds_and_says_why() -> None:
+    curriculum = started()
+    curriculum.alpha = 0.5
+    curriculum.update((0.0, 0.0), (0.6, 0.51))
+    assert curriculum.alpha == 0.5
+    assert curriculum.gates["alpha"] == "closed: linear velocity reward 0.60 < 0.70"
+
+
+@pytest.mark.parametrize("rewards", [(0.46, 0.9), (0.9, 0.33)])
+def test_alpha_falls_below_two_thirds_of_either(rewards: tuple[float, float]) -> None:
+    curriculum = started()
+    curriculum.alpha = 0.5
+    curriculum.update((0.0, 0.0), rewards)
+    assert curriculum.alpha == pytest.approx(0.49)
+
+
+def test_speed_grows_to_the_paper_s_limit() -> None:
+    curriculum = started()
+    for _ in range(200):
+        curriculum.update((0.9, 0.9), (0.0, 0.0))
+    assert curriculum.max_speed == 2.0
+    assert curriculum.max_yaw_rate == pytest.approx(1.0)
+    curriculum.update((0.1, 0.9), (0.0, 0.0))
+    assert "0.10 < 0.70" in curriculum.gates["speed"]
+
+
+def test_noise_and_speed_wait_for_the_terrain_and_say_so() -> None:
+    curriculum = started()
+    curriculum.update((0.9, 0.9), (0.9, 0.9), terrain_mastered=False)
+    assert (curriculum.alpha, curriculum.max_speed) == (0.0, 0.6)
+    assert curriculum.gates["alpha"] == curriculum.gates["speed"] == "closed: waits for the terrain"
+    assert curriculum.penalty_scale > 0.2
+
+
+def test_without_intervention_alpha_rests() -> None:
+    curriculum = started()
+    curriculum.update((0.9, 0.9), None)
+    assert curriculum.alpha == 0.0 and curriculum.gates["alpha"] == "off: no intervention"
+
+
+def test_state_survives_a_round_trip() -> None:
+    curriculum = started()
+    curriculum.update((0.9, 0.9), (0.9, 0.9))
+    other = Curriculum(CONFIG)
+    other.load_state_dict(curriculum.state_dict())
+    assert other.state_dict() == curriculum.state_dict()
+
+
+def test_without_agile_robots_the_speed_rests() -> None:
+    curriculum = started()
+    curriculum.update(None, (0.9, 0.9))
+    assert curriculum.max_speed == 0.6 and curriculum.gates["speed"] == "off: no agile robots"
+    assert curriculum.alpha == pytest.approx(0.01)

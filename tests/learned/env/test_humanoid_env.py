@@ -1,0 +1,267 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.readings import read
+from hugwbc.learned.policy import observations as obs
+from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.state import RobotState
+
+
+def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(steps):
+        env.step(0.3 * torch.randn((env.count, 19), generator=generator))
+
+
+def run_still(env: HumanoidEnv, steps: int) -> None:
+    for _ in range(steps):
+        env.step(torch.zeros(env.count, 19))
+
+
+def state_of(env: HumanoidEnv, i: int) -> RobotState:
+    qpos, qvel = env.simulation.qpos[i], env.simulation.qvel[i]
+    return RobotState(
+        q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6], position=qpos[:3],
+        velocity=qvel[:3],
+    )  # fmt: skip
+
+
+def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> None:
+    run(small_env, 15)
+    kinematics = Kinematics()
+    for i in range(small_env.count):
+        kinematics.update(state_of(small_env, i))
+        m = kinematics.measured()
+        assert small_env.readings.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
+        assert small_env.readings.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
+        assert small_env.readings.height[i].item() == pytest.approx(m.h, abs=1e-5)
+        assert small_env.readings.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
+        assert small_env.readings.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
+
+
+def test_observation_shapes_and_finiteness(small_env: HumanoidEnv) -> None:
+    run(small_env, 5)
+    o = small_env.observe()
+    assert o.history.shape == (8, 315) and o.command.shape == (8, 13)
+    assert o.critic.shape == (8, 321) and o.estimate.shape == (8, 6)
+    for tensor in (o.history, o.command, o.critic, o.estimate):
+        assert torch.isfinite(tensor).all()
+
+
+def test_newest_frame_is_last_in_the_history() -> None:
+    config = dataclasses.replace(EnvConfig(), count=4, randomization=RandomizationConfig(noise=0.0))
+    env = HumanoidEnv(config, seed=0, threads=1)
+    action = 0.1 * torch.ones(4, 19)
+    env.step(action)
+    newest = env.observe().history[:, -obs.PROPRIOCEPTION_SIZE :]
+    torch.testing.assert_close(newest[:, -19:], action)
+    torch.testing.assert_close(newest[:, 3:6], env.readings.gravity)
+
+
+def test_same_seed_same_run_whatever_the_threads() -> None:
+    config = dataclasses.replace(EnvConfig(), count=8)
+    a, b = HumanoidEnv(config, seed=5, threads=1), HumanoidEnv(config, seed=5, threads=2)
+    c = HumanoidEnv(config, seed=6, threads=1)
+    for env in (a, b, c):
+        run(env, 40)
+    assert np.array_equal(a.simulation.qpos, b.simulation.qpos)
+    assert not np.array_equal(a.simulation.qpos, c.simulation.qpos)
+
+
+def test_what_touches_the_trunk_is_no_fall_and_a_large_inclination_is(small_env: HumanoidEnv) -> None:
+    run_still(small_env, 1)
+    force = torch.zeros_like(small_env.readings.link_force)
+    force[:3, small_env.robot.contact_links.index("torso_link")] = 30.0
+    pitch = small_env.readings.pitch.clone()
+    pitch[0], pitch[1] = 1.05, -0.95
+    small_env.readings = dataclasses.replace(small_env.readings, link_force=force, pitch=pitch)
+    assert small_env._fallen().tolist()[:4] == [True, False, False, False]
+
+
+def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv) -> None:
+    small_env.age[:] = 10
+    small_env.simulation.qpos[2, 3:7] = [np.cos(0.6), 0.0, np.sin(0.6), 0.0]  # pitched by 1.2 rad
+    result = small_env.step(torch.zeros(8, 19))
+    assert result.done[2] and 2 not in result.timed_out
+    assert result.reward[2] < -3.0  # the paper's -200 times the period
+    assert small_env.age[2] == 0
+    assert small_env.readings.pitch[2].abs() < 0.2
+
+
+def test_a_time_out_is_told_from_a_failure(small_env: HumanoidEnv) -> None:
+    small_env.age[:] = 10
+    small_env.age[5] = small_env.config.episode_steps - 1
+    result = small_env.step(torch.zeros(8, 19))
+    assert result.timed_out.tolist() == [5]
+    assert result.final_critic.shape == (1, 321)
+    assert small_env.age[5] == 0
+
+
+def test_a_diverged_robot_touches_no_other() -> None:
+    config = dataclasses.replace(EnvConfig(), count=6)
+    healthy, faulty = HumanoidEnv(config, seed=5, threads=1), HumanoidEnv(config, seed=5, threads=1)
+    for env in (healthy, faulty):
+        env.age[:] = 10
+    faulty.simulation.qvel[3, 10] = np.nan
+    action = torch.zeros(6, 19)
+    a, b = healthy.step(action), faulty.step(action)
+    others = [0, 1, 2, 4, 5]
+    assert b.done[3] and torch.isfinite(b.reward).all()
+    assert torch.equal(a.reward[others], b.reward[others])
+    assert np.array_equal(healthy.simulation.qpos[others], faulty.simulation.qpos[others])
+    assert faulty.statistics.pop()["diverged"] == 1
+    assert np.isfinite(faulty.simulation.qpos).all()
+
+
+def test_commands_stay_in_their_ranges_and_standing_has_no_velocity() -> None:
+    env = HumanoidEnv(dataclasses.replace(EnvConfig(), count=2000), seed=0, threads=1)
+    low = torch.tensor([-0.6, -0.6, -0.6, 1.5, 0.1, -0.3, 0.0, -1.0])
+    high = torch.tensor([0.6, 0.6, 0.6, 3.5, 0.35, 0.0, 0.4, 1.0])
+    assert (env.command >= low - 1e-6).all() and (env.command <= high + 1e-6).all()
+    standing = env.gait == Gait.STANDING
+    assert not env.command[standing, :3].any()
+    assert standing.float().mean().item() == pytest.approx(0.2, abs=0.04)
+
+
+def test_the_flying_leg_of_a_hop_is_to_stay_in_the_air(small_env: HumanoidEnv) -> None:
+    small_env.gait[:4], small_env.gait[4:] = int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)
+    small_env.phase[:] = 0.25
+    transition = small_env._transition(small_env.readings.dq, torch.zeros(8, dtype=torch.bool))
+    contact = torch.tensor([[1.0, 0.0]] * 4 + [[0.0, 1.0]] * 4)
+    torch.testing.assert_close(transition.contact, contact, atol=1e-5, rtol=0.0)
+    torch.testing.assert_close(transition.target_clearance, (1.0 - contact) * small_env.command[:, 4:5])
+    assert not transition.in_phase.any()
+
+
+def test_a_held_foot_on_the_ground_ends_the_episode_only_if_asked_and_after_the_grace() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
+    lasted = {}
+    for grace in (0.0, 0.5):
+        env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=grace), seed=3, threads=1)
+        env.begin_episodes(torch.arange(8))
+        steps = 0
+        while steps < 40 and not env.step(torch.zeros(8, 19)).done.any():  # the nominal stand holds a while
+            steps += 1
+        lasted[grace] = steps * env.dt
+        assert env.statistics.pop()["held_foot_down"] > 0.5
+    assert lasted[0.5] == pytest.approx(0.5, abs=0.03)
+    assert lasted[0.0] > 0.6
+
+
+def test_a_new_command_gives_a_held_foot_time_again() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0, resample_steps=20)
+    env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=0.5), seed=3, threads=1)
+    env.begin_episodes(torch.arange(8))
+    assert env.held_foot is not None
+    for _ in range(21):
+        env.step(torch.zeros(8, 19))
+    assert env.held_foot.due.tolist() == pytest.approx([0.9] * 8)
+
+
+def test_hopping_robots_are_left_without_intervention(small_env: HumanoidEnv) -> None:
+    small_env.gait[:] = int(Gait.WALKING)
+    small_env.gait[6:] = int(Gait.HOPPING_LEFT)
+    small_env.intervention.flip_probability = 1.0
+    small_env.age[:] = 10
+    small_env.step(torch.zeros(8, 19))
+    assert small_env.intervention.active.tolist() == [False] * 4 + [True] * 2 + [False] * 2
+
+
+def test_gait_and_command_change_in_mid_episode_and_the_phase_goes_on() -> None:
+    env = HumanoidEnv(EnvConfig(count=200), seed=0, threads=1)
+    env.age[:] = env.config.command.resample_steps - 1
+    env.age[100:] = 10
+    gait, command, phase = env.gait.clone(), env.command.clone(), env.phase.clone()
+    result = env.step(torch.zeros(200, 19))
+    changed = env.gait != gait
+    kept = ~result.done
+    assert 30 < int(changed[:100].sum()) < 90 and not changed[100:][kept[100:]].any()
+    assert (env.command[:100] != command[:100]).any(1)[kept[:100]].all()
+    advanced = (phase + 0.02 * command[:, 3]) % 1.0
+    torch.testing.assert_close(env.phase[kept], advanced[kept])
+    assert (env.age[:100][kept[:100]] == env.config.command.resample_steps).all()
+
+
+def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> None:
+    small_env.curriculum.alpha = 1.0
+    small_env.intervention.active[:] = False
+    small_env.intervention.flip_probability = 0.0
+    small_env.intervention.active[4:] = True
+    small_env.age[:] = 10
+    small_env.step(torch.zeros(8, 19))
+    arms = small_env.robot.arms
+    ctrl = torch.from_numpy(small_env.simulation.ctrl[:, arms].copy()).float()
+    torch.testing.assert_close(ctrl[4:], small_env.intervention.targets()[4:])
+    torch.testing.assert_close(ctrl[:4], torch.tensor(small_env.robot.nominal[arms]).float().expand(4, 8))
+
+
+def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
+    env = HumanoidEnv(
+        EnvConfig(count=2, action_scale=0.2, yaw_action_factor=0.5, yaw_damping_factor=2.0), seed=0, threads=1
+    )
+    yaw = env.robot.yaw_joints
+    assert {env.robot.joint_names[i] for i in yaw} == {"left_hip_yaw_joint", "right_hip_yaw_joint", "torso_joint"}
+    env.command[:] = 0.0
+    env.step(torch.ones(2, 19))
+    target = env.simulation.ctrl - env.robot.nominal
+    others = np.setdiff1d(np.arange(19), yaw)
+    np.testing.assert_allclose(target[:, yaw], 0.1, atol=1e-6)
+    np.testing.assert_allclose(target[:, others], 0.2, atol=1e-6)
+    expected = env.robot.kd * np.where(np.isin(np.arange(19), yaw), 2.0, 1.0)
+    np.testing.assert_allclose(env.config.damping(env.robot), expected)
+
+
+def test_without_robots_to_intervene_on_the_noise_level_stays() -> None:
+    curriculum = CurriculumConfig(agile_fraction=1.0, warm_up_iterations=0, alpha_interval=1)
+    env = HumanoidEnv(EnvConfig(count=2, curriculum=curriculum), seed=0, threads=1)
+    run_still(env, 1)
+    env.update_curriculum()
+    assert env.curriculum.alpha == 0.0 and env.curriculum.gates["alpha"] == "off: no intervention"
+
+
+def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
+    """Put another environment into the mirror image of one."""
+    mirror = load_mirror()
+    twin.age[:] = env.age
+    twin.gait[:] = torch.tensor([int(Gait(int(value)).mirrored()) for value in env.gait])
+    twin.command[:] = env.command * torch.tensor(COMMAND_SIGNS, dtype=torch.float32)
+    twin.phase[:] = torch.where(env.gait == Gait.WALKING, (env.phase + 0.5) % 1.0, env.phase)
+    twin.waist[:] = -env.waist
+    twin.actions[:] = torch.stack([obs.mirror_action(actions) for actions in env.actions])
+    twin.history[:] = obs.mirror_history(env.history.flatten(1)).view_as(env.history)
+    qpos, qvel = env.simulation.qpos, env.simulation.qvel
+    pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
+    twin.simulation.qpos[:] = np.concatenate((pose, mirror.joints(qpos[:, 7:])), axis=1)
+    speed = np.concatenate((qvel[:, :3] * VECTOR_SIGNS, qvel[:, 3:6] * AXIAL_SIGNS), axis=1)
+    twin.simulation.qvel[:] = np.concatenate((speed, mirror.joints(qvel[:, 6:])), axis=1)
+    twin.simulation.forward(np.arange(env.count))
+    twin.readings = read(twin.simulation)
+
+
+def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> None:
+    alike = RandomizationConfig(
+        friction=(0.8, 0.8), torso_mass=(0.0, 0.0), torso_centre=0.0, gains=(1.0, 1.0), noise=0.0, push_velocity=0.0
+    )
+    config = EnvConfig(count=8, randomization=alike, intervention="none")
+    env, twin = (HumanoidEnv(config, seed=3, threads=1) for _ in range(2))
+    env.gait[:] = torch.tensor([*Gait, Gait.WALKING, Gait.JUMPING, Gait.WALKING])
+    env.age[:] = 10
+    run(env, 6)
+    mirrored_twin(env, twin)
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(4):
+        action = 0.3 * torch.randn((8, 19), generator=generator)
+        reward, image = env.step(action).reward, twin.step(obs.mirror_action(action)).reward
+        # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
+        torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
+        seen, image = env.observe(), twin.observe()
+        torch.testing.assert_close(image.history, obs.mirror_history(seen.history), atol=0.02, rtol=0.0)
+        torch.testing.assert_close(image.command, obs.mirror_command_observation(seen.command), atol=1e-5, rtol=0.0)
+        torch.testing.assert_close(image.estimate, obs.mirror_estimate(seen.estimate), atol=0.01, rtol=0.0)

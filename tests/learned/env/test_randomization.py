@@ -1,0 +1,167 @@
+"""Each parameter is drawn at two fixed values, and the physics must differ by what mechanics says."""
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.errors import ConfigError
+from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.env import env_observations
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.randomization import randomize
+from hugwbc.learned.policy import observations as obs
+from hugwbc.robot import load_robot
+from hugwbc.sim.batch import BatchSimulation
+
+ROBOT = load_robot()
+PLAIN = {"friction": (1.0, 1.0), "torso_mass": (0.0, 0.0), "torso_centre": 0.0, "gains": (1.0, 1.0)}
+COUNT = 3
+
+
+def simulate(**changes: object) -> BatchSimulation:
+    simulation = BatchSimulation(COUNT)
+    config = RandomizationConfig(**{**PLAIN, **changes})  # type: ignore[arg-type]
+    randomize(simulation, config, np.random.default_rng(0))
+    simulation.ctrl[:] = ROBOT.nominal
+    simulation.forward(np.arange(COUNT))
+    return simulation
+
+
+def torque(simulation: BatchSimulation, error: float, speed: float) -> np.ndarray:
+    """Joint torques with every target ahead of its joint by an error [rad], at a joint speed [rad/s]."""
+    simulation.ctrl[:] = ROBOT.nominal + error
+    simulation.qvel[:, 6:] = speed
+    simulation.forward(np.arange(COUNT))
+    return simulation.torque.copy()
+
+
+def weight(simulation: BatchSimulation) -> float:
+    """Mean force under the feet of a robot that has come to rest [N]."""
+    forces = []
+    for step in range(120):
+        simulation.step(1)
+        if step >= 20:
+            forces.append(simulation.foot_force()[:, :, 2].sum(axis=1))
+    return float(np.mean(forces))
+
+
+def slide(simulation: BatchSimulation) -> float:
+    """How far the soles go within 0.1 s of a push by 1 m/s, a mean over robots [m]."""
+    simulation.step(10)
+    simulation.qvel[:, 0] = 1.0
+    start = simulation.sole_position()[:, :, 0].copy()
+    simulation.step(20)
+    return float((simulation.sole_position()[:, :, 0] - start).mean())
+
+
+def test_friction_decides_how_far_a_robot_slides() -> None:
+    slid = [slide(simulate(friction=(friction, friction))) for friction in (0.2, 1.0)]
+    assert slid[0] > 2.0 * slid[1]
+
+
+def test_masses_weigh_on_the_ground() -> None:
+    plain = weight(simulate())
+    assert plain == pytest.approx(51.65 * 9.81, rel=0.05)
+    assert weight(simulate(torso_mass=(10.0, 10.0))) == pytest.approx(plain + 98.1, rel=0.05)
+    assert weight(simulate(link_mass=(1.5, 1.5))) == pytest.approx(1.5 * plain, rel=0.1)
+
+
+def test_heavier_links_are_harder_to_turn() -> None:
+    gained = []
+    for factor in (1.0, 2.0):
+        simulation = simulate(link_mass=(factor, factor))
+        simulation.qpos[:, 2] = 2.0  # in the air
+        simulation.ctrl[:, ROBOT.index("left_hip_yaw_joint")] += 0.5
+        simulation.step(1)
+        gained.append(float(simulation.qvel[:, 6 + ROBOT.index("left_hip_yaw_joint")].mean()))
+    # Twice the inertia but the same rotor: between half the speed and all of it.
+    assert 0.5 * gained[0] < gained[1] < 0.95 * gained[0]
+
+
+def test_centres_of_mass_move() -> None:
+    plain, torso, links = simulate(), simulate(torso_centre=0.1), simulate(link_centre=0.1)
+    mass = plain.model.body_mass
+    body = plain.model.body("torso_link").id
+    centres = [one.batch.bind("subtree_com")[:, 0] for one in (plain, torso, links)]
+    shift = torso.batch.expand("body_ipos")[:, body] - plain.model.body_ipos[body]
+    assert 0.01 < np.abs(shift).max() <= 0.1
+    # The robot stands upright and looks along x: body axes are world axes but for the nominal joint angles' small yaw.
+    np.testing.assert_allclose(centres[1] - centres[0], shift * mass[body] / mass.sum(), atol=1e-6)
+    moved = links.batch.expand("body_ipos")[:, 1:] - plain.model.body_ipos[1:]
+    assert (np.abs(moved) <= 0.1).all() and (np.abs(moved).max(axis=(0, 2)) > 0.005).all()
+    assert np.abs(centres[2] - centres[0]).max() > 1e-4
+
+
+def test_gains_strength_and_offset_change_the_torque_of_each_joint() -> None:
+    plain = simulate()
+    np.testing.assert_allclose(torque(plain, 0.02, 0.1), np.tile(0.02 * ROBOT.kp - 0.1 * ROBOT.kd, (COUNT, 1)))
+    half = torque(simulate(strength=(0.5, 0.5)), 0.02, 0.1)
+    np.testing.assert_allclose(half, 0.5 * torque(plain, 0.02, 0.1))
+    stiff = simulate(gains=(1.5, 1.5))
+    np.testing.assert_allclose(torque(stiff, 0.02, 0.1), 1.5 * torque(plain, 0.02, 0.1))
+    drawn = simulate(gains=(0.5, 1.5))
+    stiffness, damping = torque(drawn, 0.02, 0.0) / (0.02 * ROBOT.kp), torque(drawn, 0.0, -0.1) / (0.1 * ROBOT.kd)
+    assert np.ptp(stiffness) > 0.5 and np.abs(stiffness - damping).max() > 0.3  # each joint's own, independent
+    shifted = torque(simulate(offset=0.02), 0.0, 0.0) / ROBOT.kp
+    assert 0.01 < np.abs(shifted).max() <= 0.02 and np.ptp(shifted) > 0.02
+    # Strength scales what the offset asks for as well.
+    both = torque(simulate(offset=0.02, strength=(0.5, 0.5), gains=(2.0, 2.0)), 0.0, 0.0) / ROBOT.kp
+    assert 0.01 < np.abs(both).max() <= 0.02
+
+
+def test_what_is_off_changes_no_other_draw() -> None:
+    draws = []
+    for changes in ({}, {"offset": 0.02, "strength": (0.8, 1.2), "link_mass": (0.8, 1.2)}):
+        simulation = BatchSimulation(COUNT)
+        friction = randomize(simulation, RandomizationConfig(**changes), np.random.default_rng(1))
+        draws.append((friction, simulation.batch.expand("geom_friction").copy()))
+    np.testing.assert_array_equal(draws[0][0], draws[1][0])
+    np.testing.assert_array_equal(draws[0][1], draws[1][1])
+
+
+def make_env(**changes: object) -> HumanoidEnv:
+    torch.set_num_threads(1)
+    quiet = {**PLAIN, "noise": 0.0, "push_velocity": 0.0}
+    randomization = RandomizationConfig(**{**quiet, **changes})  # type: ignore[arg-type]
+    return HumanoidEnv(EnvConfig(count=COUNT, randomization=randomization, waist_rate=0.0), seed=2, threads=1)
+
+
+def test_a_push_changes_the_velocity() -> None:
+    calm, pushed = make_env(push_interval=1), make_env(push_interval=1, push_velocity=1.0)
+    for env in (calm, pushed):
+        env.age[:] = 10
+        env.step(torch.zeros(COUNT, 19))
+    change = np.abs(pushed.simulation.qvel[:, :2] - calm.simulation.qvel[:, :2])
+    assert (change.max(axis=1) > 0.05).all() and change.max() < 1.2
+
+
+def test_observation_noise_has_the_papers_widths() -> None:
+    truth, noisy = make_env(), make_env(noise=1.0)
+    width = obs.noise_amplitude()
+    differences = []
+    for _ in range(60):
+        clean = env_observations.frame(truth)
+        noisy.readings, noisy.actions = truth.readings, truth.actions
+        differences.append(env_observations.frame(noisy) - clean)
+    spread = torch.cat(differences).abs().amax(0)
+    assert (spread <= width + 1e-6).all() and (spread >= 0.9 * width).all()
+    assert width[0] == pytest.approx(0.2 * 0.25) and width[-1] == 0.0
+
+
+def test_bad_ranges_are_refused() -> None:
+    for changes in ({"strength": (1.2, 0.8)}, {"link_mass": (0.0, 1.0)}, {"latency": (-0.01, 0.0)}):
+        with pytest.raises(ConfigError, match=f"randomization.{next(iter(changes))}"):
+            RandomizationConfig(**changes)
+    with pytest.raises(ConfigError, match=r"randomization\.offset = -1"):
+        RandomizationConfig(offset=-1.0)
+
+
+def test_damping_has_a_factor_a_joint() -> None:
+    simulation, factor = BatchSimulation(COUNT), np.linspace(1.0, 3.0, 19)
+    randomize(simulation, RandomizationConfig(**PLAIN), np.random.default_rng(0), factor)  # type: ignore[arg-type]
+    np.testing.assert_allclose(torque(simulation, 0.0, 0.1), np.tile(-0.1 * factor * ROBOT.kd, (COUNT, 1)), atol=1e-9)
+
+
+def test_less_friction_than_the_floor_s_own_counts_as_well() -> None:
+    slid = [slide(simulate(friction=(friction, friction))) for friction in (0.1, 0.2, 0.3)]
+    assert slid[0] > 1.1 * slid[1] > 1.2 * slid[2]

@@ -1,0 +1,211 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.learned.config import ExtraWeights, RewardWeights
+from hugwbc.learned.env import extra_rewards, rewards
+from hugwbc.learned.env.transition import Body, Transition
+from hugwbc.robot import load_robot
+
+ROBOT = load_robot()
+
+
+def make_body() -> Body:
+    others = np.setdiff1d(np.arange(19), ROBOT.arms)
+    return Body(
+        nominal=torch.tensor(ROBOT.nominal, dtype=torch.float32),
+        lower=torch.tensor(ROBOT.lower, dtype=torch.float32),
+        upper=torch.tensor(ROBOT.upper, dtype=torch.float32),
+        arms=torch.tensor(ROBOT.arms),
+        hips=torch.tensor(ROBOT.hip_yaw_roll),
+        waist_and_legs=torch.tensor(others),
+        waist=ROBOT.waist,
+        dt=0.02,
+    )
+
+
+def make_transition(**changes: torch.Tensor) -> Transition:
+    """One robot at rest in the nominal pose, both feet in expected and actual stance."""
+    zero19 = torch.zeros(1, 19)
+    fields = {
+        "command": torch.tensor([[0.0, 0.0, 0.0, 2.0, 0.15, 0.0, 0.0, 0.0]]),
+        "velocity": torch.zeros(1, 3),
+        "angular_velocity": torch.zeros(1, 3),
+        "yaw_rate": torch.zeros(1),
+        "height": torch.zeros(1),
+        "pitch": torch.zeros(1),
+        "roll": torch.zeros(1),
+        "q": torch.tensor(ROBOT.nominal, dtype=torch.float32)[None].clone(),
+        "dq": zero19,
+        "previous_dq": zero19,
+        "torque": zero19,
+        "action": zero19,
+        "previous_action": zero19,
+        "older_action": zero19,
+        "clearance": torch.zeros(1, 2),
+        "foot_velocity": torch.zeros(1, 2, 3),
+        "foot_force": torch.tensor([[[0.0, 0.0, 250.0], [0.0, 0.0, 250.0]]]),
+        "foot_offset": torch.tensor([[0.0, 0.4, 0.0]]),
+        "target_clearance": torch.zeros(1, 2),
+        "contact": torch.ones(1, 2),
+        "in_phase": torch.tensor([True]),
+        "intervention": torch.tensor([False]),
+        "fallen": torch.tensor([False]),
+    }
+    fields.update(changes)
+    return Transition(**fields)
+
+
+def with_joint(name: str, value: float) -> torch.Tensor:
+    q = torch.zeros(1, 19)
+    q[0, ROBOT.index(name)] = value
+    return q
+
+
+CASES = {
+    "linear_velocity_tracking": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-0.25 / 0.2)),
+    "angular_velocity_tracking": ({"yaw_rate": torch.tensor([0.5])}, math.exp(-0.25 / 0.2)),
+    "body_height_tracking": ({"height": torch.tensor([-0.1])}, 0.01),
+    "body_pitch_tracking": ({"pitch": torch.tensor([0.3])}, 0.09),
+    "waist_yaw_tracking": ({"q": with_joint("torso_joint", 0.2)}, 0.04),
+    # Left foot in the middle of swing, 5 cm too low.
+    "foot_swing_tracking": (
+        {
+            "contact": torch.tensor([[0.0, 1.0]]),
+            "target_clearance": torch.tensor([[0.15, 0.0]]),
+            "clearance": torch.tensor([[0.10, 0.03]]),
+        },
+        0.0025,
+    ),
+    # Left foot should swing but carries 5 N; right foot should stand but slides at 1 m/s.
+    "contact_swing_tracking": (
+        {
+            "contact": torch.tensor([[0.0, 1.0]]),
+            "foot_force": torch.tensor([[[3.0, 0.0, 4.0], [0.0, 0.0, 500.0]]]),
+            "foot_velocity": torch.tensor([[[2.0, 0.0, 0.0], [0.6, 0.8, 3.0]]]),
+        },
+        (1 - math.exp(-25 / 50)) + (1 - math.exp(-1 / 5)),
+    ),
+    "roll_pitch_angular_velocity": ({"angular_velocity": torch.tensor([[0.3, 0.4, 5.0]])}, 0.25),
+    "vertical_body_movement": ({"velocity": torch.tensor([[1.0, 1.0, 0.2]])}, 0.04),
+    # Left foot in the air: its speed does not count.
+    "feet_slip": (
+        {
+            "foot_force": torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]]),
+            "foot_velocity": torch.tensor([[[3.0, 0.0, 0.0], [0.0, 0.5, 0.0]]]),
+        },
+        1 - math.exp(-0.25),
+    ),
+    "action_rate": ({"action": torch.full((1, 19), 0.5), "previous_action": torch.full((1, 19), 0.3)}, 19 * 0.04),
+    "action_smoothness": (
+        {
+            "action": torch.full((1, 19), 0.5),
+            "previous_action": torch.full((1, 19), 0.3),
+            "older_action": torch.full((1, 19), 0.0),
+        },
+        19 * 0.01,
+    ),
+    "joint_torque": ({"torque": torch.full((1, 19), 10.0)}, 1900.0),
+    "joint_acceleration": ({"dq": torch.full((1, 19), 0.2)}, 19 * 100.0),
+    "upper_joint_deviation": ({"q": with_joint("left_elbow_joint", 0.5)}, 0.25),
+    "hip_joint_deviation": (
+        {"q": torch.zeros(1, 19)},
+        2 * 0.02**2,  # both hip rolls are 0.02 rad away from their nominal +-0.02
+    ),
+    "feet_symmetry": ({"foot_offset": torch.tensor([[0.3, 0.4, 0.1]])}, 0.10),
+    "termination": ({"fallen": torch.tensor([True])}, 1.0),
+    "alive": ({}, 1.0),
+    "body_roll_tracking": ({"roll": torch.tensor([-0.2])}, 0.04),
+    # Knee range is -0.26 to 2.05: 95 % of the half range ends at 1.99225.
+    "joint_limits": ({"q": with_joint("left_knee_joint", 2.05) + 0.0}, None),
+    "linear_velocity_precision": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, math.exp(-2.0)),
+    "linear_velocity_error": ({"velocity": torch.tensor([[0.3, -0.4, 9.0]])}, 0.25),
+    "yaw_rate_precision": ({"yaw_rate": torch.tensor([-0.25])}, math.exp(-1.0)),
+    "yaw_rate_error": ({"yaw_rate": torch.tensor([-0.5])}, 0.25),
+    "posture_precision": (
+        {"height": torch.tensor([0.1]), "pitch": torch.tensor([-0.2])},
+        (math.exp(-1.0) + math.exp(-2.0) + 1.0) / 3.0,
+    ),
+    "swing_precision": (
+        {"contact": torch.tensor([[1.0, 0.25]]), "clearance": torch.tensor([[0.3, 0.1]])},
+        0.75 * math.exp(-2.0),
+    ),
+    "unequal_support": ({"foot_force": torch.tensor([[[0.0, 0.0, 3.0], [0.0, 4.0, 4.0]]])}, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_row_against_hand_computed_value(name: str) -> None:
+    changes, expected = CASES[name]
+    if expected is None:
+        expected = 2.05 - (0.895 + 0.95 * 1.155)
+    term = (rewards.PAPER_TERMS | extra_rewards.EXTRA_TERMS)[name]
+    assert term(make_transition(**changes), make_body()).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_every_row_has_a_case_and_a_weight() -> None:
+    assert set(CASES) == set(rewards.PAPER_TERMS) | set(extra_rewards.EXTRA_TERMS)
+    assert set(rewards.PAPER_TERMS) == {field.name for field in dataclasses.fields(RewardWeights)}
+    assert set(extra_rewards.EXTRA_TERMS) == {field.name for field in dataclasses.fields(ExtraWeights)}
+
+
+def test_weights_are_the_paper_s() -> None:
+    assert list(dataclasses.asdict(RewardWeights()).values()) == [
+        2, 2, -40, -10, -2, -30, -2, -0.5, -0.1, -0.2, -0.01, -0.01, -5e-6, -2.5e-7, -0.5, -2, -5, -200,
+    ]  # fmt: skip
+
+
+MASKED = {
+    "action_rate": "action",
+    "action_smoothness": "action",
+    "joint_torque": "torque",
+    "joint_acceleration": "dq",
+    "upper_joint_deviation": "q",
+}
+
+
+@pytest.mark.parametrize("name", MASKED)
+def test_intervention_masks_the_arms_only(name: str) -> None:
+    arms = torch.zeros(1, 19)
+    arms[0, ROBOT.arms] = 1.0
+    legs = 1.0 - arms
+    term, body = rewards.PAPER_TERMS[name], make_body()
+    field = MASKED[name]
+    masked = {"intervention": torch.tensor([True])}
+    assert term(make_transition(**{field: arms}, **masked), body).item() == 0.0
+    assert term(make_transition(**{field: arms}), body).item() > 0.0
+    if field != "q":
+        assert term(make_transition(**{field: legs}, **masked), body).item() > 0.0
+
+
+def test_feet_symmetry_only_in_phase() -> None:
+    changes = {"foot_offset": torch.tensor([[0.3, 0.4, 0.1]]), "in_phase": torch.tensor([False])}
+    assert rewards.feet_symmetry(make_transition(**changes), make_body()).item() == 0.0
+
+
+def test_unequal_support_only_in_phase_and_of_one_foot() -> None:
+    one_foot = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])
+    in_turn = make_transition(foot_force=one_foot, in_phase=torch.tensor([False]))
+    assert extra_rewards.unequal_support(in_turn, make_body()).item() == 0.0
+    for both in (0.0, 400.0):
+        transition = make_transition(foot_force=torch.full((1, 2, 3), both))
+        assert extra_rewards.unequal_support(transition, make_body()).item() == 0.0
+
+
+def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
+    transition = make_transition(height=torch.tensor([0.1]), angular_velocity=torch.tensor([[1.0, 0.0, 0.0]]))
+    weights = {"body_height_tracking": -40.0, "roll_pitch_angular_velocity": -0.5, "alive": 0.0}
+    values = rewards.evaluate_terms(transition, make_body(), weights, penalty_scale=0.2)
+    assert set(values) == {"body_height_tracking", "roll_pitch_angular_velocity"}
+    assert values["body_height_tracking"].item() == pytest.approx(-40 * 0.02 * 0.01)
+    assert values["roll_pitch_angular_velocity"].item() == pytest.approx(-0.5 * 0.02 * 0.2)
+
+
+def test_the_penalty_scale_is_on_the_rows_of_the_papers_regularisation_but_termination() -> None:
+    assert rewards.REGULARISATION - {"joint_limits"} == {
+        "roll_pitch_angular_velocity", "vertical_body_movement", "feet_slip", "action_rate", "action_smoothness",
+        "joint_torque", "joint_acceleration", "upper_joint_deviation", "hip_joint_deviation", "feet_symmetry",
+    }  # fmt: skip

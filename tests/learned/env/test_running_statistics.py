@@ -1,0 +1,64 @@
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from hugwbc.gait import Gait
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.running_statistics import TRACKING_MEMORY, Statistics
+
+NOBODY = torch.zeros(8, dtype=torch.bool)
+WALKING_PAIR = torch.tensor([Gait.WALKING] * 2 + [Gait.STANDING] * 6)
+
+
+def add(statistics: Statistics, env: HumanoidEnv, error: float, gait: torch.Tensor, reward: float = 1.0) -> None:
+    """A step in which the first robot turns too fast by an error and all others turn as told."""
+    transition = env._transition(env.readings.dq, NOBODY)
+    yaw_rate = transition.command[:, 2].clone()
+    yaw_rate[0] += error
+    transition = dataclasses.replace(transition, yaw_rate=yaw_rate)
+    terms = {"alive": torch.full((8,), reward)}
+    statistics.add(terms, torch.ones(8, 2), transition, gait, torch.tensor([30]), NOBODY)
+
+
+def test_errors_are_means_over_the_robots_of_a_gait_not_over_steps(small_env: HumanoidEnv) -> None:
+    statistics = Statistics(8, small_env.robot.waist)
+    add(statistics, small_env, 0.4, WALKING_PAIR)
+    add(statistics, small_env, 0.4, torch.full((8,), int(Gait.STANDING)))  # nobody walks: says nothing
+    figures = statistics.pop()
+    assert figures["walking_error/omega"] == pytest.approx(0.2, abs=1e-6)
+    assert "hopping_error/omega" not in figures
+
+
+def test_what_nobody_did_is_unknown_not_zero(small_env: HumanoidEnv) -> None:
+    statistics = Statistics(8, small_env.robot.waist, hopping=True)
+    add(statistics, small_env, 0.4, WALKING_PAIR)
+    statistics.add_share("held_foot_down", ~NOBODY, NOBODY)
+    figures = statistics.pop()
+    assert math.isnan(figures["hopping_error/omega"]) and math.isnan(figures["held_foot_down"])
+    statistics.add_share("held_foot_down", ~NOBODY, ~NOBODY)
+    figures = statistics.pop()
+    assert figures["held_foot_down"] == 1.0 and math.isnan(figures["episode_length"])
+
+
+def test_a_robot_whose_physics_failed_spoils_no_average(small_env: HumanoidEnv) -> None:
+    statistics = Statistics(8, small_env.robot.waist)
+    add(statistics, small_env, math.nan, WALKING_PAIR, reward=math.nan)
+    add(statistics, small_env, 0.4, WALKING_PAIR, reward=3.0)
+    figures = statistics.pop()
+    assert figures["reward/alive"] == 3.0
+    # Three samples: of the second robot, which turns as told, in the first step, and of both in the second.
+    assert figures["walking_error/omega"] == pytest.approx(0.4 / 3.0, abs=1e-6)
+
+
+def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -> None:
+    statistics = Statistics(8, small_env.robot.waist)
+    for _ in range(2):
+        add(statistics, small_env, 0.0, WALKING_PAIR)
+    torch.testing.assert_close(statistics.tracking, torch.full((8, 2), 1.0 - TRACKING_MEMORY**2))
+    statistics.set_level("terrain_level", 2.5)
+    figures = statistics.pop()
+    assert (figures["episodes"], figures["falls"], figures["episode_length"]) == (2.0, 0.0, 30.0)
+    assert figures["terrain_level"] == 2.5
+    assert statistics.pop()["episodes"] == 0.0

@@ -1,0 +1,110 @@
+import pathlib
+import pickle
+
+import pytest
+import torch
+
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy import checkpoint
+
+TENSORS = {"a": torch.arange(6.0).reshape(2, 3), "b": torch.tensor([1, 2, 3], dtype=torch.uint8)}
+
+
+@pytest.fixture
+def saved(tmp_path: pathlib.Path) -> pathlib.Path:
+    path = tmp_path / "x.safetensors"
+    checkpoint.save_file(path, TENSORS, "policy", {"steps": 7, "name": "é"})
+    return path
+
+
+def test_round_trip(saved: pathlib.Path) -> None:
+    tensors, metadata = checkpoint.load_file(saved, "policy")
+    assert metadata == {"steps": 7, "name": "é"}
+    assert set(tensors) == set(TENSORS)
+    for name, tensor in TENSORS.items():
+        assert torch.equal(tensors[name], tensor)
+
+
+def test_writing_leaves_no_partial_file(saved: pathlib.Path) -> None:
+    checkpoint.save_file(saved, {"a": torch.zeros(1)}, "policy", {})
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+def test_every_truncation_is_refused(saved: pathlib.Path) -> None:
+    data = saved.read_bytes()
+    for length in (0, 1, 7, 8, 9, 50, len(data) // 2, len(data) - 1):
+        saved.write_bytes(data[:length])
+        with pytest.raises(PolicyFileError, match="truncated"):
+            checkpoint.load_file(saved, "policy")
+
+
+def test_flipped_weights_are_refused(saved: pathlib.Path) -> None:
+    data = bytearray(saved.read_bytes())
+    data[-5] ^= 0x10
+    saved.write_bytes(data)
+    with pytest.raises(PolicyFileError, match="checksum"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_another_kind_is_refused(saved: pathlib.Path) -> None:
+    with pytest.raises(PolicyFileError, match="checkpoint file is needed"):
+        checkpoint.load_file(saved, "checkpoint")
+
+
+def rewritten_header(path: pathlib.Path, **changes: str) -> None:
+    from safetensors import safe_open
+    from safetensors.torch import save_file
+
+    with safe_open(path, "pt") as file:
+        header = file.metadata()
+    save_file(TENSORS, path, header | changes)
+
+
+def test_changed_metadata_are_refused(saved: pathlib.Path) -> None:
+    rewritten_header(saved, metadata='{"steps": 8, "name": "\\u00e9"}')
+    with pytest.raises(PolicyFileError, match="checksum"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_a_newer_format_is_refused(saved: pathlib.Path) -> None:
+    rewritten_header(saved, format="hugwbc-37")
+    with pytest.raises(PolicyFileError, match="hugwbc-37, newer than"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_the_first_format_is_read_and_its_tensors_checked(saved: pathlib.Path) -> None:
+    digest = checkpoint._digest(TENSORS, "")
+    rewritten_header(saved, format="hugwbc-1", sha256=digest, metadata='{"steps": 9}')
+    assert checkpoint.load_file(saved, "policy")[1] == {"steps": 9}
+    rewritten_header(saved, format="hugwbc-1", sha256=digest[::-1])
+    with pytest.raises(PolicyFileError, match="checksum"):
+        checkpoint.load_file(saved, "policy")
+
+
+def test_foreign_safetensors_are_refused(tmp_path: pathlib.Path) -> None:
+    from safetensors.torch import save_file
+
+    path = tmp_path / "foreign.safetensors"
+    save_file({"w": torch.zeros(2)}, path)
+    with pytest.raises(PolicyFileError, match="no format mark"):
+        checkpoint.load_file(path, "policy")
+
+
+class _Planted:
+    fired = False
+
+    def __reduce__(self) -> tuple:
+        return (setattr, (_Planted, "fired", True))
+
+
+def test_a_pickle_is_refused_and_never_run(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "evil.pt"
+    path.write_bytes(pickle.dumps(_Planted()))
+    with pytest.raises(PolicyFileError):
+        checkpoint.load_file(path, "policy")
+    assert not _Planted.fired
+
+
+def test_missing_file_says_what_to_give(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(PolicyFileError, match="give the path"):
+        checkpoint.load_file(tmp_path / "nothing.safetensors", "policy")

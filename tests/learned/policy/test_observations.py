@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+import torch
+
+from hugwbc import gait as gaits
+from hugwbc.commands import Command
+from hugwbc.gait import Gait
+from hugwbc.learned.policy import observations as obs
+from hugwbc.mirror import load_mirror, mirror_command
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+
+def test_sizes_are_the_paper_s() -> None:
+    assert (obs.PROPRIOCEPTION_SIZE, obs.PRIVILEGED_SIZE, obs.TERRAIN_SIZE) == (63, 24, 221)
+    assert obs.COMMAND_SIZE == 12 + 1
+    assert obs.CRITIC_SIZE == 321
+    n = 2
+    rows = obs.privileged(
+        torch.zeros(n, 3), torch.zeros(n), torch.zeros(n, 2), torch.zeros(n), torch.zeros(n, 2, 3),
+        torch.zeros(n, 11, dtype=torch.bool),
+    )  # fmt: skip
+    assert rows.shape == (n, obs.PRIVILEGED_SIZE)
+
+
+def test_terrain_points_span_the_published_grid() -> None:
+    points = obs.terrain_points()
+    assert points.shape == (221, 2)
+    assert points.min(0).values.tolist() == pytest.approx([-0.42, -0.42])
+    assert points.max(0).values.tolist() == pytest.approx([0.70, 0.42])
+
+
+def random_frame(rng: np.random.Generator) -> tuple[RobotState, np.ndarray]:
+    orientation = rng.normal(size=4)
+    state = RobotState(
+        q=rng.normal(size=19),
+        dq=rng.normal(size=19),
+        orientation=orientation / np.linalg.norm(orientation),
+        angular_velocity=rng.normal(size=3),
+    )
+    return state, rng.normal(size=19)
+
+
+def frame_of(state: RobotState, action: np.ndarray) -> torch.Tensor:
+    def row(x: np.ndarray) -> torch.Tensor:
+        return torch.tensor(x, dtype=torch.float32)[None]
+
+    nominal = load_robot().nominal
+    return obs.proprioception(
+        row(state.angular_velocity), row(state.projected_gravity), row(state.q - nominal), row(state.dq), row(action)
+    )
+
+
+def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot() -> None:
+    rng = np.random.default_rng(0)
+    mirror = load_mirror()
+    for _ in range(20):
+        state, action = random_frame(rng)
+        expected = frame_of(mirror.state(state), mirror.joints(action)).repeat(1, obs.HISTORY_FRAMES)
+        history = frame_of(state, action).repeat(1, obs.HISTORY_FRAMES)
+        torch.testing.assert_close(obs.mirror_history(history), expected)
+        torch.testing.assert_close(
+            obs.mirror_action(torch.tensor(action)[None].float())[0],
+            torch.tensor(mirror.joints(action), dtype=torch.float32),
+        )
+
+
+def command_row(command: Command, clock: tuple[float, float]) -> torch.Tensor:
+    return obs.command_observation(
+        torch.tensor(command.array(), dtype=torch.float32)[None],
+        torch.tensor([int(command.gait)]),
+        torch.tensor([clock]),
+        torch.tensor([True]),
+    )
+
+
+def test_mirror_of_a_command_is_the_observation_of_the_mirrored_command() -> None:
+    command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7, gait=Gait.WALKING)
+    row = command_row(command, (0.3, -0.8))
+    torch.testing.assert_close(obs.mirror_command_observation(row), command_row(mirror_command(command), (-0.8, 0.3)))
+
+
+def test_hopping_on_one_leg_mirrors_to_hopping_on_the_other() -> None:
+    phase, gait = torch.tensor([0.1, 0.1]), torch.tensor([int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)])
+    left, right = gaits.clock(gaits.homogenised_phase(gaits.foot_phases(phase, gait))).tolist()
+    command = Command(v_y=0.2, omega=-0.3, gait=Gait.HOPPING_LEFT)
+    mirrored = obs.mirror_command_observation(command_row(command, tuple(left)))
+    torch.testing.assert_close(mirrored, command_row(mirror_command(command), tuple(right)))
+    assert left[1] == -1.0 and left[0] > 0.0
+
+
+def test_mirror_maps_are_involutions() -> None:
+    history, command, action = torch.randn(4, 315), torch.randn(4, 13), torch.randn(4, 19)
+    torch.testing.assert_close(obs.mirror_history(obs.mirror_history(history)), history)
+    torch.testing.assert_close(obs.mirror_command_observation(obs.mirror_command_observation(command)), command)
+    torch.testing.assert_close(obs.mirror_action(obs.mirror_action(action)), action)
+
+
+def test_standing_is_told_from_a_jump_at_mid_stance() -> None:
+    standing = command_row(Command(gait=Gait.STANDING), (1.0, 1.0))
+    jumping = command_row(Command(gait=Gait.JUMPING), (1.0, 1.0))
+    assert not torch.equal(standing, jumping)

@@ -1,0 +1,57 @@
+import json
+import pathlib
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.onnx_export import export_onnx
+from hugwbc.learned.policy.policy import LearnedController, load_policy, policy_dir
+from hugwbc.learned.policy.policy_contract import policy_contract
+
+onnxruntime = pytest.importorskip("onnxruntime")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> onnxruntime.InferenceSession:
+    path = tmp_path_factory.mktemp("export") / "folder" / "h1.onnx"
+    assert export_onnx(load_policy("h1"), path) <= 1e-5
+    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+
+
+def test_the_file_gives_the_actions_of_the_policys_self_test(session: onnxruntime.InferenceSession) -> None:
+    tensors, _ = checkpoint.load_file(policy_dir() / "h1" / "policy.safetensors", "policy")
+    stored = {name: tensors[f"self_test.{name}"].numpy() for name in ("history", "observation", "action", "estimate")}
+    inputs = {"history": stored["history"], "command": stored["observation"]}
+    action, estimate = session.run(["action", "estimate"], inputs)
+    np.testing.assert_allclose(action, stored["action"], atol=1e-5)
+    np.testing.assert_allclose(estimate, stored["estimate"], atol=1e-5)
+
+
+def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
+    for count in (1, 7):
+        inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 13), np.float32)}
+        assert session.run(["action"], inputs)[0].shape == (count, 19)
+
+
+def test_the_contract_travels_along(session: onnxruntime.InferenceSession) -> None:
+    contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
+    assert contract["joint_names"] == policy_contract()["joint_names"]
+    assert contract["training"]["steps"] > 0
+
+
+def test_a_network_that_onnx_cannot_follow_is_refused(tmp_path: pathlib.Path) -> None:
+    actor = Actor()
+    with torch.no_grad():
+        actor.policy[-1].bias[3] = float("nan")
+    with pytest.raises(PolicyFileError, match="differs"):
+        export_onnx(LearnedController(actor, policy_contract()), tmp_path / "x.onnx")
+    assert not (tmp_path / "x.onnx").exists()
+
+
+def test_a_path_that_cannot_be_written_is_refused(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ConfigError, match="cannot write"):
+        export_onnx(load_policy("h1"), tmp_path)

@@ -1,0 +1,216 @@
+import dataclasses
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, UpperBody
+from hugwbc.errors import PolicyFileError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.learned.config import EnvConfig, RandomizationConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.policy import LearnedController, load_policy, save_policy
+from hugwbc.learned.policy.policy_contract import policy_contract
+from hugwbc.learned.rl.trainer import contract_of
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+ROBOT = load_robot()
+
+
+def random_actor() -> Actor:
+    torch.manual_seed(0)
+    return Actor().eval()
+
+
+@pytest.fixture
+def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
+    path = tmp_path / "policy.safetensors"
+    save_policy(path, random_actor(), policy_contract(), {"steps": 7, "config": {"env": {"intervention": "motion"}}})
+    return path
+
+
+def rewrite(path: pathlib.Path, tensors: dict | None = None, **entries: object) -> None:
+    """Change tensors and metadata of a policy file and give it a valid checksum again."""
+    old_tensors, metadata = checkpoint.load_file(path, "policy")
+    checkpoint.save_file(path, old_tensors | (tensors or {}), "policy", metadata | entries)
+
+
+def still_state() -> RobotState:
+    return RobotState(
+        q=ROBOT.nominal.copy(), dq=np.zeros(19), orientation=np.array([1.0, 0, 0, 0]), angular_velocity=np.zeros(3)
+    )
+
+
+def test_is_a_controller(policy_file: pathlib.Path) -> None:
+    controller = load_policy(policy_file)
+    assert isinstance(controller, Controller)
+    controller.reset(still_state())
+    command = controller.act(still_state(), Command(), UpperBody.none())
+    np.testing.assert_array_equal(command.kp, ROBOT.kp)
+    assert command.is_finite
+
+
+@pytest.mark.parametrize(
+    ("action_scale", "waist_rate", "substeps"), [(0.25, 2.0, 4), (0.5, 1.0, 2)], ids=["defaults", "other settings"]
+)
+def test_controller_does_what_the_training_environment_does(
+    action_scale: float, waist_rate: float, substeps: int, tmp_path: pathlib.Path
+) -> None:
+    """The same network in the environment and behind the controller gives the same targets along a trajectory."""
+    quiet = RandomizationConfig(
+        friction=(0.8, 0.8), torso_mass=(0, 0), torso_centre=0.0, gains=(1, 1), push_velocity=0.0, noise=0.0
+    )
+    settings = EnvConfig(
+        count=1, randomization=quiet, action_scale=action_scale, waist_rate=waist_rate, substeps=substeps
+    )
+    env = HumanoidEnv(settings, seed=2, threads=1)
+    env.age[:] = 0
+    env.gait[:] = int(Gait.WALKING)
+    env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
+    actor = random_actor()
+    save_policy(tmp_path / "policy.safetensors", actor, contract_of(settings), {})
+    controller = load_policy(tmp_path)
+    assert controller.period == 0.005 * substeps
+    command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
+
+    def state() -> RobotState:
+        qpos, qvel = env.simulation.qpos[0].copy(), env.simulation.qvel[0].copy()
+        return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
+
+    controller.reset(state())
+    controller._rows.phase[:] = float(env.phase[0]) - 2.0 * controller.period
+    waist = 0.0
+    for _ in range(12):
+        joint_command = controller.act(state(), command, UpperBody.none())
+        observation = env.observe()
+        with torch.no_grad():
+            action, _ = actor(observation.history, observation.command)
+        expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
+        waist = min(waist + waist_rate * controller.period, 0.3)
+        expected[ROBOT.waist] += waist
+        np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
+        np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
+        env.step(action)
+        np.testing.assert_allclose(env.simulation.ctrl[0], expected, atol=2e-5)
+
+
+def test_external_arms_are_passed_on_and_seen() -> None:
+    controller = LearnedController(random_actor(), policy_contract())
+    targets = np.linspace(-0.2, 0.2, 8)
+    controller.reset(still_state())
+    own = controller.act(still_state(), Command(), UpperBody.none())
+    controller.reset(still_state())
+    taken = controller.act(still_state(), Command(), UpperBody.targets(targets))
+    np.testing.assert_array_equal(taken.q[ROBOT.arms], targets)
+    assert not np.allclose(taken.q[ROBOT.legs], own.q[ROBOT.legs]), "the indicator must reach the network"
+
+
+def test_bad_numbers_never_pass() -> None:
+    controller = LearnedController(random_actor(), policy_contract())
+    controller.reset(still_state())
+    controller.act(still_state(), Command(), UpperBody.none())
+    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    command = controller.act(broken, Command(v_x=np.nan, h=-9.0, gait=Gait.WALKING), UpperBody.none())
+    assert command.is_finite
+    assert controller.held == 1
+    huge = dataclasses.replace(still_state(), dq=np.full(19, 1e300))
+    assert controller.act(huge, Command(), UpperBody.none()).is_finite
+    assert controller.act(still_state(), Command(), UpperBody.none()).is_finite, "it leaves nothing behind"
+    assert controller.held == 2
+
+
+def test_reset_makes_runs_repeatable() -> None:
+    controller = LearnedController(random_actor(), policy_contract())
+    runs = []
+    for _ in range(2):
+        controller.reset(still_state())
+        runs.append([controller.act(still_state(), Command(gait=Gait.WALKING), UpperBody.none()).q for _ in range(5)])
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_unknown_policy_lists_the_shipped_ones() -> None:
+    with pytest.raises(UnknownNameError, match="h1"):
+        load_policy("n" * 5000)
+    with pytest.raises(UnknownNameError, match="h1"):
+        load_policy("no_such_policy")
+
+
+def test_truncated_policy_is_refused(policy_file: pathlib.Path) -> None:
+    policy_file.write_bytes(policy_file.read_bytes()[:-100])
+    with pytest.raises(PolicyFileError, match="truncated"):
+        load_policy(policy_file)
+
+
+def test_policy_of_another_robot_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, joint_names=["a", "b"])
+    with pytest.raises(PolicyFileError, match="joint_names"):
+        load_policy(policy_file)
+
+
+def test_policy_of_another_shape_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, {"encoder.0.weight": torch.zeros(3)})
+    with pytest.raises(PolicyFileError, match="does not fit"):
+        load_policy(policy_file)
+
+
+def test_gains_and_pose_are_the_policys_own(policy_file: pathlib.Path) -> None:
+    own = load_policy(policy_file)
+    stiff = LearnedController(random_actor(), own.metadata | {"kd": (2.0 * ROBOT.kd).tolist()})
+    command = stiff.act(still_state(), Command(), UpperBody.none())
+    np.testing.assert_array_equal(command.kp, ROBOT.kp)
+    np.testing.assert_array_equal(command.kd, 2.0 * ROBOT.kd)
+
+
+def test_changed_weights_fail_the_self_test(policy_file: pathlib.Path) -> None:
+    tensors, _ = checkpoint.load_file(policy_file, "policy")
+    rewrite(policy_file, {"policy.6.bias": tensors["policy.6.bias"] + 0.01})
+    with pytest.raises(PolicyFileError, match=r"self-test: joint targets differ by up to 0\.00\d+ rad"):
+        load_policy(policy_file)
+
+
+def test_a_changed_contract_fails_the_self_test(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, action_scale=[0.25] * 18 + [0.3])
+    with pytest.raises(PolicyFileError, match="self-test"):
+        load_policy(policy_file)
+
+
+def test_a_missing_self_test_is_refused(policy_file: pathlib.Path) -> None:
+    _, metadata = checkpoint.load_file(policy_file, "policy")
+    checkpoint.save_file(policy_file, random_actor().state_dict(), "policy", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable self-test"):
+        load_policy(policy_file)
+
+
+def test_a_self_test_of_nan_is_refused(policy_file: pathlib.Path) -> None:
+    rewrite(policy_file, {"self_test.target": torch.full((30, 19), float("nan"), dtype=torch.float64)})
+    with pytest.raises(PolicyFileError, match="self-test"):
+        load_policy(policy_file)
+
+
+def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
+    script = (
+        "import sys; from hugwbc.learned.policy.policy import load_policy; load_policy(sys.argv[1]);"
+        "print([n for n in ('mujoco', *('hugwbc.learned.' + m for m in ('env', 'ppo', 'train', 'config', 'rewards')))"
+        " if n in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", script, policy_file], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_an_episode_that_starts_without_readings_knows_nothing_of_the_one_before() -> None:
+    controller = LearnedController(random_actor(), policy_contract())
+    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    targets = []
+    for tilt in (0.0, 0.3):
+        controller.reset(still_state())
+        controller.act(dataclasses.replace(still_state(), q=ROBOT.nominal + tilt), Command(), UpperBody.none())
+        controller.reset(broken)
+        targets.append(controller.act(broken, Command(), UpperBody.none()).q)
+    np.testing.assert_array_equal(targets[0], targets[1])

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.policy_contract import complete_contract, policy_contract
+
+
+def test_layouts_have_the_sizes_of_the_networks() -> None:
+    contract = policy_contract()
+    sizes = {key: sum(part["size"] for part in contract[key]) for key in ("proprioception", "command", "estimate")}
+    assert sizes == {"proprioception": obs.PROPRIOCEPTION_SIZE, "command": obs.COMMAND_SIZE, "estimate": 6}
+
+
+def test_own_settings_are_carried() -> None:
+    contract = complete_contract(policy_contract(period=0.01, action_scale=0.4, waist_rate=0.0), "x")
+    assert (contract["period"], contract["action_scale"], contract["waist_rate"]) == (0.01, [0.4] * 19, 0.0)
+
+
+def test_every_joint_may_have_its_own_scale_and_gains() -> None:
+    scale, kd = np.linspace(0.1, 0.3, 19), np.full(19, 7.0)
+    contract = complete_contract(policy_contract(action_scale=scale, kd=kd), "x")
+    assert contract["action_scale"] == scale.tolist() and contract["kd"] == kd.tolist()
+
+
+def test_a_file_from_before_the_contract_is_completed() -> None:
+    full = policy_contract()
+    early = {
+        key: full[key]
+        for key in ("robot", "joint_names", "nominal", "kp", "kd", "period", "waist_rate", "command_names")
+    }
+    early |= {"command_scales": full["command_scales"], "history_frames": 5, "action_scale": 0.3}
+    early |= {"proprioception": "in words", "command": "in words", "training": {"steps": 3}}
+    completed = complete_contract(early, "early")
+    assert completed["action_scale"] == [0.3] * 19 and completed["training"] == {"steps": 3}
+    assert completed["proprioception"] == full["proprioception"]
+    assert "contract" not in completed
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("history_frames", 6),
+        ("gait", {}),
+        ("action_scale", float("nan")),
+        ("action_scale", 0.0),
+        ("action_scale", True),
+        ("period", None),
+        ("waist_rate", "2"),
+        ("kp", [1.0]),
+        ("kd", [-1.0] * 19),
+        ("nominal", None),
+    ],
+)
+def test_entries_that_cannot_be_run_are_refused(key: str, value: object) -> None:
+    with pytest.raises(PolicyFileError, match=f"the_file has {key}"):
+        complete_contract(policy_contract() | {key: value}, "the_file")
+
+
+def test_a_newer_contract_is_refused() -> None:
+    with pytest.raises(PolicyFileError, match="newer"):
+        complete_contract(policy_contract() | {"contract": 99}, "x")

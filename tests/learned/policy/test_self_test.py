@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.learned.policy import self_test
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.policy import LearnedController
+from hugwbc.learned.policy.policy_contract import policy_contract
+
+
+def controller(**changes: float) -> LearnedController:
+    torch.manual_seed(0)
+    return LearnedController(Actor(), policy_contract(**changes))
+
+
+def test_a_policy_agrees_with_its_own_record() -> None:
+    stored = self_test.record(controller())
+    assert self_test.deviation(controller(), stored) == 0.0
+
+
+@pytest.mark.parametrize("change", [{"period": 0.01}, {"action_scale": 0.26}, {"waist_rate": 1.0}])
+def test_every_setting_shows_in_the_targets(change: dict) -> None:
+    stored = self_test.record(controller())
+    assert self_test.deviation(controller(**change), stored) > 10 * self_test.TOLERANCE
+
+
+def test_every_gait_and_both_states_of_the_arms_are_covered() -> None:
+    stored = self_test.record(controller())
+    assert set(stored["self_test.gait"].tolist()) == {0, 1, 2, 3, 4}
+    assert 0 < int(stored["self_test.intervention"].sum()) < len(stored["self_test.gait"])
+
+
+def test_the_networks_part_is_what_the_network_gives() -> None:
+    one = controller()
+    stored = self_test.record(one)
+    with torch.no_grad():
+        action, estimate = one.actor(stored["self_test.history"], stored["self_test.observation"])
+    np.testing.assert_allclose(action, stored["self_test.action"], atol=1e-6)
+    np.testing.assert_allclose(estimate, stored["self_test.estimate"], atol=1e-6)

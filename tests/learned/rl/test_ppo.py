@@ -1,0 +1,194 @@
+import math
+
+import pytest
+import torch
+from torch.distributions import Independent, Normal, kl_divergence
+
+from hugwbc.errors import ConfigError
+from hugwbc.learned.config import PPOConfig, TrainConfig
+from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.rl import ppo
+from hugwbc.learned.rl.ppo import PPO
+
+
+def test_gae_by_hand() -> None:
+    # One robot, three steps, an episode end after the second.
+    reward = torch.tensor([[1.0], [2.0], [3.0]])
+    done = torch.tensor([[False], [True], [False]])
+    value = torch.tensor([[0.5], [0.4], [0.3]])
+    advantage = ppo.generalised_advantage(reward, done, value, torch.tensor([0.2]), gamma=0.9, lam=0.8)
+    last = 3.0 + 0.9 * 0.2 - 0.3
+    middle = 2.0 - 0.4
+    first = 1.0 + 0.9 * 0.4 - 0.5 + 0.9 * 0.8 * middle
+    assert advantage.flatten().tolist() == pytest.approx([first, middle, last])
+
+
+def test_gae_with_lambda_one_is_the_discounted_return() -> None:
+    torch.manual_seed(0)
+    reward, value = torch.rand(20, 3, dtype=torch.float64), torch.rand(20, 3, dtype=torch.float64)
+    last = torch.rand(3, dtype=torch.float64)
+    done = torch.zeros(20, 3, dtype=torch.bool)
+    advantage = ppo.generalised_advantage(reward, done, value, last, gamma=0.97, lam=1.0)
+    discount = 0.97 ** torch.arange(20, dtype=torch.float64)
+    expected = (discount[:, None] * reward).sum(0) + 0.97**20 * last - value[0]
+    torch.testing.assert_close(advantage[0], expected)
+
+
+def test_log_probability_and_kl_against_torch_distributions() -> None:
+    torch.manual_seed(1)
+    mean, old_mean, action = torch.randn(3, 7, 19, dtype=torch.float64)
+    log_std, old_log_std = 0.3 * torch.randn(2, 19, dtype=torch.float64)
+    new = Independent(Normal(mean, log_std.exp()), 1)
+    old = Independent(Normal(old_mean, old_log_std.exp()), 1)
+    torch.testing.assert_close(ppo.log_probability(action, mean, log_std), new.log_prob(action))
+    torch.testing.assert_close(ppo.kl_divergence(old_mean, old_log_std, mean, log_std), kl_divergence(old, new))
+
+
+def test_surrogate_clips_on_the_right_side() -> None:
+    old = torch.zeros(4)
+    log_prob = torch.tensor([0.5, -0.5, 0.5, -0.5]).log1p()  # ratios 1.5 and 0.5
+    advantage = torch.tensor([1.0, 1.0, -1.0, -1.0])
+    # min(1.5, 1.2), min(0.5, 0.8), min(-1.5, -1.2), min(-0.5, -0.8)
+    expected = -(1.2 + 0.5 - 1.5 - 0.8) / 4
+    assert ppo.surrogate_loss(log_prob, old, advantage, 0.2).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_value_loss_takes_the_larger_of_both() -> None:
+    value, old, returns = torch.tensor([1.0, 0.5]), torch.tensor([0.0, 0.4]), torch.tensor([1.0, 1.0])
+    # First: the unclipped error is 0, the clipped value 0.2 errs by 0.8; second: within the clip, 0.5.
+    assert ppo.value_loss(value, old, returns, 0.2).item() == pytest.approx((0.64 + 0.25) / 2)
+    assert ppo.value_loss(value, old, returns, math.inf).item() == pytest.approx((0.0 + 0.25) / 2)
+
+
+@pytest.mark.parametrize(("value_clip", "least", "most"), [(0.0, 3.0, 5.0), (0.2, 0.1, 2.0)])
+def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: float, least: float, most: float) -> None:
+    torch.manual_seed(0)
+    config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3, value_clip=value_clip)
+    learner = PPO(config, 64, torch.Generator().manual_seed(0))
+    observation = Observation(torch.zeros(64, 315), torch.zeros(64, 13), torch.zeros(64, 321), torch.zeros(64, 6))
+    before = float(learner._value(observation.critic).detach().mean())
+    for t in range(4):
+        learner.act(t, observation)
+        done, nobody = torch.ones(64, dtype=torch.bool), torch.empty(0, dtype=torch.long)
+        learner.record(t, StepResult(torch.full((64,), before + 4.0), done, nobody, torch.empty(0, 321)))
+    learner.update(observation, critic_only=True)
+    assert least < float(learner._value(observation.critic).detach().mean()) - before < most
+
+
+def make_learner(**changes: float) -> PPO:
+    torch.manual_seed(0)
+    return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
+
+
+def test_std_is_bounded_by_the_schedule() -> None:
+    learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0)
+    learner.bound_std(50.0)
+    assert learner.network.log_std.detach().exp().max().item() == pytest.approx(math.sqrt(0.8 * 0.2), rel=1e-5)
+    learner.bound_std(1e9)
+    assert learner.network.log_std.detach().exp().max().item() == pytest.approx(0.2, rel=1e-5)
+
+
+def test_learning_rate_follows_the_kl() -> None:
+    learner = make_learner(learning_rate=1e-4, target_kl=0.01)
+    learner._adapt_learning_rate(0.03)
+    assert learner.learning_rate == pytest.approx(1e-4 / 1.5)
+    learner._adapt_learning_rate(0.001)
+    learner._adapt_learning_rate(0.01)
+    assert learner.learning_rate == pytest.approx(1e-4)
+
+
+def test_non_finite_loss_is_skipped() -> None:
+    learner = make_learner()
+    before = [p.detach().clone() for p in learner.network.parameters()]
+    assert not learner._descend(learner.network.log_std.sum() * float("nan"))
+    for old, new in zip(before, learner.network.parameters(), strict=True):
+        torch.testing.assert_close(old, new.detach())
+
+
+def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
+    learner = make_learner(mixed_precision=False)
+    history, command = torch.randn(6, 315), torch.randn(6, 13)
+    mean, _ = learner.network.actor(history, command)
+    assert learner._symmetry_loss(history, command, mean).item() > 0.0
+    for parameter in learner.network.actor.policy[-1].parameters():
+        torch.nn.init.zeros_(parameter)
+    mean, _ = learner.network.actor(history, command)
+    assert learner._symmetry_loss(history, command, mean).item() == 0.0
+
+
+@pytest.mark.parametrize("changes", [{"gamma": 1.5}, {"horizon": 0}, {"std_min": float("nan")}])
+def test_bad_learner_settings_are_refused(changes: dict) -> None:
+    with pytest.raises(ConfigError, match=next(iter(changes))):
+        PPOConfig(**changes)
+
+
+def test_bad_run_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="threads"):
+        TrainConfig(threads=0)
+
+
+def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
+    """One-step episodes, reward -|a - 0.5|^2 / 19, an estimate fixed by the history: all three are learnt."""
+    torch.manual_seed(0)
+    count, horizon = 64, 4
+    config = PPOConfig(horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5)
+    learner = PPO(config, count, torch.Generator().manual_seed(0))
+    history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
+    observation = Observation(history, torch.zeros(count, 13), torch.zeros(count, 321), history @ mixing.T)
+    everything_done = torch.ones(count, dtype=torch.bool)
+    rewards, losses = [], []
+    for _ in range(60):
+        for t in range(horizon):
+            action = learner.act(t, observation)
+            reward = -(action - 0.5).square().mean(1)
+            learner.record(
+                t, StepResult(reward, everything_done, torch.empty(0, dtype=torch.long), torch.empty(0, 321))
+            )
+        rewards.append(float(learner.rollout.reward.mean()))
+        losses.append(learner.update(observation))
+    noise_floor = -float(learner.network.log_std.exp().square().mean())
+    assert rewards[0] < -0.45  # 0.25 from the mean, 0.25 from the noise
+    assert rewards[-1] > noise_floor - 0.05
+    assert losses[-1]["estimation_loss"] < 0.3 * losses[0]["estimation_loss"]
+    assert abs(float(learner._value(observation.critic).mean()) - rewards[-1]) < 0.1
+
+
+def test_the_critic_can_learn_alone() -> None:
+    learner = make_learner()
+    observation = Observation(torch.randn(4, 315), torch.randn(4, 13), torch.randn(4, 321), torch.randn(4, 6))
+    nobody, everybody = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
+
+    def update(*, critic_only: bool) -> tuple[dict[str, torch.Tensor], float]:
+        before = {name: value.clone() for name, value in learner.network.state_dict().items()}
+        for t, done in enumerate((nobody, everybody)):
+            learner.act(t, observation)
+            learner.record(t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, 321)))
+        learner.update(observation, critic_only=critic_only)
+        after = learner.network.state_dict()
+        return {name: (after[name] - value).abs().max() for name, value in before.items()}, learner.learning_rate
+
+    rate = learner.learning_rate
+    moved, rate_alone = update(critic_only=True)
+    assert rate_alone == rate
+    assert {name for name, change in moved.items() if change > 0.0} == {n for n in moved if n.startswith("critic.")}
+    moved, _ = update(critic_only=False)
+    assert all(change > 0.0 for change in moved.values())
+
+
+def test_the_kl_moves_the_actor_s_rate_only() -> None:
+    learner = make_learner(learning_rate=1e-4, critic_learning_rate=2e-4)
+    actor, critic = learner.optimiser.param_groups
+    assert {id(p) for p in critic["params"]} == {id(p) for p in learner.network.critic.parameters()}
+    assert len(actor["params"]) + len(critic["params"]) == len(list(learner.network.parameters()))
+    learner._adapt_learning_rate(1.0)
+    assert actor["lr"] == learner.learning_rate == pytest.approx(1e-4 / 1.5)
+    assert critic["lr"] == 2e-4
+
+
+def test_a_large_critic_gradient_does_not_shorten_the_actor_s() -> None:
+    learner = make_learner(max_grad_norm=1.0)
+    actor = learner.optimiser.param_groups[0]["params"]
+    loss = 0.5 * actor[0].sum() + 1e6 * sum(p.sum() for p in learner.network.critic.parameters())
+    assert learner._descend(loss)
+    torch.testing.assert_close(actor[0].grad, torch.full_like(actor[0], 0.5 * min(1.0, 2.0 / actor[0].numel() ** 0.5)))

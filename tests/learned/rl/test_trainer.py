@@ -1,0 +1,195 @@
+import csv
+import dataclasses
+import json
+import os
+import pathlib
+import signal
+
+import pytest
+import torch
+
+from hugwbc.learned.config import (
+    CurriculumConfig,
+    EnvConfig,
+    PPOConfig,
+    RandomizationConfig,
+    TerrainConfig,
+    TrainConfig,
+)
+from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.rl.evaluator import Evaluator
+from hugwbc.learned.rl.run_log import LOG_NAME
+from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
+
+# The curricula move from the first iteration, so that their state matters for a resumed run.
+ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
+                                                      angular_threshold=0.0))  # fmt: skip
+PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
+
+
+def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig:
+    changes = {"evaluation_interval": 0} | changes
+    return TrainConfig(out=out, steps=iterations * 64, threads=1, env=ENV, ppo=PPO, **changes)
+
+
+LATE = RandomizationConfig(latency=(0.0, 0.02))
+SETTINGS = [
+    {"curriculum": dataclasses.replace(ENV.curriculum, speed="grid", speed_interval=2), "intervention": "motion"},
+    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
+]
+EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
+
+
+def run(settings: TrainConfig) -> Trainer:
+    return train(settings, lambda row, gates: None)
+
+
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path: pathlib.Path) -> None:
+    straight = run(config(tmp_path / "a", 6))
+    # Evaluations in between must leave no trace.
+    run(config(tmp_path / "b", 3, **EVALUATE))
+    resumed = run(config(tmp_path / "b", 6, resume=True, **EVALUATE))
+    assert resumed.iteration == straight.iteration == 6
+    for (name, a), b in zip(straight.ppo.network.named_parameters(), resumed.ppo.network.parameters(), strict=True):
+        assert torch.equal(a, b), name
+    assert resumed.env.curriculum.state_dict() == straight.env.curriculum.state_dict()
+    assert straight.env.curriculum.alpha > 0.0
+    for name, value in straight.env.state_dict().items():
+        assert torch.equal(value, resumed.env.state_dict()[name]), name
+
+
+def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 2))
+    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
+    assert [int(row["iteration"]) for row in rows] == [1, 2]
+    assert float(rows[-1]["steps"]) == 128
+    session = json.loads((tmp_path / "sessions.jsonl").read_text().splitlines()[0])
+    assert {"mujoco", "torch"} <= set(session["versions"])
+    assert load_policy(tmp_path).metadata["training"]["steps"] == 128
+
+
+def test_a_log_with_other_columns_is_kept_apart(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    header = (tmp_path / LOG_NAME).read_text().splitlines()[0]
+    extra = dataclasses.replace(ENV, extra=dataclasses.replace(ENV.extra, alive=0.0))
+    run(dataclasses.replace(config(tmp_path, 2, resume=True), env=extra))
+    assert (tmp_path / "metrics-until-1.csv").read_text().splitlines()[0] == header
+    assert [row["iteration"] for row in csv.DictReader((tmp_path / LOG_NAME).open())] == ["2"]
+
+
+def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
+    trainer = run(config(tmp_path, 2))
+    slim = tmp_path / SNAPSHOT_NAME
+    assert slim.stat().st_size < 3e6
+    resumed = Trainer(config(tmp_path / "other", 3, start_from=slim))
+    assert resumed.iteration == 2
+    assert torch.equal(resumed.ppo.network.log_std, trainer.ppo.network.log_std)
+    assert resumed.env.curriculum.alpha == trainer.env.curriculum.alpha
+    resumed.run(lambda row, gates: None)
+    assert resumed.iteration == 3
+
+
+def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scores = iter([3.0, 1.0, 2.0])
+    monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
+    run(config(tmp_path, 3, **EVALUATE))
+    assert load_policy(tmp_path / "best").metadata["training"]["iteration"] == 2
+    # The best survives a resumption: 1.0 is better, 2.0 afterwards is not.
+    trainer = run(config(tmp_path, 7, resume=True, **EVALUATE))
+    assert trainer.best == {"evaluation/score": 1.0, "iteration": 4}
+    best = load_policy(tmp_path / "best").metadata["training"]
+    assert best["iteration"] == 4 and best["evaluation"]["evaluation/score"] == 1.0
+    assert load_policy(tmp_path).metadata["training"]["iteration"] == 7
+    other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_NAME))
+    assert other.iteration == 4 and other.best == {}
+
+
+def test_evaluations_are_in_the_log_where_they_were_made(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 3, **EVALUATE))
+    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
+    assert [bool(row["evaluation/score"]) for row in rows] == [False, True, False]
+    assert 0.0 <= float(rows[1]["evaluation/falls"]) <= 1.0
+
+
+def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -> None:
+    trainer = Trainer(config(tmp_path, 4))
+    step = trainer.env.step
+
+    def broken(action: torch.Tensor) -> StepResult:
+        result = step(action)
+        result.reward[3] = float("nan")
+        return result
+
+    before = trainer.ppo.network.actor.encoder[0].weight.clone()
+    trainer.env.step = broken
+    row = trainer.iterate()
+    assert trainer.ppo.skipped == PPO.epochs * PPO.minibatches
+    assert torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+    dumps = sorted(tmp_path.glob("skipped-*.safetensors"))
+    assert len(dumps) == MAX_DUMPS
+    tensors, record = checkpoint.load_file(dumps[0], "minibatch")
+    assert tensors["history"].shape == (32, 315) and record["losses"]["policy_loss"] == "nan"
+    assert torch.isnan(tensors["advantage"]).any()
+    trainer.env.step = step
+    row = trainer.iterate()
+    assert row["skipped"] == 4 and not torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+
+
+def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
+    """Without the values that stand for the time after a time-out."""
+    trainer = Trainer(config(tmp_path, 1))
+    got, step = [], trainer.env.step
+
+    def observed(action: torch.Tensor) -> StepResult:
+        trainer.env.age[:] = ENV.episode_steps - 1
+        result = step(action)
+        assert result.timed_out.numel() > 8
+        got.append(result.reward.clone())
+        return result
+
+    trainer.env.step = observed
+    torch.nn.init.constant_(trainer.ppo.network.critic.value[-1].bias, 50.0)
+    assert trainer.iterate()["reward"] == pytest.approx(float(torch.stack(got).mean()))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_after_its_iteration_with_a_checkpoint(tmp_path: pathlib.Path, number: int) -> None:
+    handler = signal.getsignal(number)
+    trainer = train(config(tmp_path, 9), lambda row, gates: os.kill(os.getpid(), number))
+    assert trainer.iteration == 1 and signal.getsignal(number) is handler
+    assert Trainer(config(tmp_path, 9, resume=True)).iteration == 1
+
+
+def test_a_run_ends_when_its_time_is_over(tmp_path: pathlib.Path) -> None:
+    assert run(config(tmp_path, 9, hours=1e-9)).iteration == 0
+    assert (tmp_path / CHECKPOINT_NAME).exists()
+
+
+def test_the_critic_learns_alone_at_first_if_asked(tmp_path: pathlib.Path) -> None:
+    trainer = Trainer(config(tmp_path, 9, critic_warm_up=1))
+    moved = []
+    for _ in range(2):
+        before = {name: value.clone() for name, value in trainer.ppo.network.state_dict().items()}
+        trainer.iterate()
+        after = trainer.ppo.network.state_dict()
+        moved.append({name.split(".")[0] for name, value in before.items() if not torch.equal(after[name], value)})
+    # The schedule bounds the exploration std all the while.
+    assert moved == [{"critic", "log_std"}, {"actor", "critic", "log_std"}]
+
+
+@pytest.mark.parametrize("changes", SETTINGS)
+def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pathlib.Path, changes: dict) -> None:
+    mixed = dataclasses.replace(ENV.command, resample_steps=3, hopping_fraction=0.2)
+    env = dataclasses.replace(ENV, command=mixed, flip_probability=0.2, episode_steps=10, **changes)
+
+    def go(folder: str, iterations: int, *, resume: bool = False) -> Trainer:
+        return run(dataclasses.replace(config(tmp_path / folder, iterations, resume=resume), env=env))
+
+    straight = go("a", 4)
+    go("b", 1)
+    go("b", 3, resume=True)
+    resumed = go("b", 4, resume=True).env.state_dict()
+    for name, value in straight.env.state_dict().items():
+        assert torch.equal(value, resumed[name]), name

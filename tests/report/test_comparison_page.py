@@ -1,0 +1,118 @@
+"""The report page and its plots; what both pages load, and how they escape."""
+
+import html.parser
+import pathlib
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.tables import Table
+from hugwbc.report.comparison_page import report_html, summary_table, write_report
+from hugwbc.viz.framing import LABEL_COLOURS
+from hugwbc.viz.plots import hand_panels, torque_panels, tracking_panels
+from hugwbc.viz.replay import replay_html, write_replay
+
+NASTY = 'a<b>&"$x_1'
+
+
+class _References(html.parser.HTMLParser):
+    """Addresses that a page loads, and the text outside scripts and styles."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.tags: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.loaded += [v or "" for k, v in attrs if k == "src" or (k == "href" and tag == "link")]
+
+
+def test_pages_load_nothing_and_escape_names(make_run: Callable, tmp_path: pathlib.Path) -> None:
+    runs = [make_run(name=NASTY, fell=True), make_run(name="learned", seed=2)]
+    write_replay(tmp_path / "replay.html", runs, title="<script>alert(1)</script>")
+    write_report(tmp_path / "report.html", "<script>alert(1)</script>", runs, subtitle="<img src=x>")
+    for name, scripts in (("replay.html", 2), ("report.html", 0)):
+        page = (tmp_path / name).read_text(encoding="utf-8")
+        references = _References(page)
+        assert references.loaded == []
+        assert references.tags.count("script") == scripts
+        assert "img" not in references.tags
+        assert "a&lt;b&gt;&amp;&quot;$x_1 (fell)" in page
+        assert "learned" in page
+    assert (tmp_path / "replay.html").stat().st_size < 3e6
+    assert (tmp_path / "report.html").stat().st_size < 1e6
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_too_few_or_too_many_runs_are_refused(make_run: Callable, count: int) -> None:
+    runs = [make_run()] * count
+    for draw in (replay_html, tracking_panels, lambda r: report_html("t", r)):
+        with pytest.raises(ConfigError, match="runs to draw; give 1 to 4"):
+            draw(runs)
+
+
+def test_one_sample_is_enough(make_run: Callable) -> None:
+    run = make_run(seconds=0.02)
+    assert len(run.time) == 1
+    assert "<svg" in report_html("short", [run])
+    assert "Play" in replay_html([run])
+
+
+def test_panels_are_pictures_in_the_pages_colour(make_run: Callable) -> None:
+    runs = [make_run(), make_run(name="learned", seed=2)]
+    panels = [*tracking_panels(runs), *hand_panels(runs), *torque_panels(runs)]
+    assert len(panels) == 7 + 2 + 2
+    for panel in panels:
+        root = ET.fromstring(panel.svg)
+        assert root.get("viewBox") and root.get("width") is None
+        assert "currentColor" in panel.svg and "#010203" not in panel.svg
+        assert all(colour in panel.svg for colour in LABEL_COLOURS[:2])
+    assert hand_panels([make_run(hands=False)]) == []
+
+
+def _curves(svg: str, colour: str) -> list[np.ndarray]:
+    """Points of the curves of a colour, in the picture's units."""
+    paths = [p.get("d") or "" for p in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}path")
+             if colour in (p.get("style") or "")]  # fmt: skip
+    return [np.array(re.findall(r"[ML] ([-\d.]+) ([-\d.]+)", d), dtype=float) for d in paths]
+
+
+def test_measured_curve_is_higher_where_the_quantity_is(make_run: Callable) -> None:
+    """A waist that steps up in mid-run steps up in its panel (the picture's y points down) and stays in the others."""
+    run = make_run()
+    run.measured[:, 5] = np.where(run.time < 0.5, 0.0, 0.5)
+    panels = {panel.title: panel.svg for panel in tracking_panels([run])}
+    (curve,) = _curves(panels["Waist yaw w"], LABEL_COLOURS[0])
+    middle = curve[:, 0].mean()
+    assert curve[curve[:, 0] < middle - 20, 1].min() > curve[curve[:, 0] > middle + 20, 1].max() + 50
+    (other,) = _curves(panels["Body pitch p"], LABEL_COLOURS[0])
+    assert np.ptp(other[:, 1]) < 50
+
+
+def test_tables(make_run: Callable) -> None:
+    summaries = {
+        "learned": {"fell": False, "errors": {"v_x": 0.03123, "w": float("nan")}, "steps": 1000},
+        "qp": {"fell": True, "errors": {"v_x": 0.5}, "note": "<b>"},
+    }
+    table = summary_table("Summary", summaries)
+    assert list(table.columns) == ["", "learned", "qp"]
+    assert table.rows[:2] == [("fell", False, True), ("errors v_x", 0.03123, 0.5)]
+    page = report_html("t", [make_run()], [table], links={"3-D replay": "replay.html"})
+    rows = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    cells = {name: re.findall("<td>(.*?)</td>", rest) for name, rest in rows}
+    assert cells == {
+        "fell": ["no", "yes"],
+        "errors v_x": ["0.0312", "0.5"],
+        "errors w": ["–", "–"],
+        "steps": ["1000", "–"],
+        "note": ["–", "&lt;b&gt;"],
+    }
+    assert '<a href="replay.html">3-D replay</a>' in page
+    with pytest.raises(ConfigError, match="table 'T' has 2 columns, a row of it 1 cells"):
+        Table("T", ("a", "b"), [("only one",)])

@@ -1,0 +1,41 @@
+from hugwbc.evaluation.intervals import Estimate
+from hugwbc.report.conclusions import conclusions, duel_table
+from hugwbc.report.figures import Figure
+
+
+def figure(controller, quantity, value, paper=None, table="Walking"):
+    return Figure(table, quantity, "m", controller, Estimate(value, 0.9 * value, 1.1 * value, 8), paper)
+
+
+def test_conclusions_follow_from_the_figures():
+    figures = [
+        figure("learned", "E_h", 0.5, 1.0), figure("qp", "E_h", 0.2, 1.0),
+        figure("learned", "E_p", 3.0, 1.0), figure("qp", "E_p", 3.1, 1.0),
+        figure("learned", "E_w", 1.0), figure("qp", "E_w", 2.0),
+    ]  # fmt: skip
+    assert conclusions(figures, "learned", "qp") == [
+        "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
+        "uncertainty. Furthest behind: E_p (Walking) × 3.",
+        "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
+        "uncertainty. Furthest behind: E_p (Walking) × 3.1.",
+        "In all 3 figures that both have, learned is better in 1, qp in 1; 1 are not told apart.",
+    ]
+
+
+def test_tables_in_which_they_meet():
+    figures = [
+        figure("learned", "E_h", 0.5), figure("qp", "E_h", 0.2),
+        figure("learned", "E_p", 1.0), figure("qp", "E_p", 2.0),
+        figure("learned", "E_p", 1.0, table="Standing"), figure("qp", "E_p", 1.0, table="Standing"),
+        figure("learned", "E_p", 1.0, table="Jumping"),
+    ]  # fmt: skip
+    table = duel_table(figures, "learned", "qp")
+    assert list(table.columns) == ["", "learned is better", "qp is better", "not told apart"]
+    assert table.rows == [("Walking", "E_p", "E_h", 0), ("Standing", None, None, 1)]
+
+
+def test_nothing_follows_from_nothing():
+    assert conclusions([], "learned", "qp") == []
+    equal = [figure(name, "falls", 0.0) for name in ("learned", "qp")]
+    assert conclusions(equal[:1], "learned", "learned") == []
+    assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 are not told apart.")

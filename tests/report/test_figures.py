@@ -1,0 +1,74 @@
+import pytest
+
+from hugwbc.evaluation.intervals import Estimate
+from hugwbc.evaluation.tables import Marked
+from hugwbc.report.figures import Figure, Verdict, against, comparison_table, times
+
+
+def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
+    estimate = None if published is not None else Estimate(value, low, high, 8)
+    return Figure("T", quantity, "m", controller, estimate, paper, published, higher)
+
+
+@pytest.mark.parametrize(
+    ("low", "value", "high", "verdict"),
+    [
+        (0.8, 0.9, 0.95, Verdict.BETTER),
+        (0.8, 0.9, 1.1, Verdict.UNCLEAR_BETTER),
+        (0.9, 1.2, 1.5, Verdict.UNCLEAR_WORSE),
+        (1.1, 1.2, 1.5, Verdict.WORSE),
+        (None, 1.2, None, Verdict.UNCLEAR_WORSE),
+    ],
+)
+def test_verdict_against_the_paper(low, value, high, verdict):
+    assert figure(value, low, high, paper=1.0).verdict is verdict
+    mirrored = {
+        Verdict.BETTER: Verdict.WORSE, Verdict.WORSE: Verdict.BETTER,
+        Verdict.UNCLEAR_BETTER: Verdict.UNCLEAR_WORSE, Verdict.UNCLEAR_WORSE: Verdict.UNCLEAR_BETTER,
+    }  # fmt: skip
+    assert figure(value, low, high, paper=1.0, higher=True).verdict is mirrored[verdict]
+
+
+def test_ratio_scales_the_interval():
+    assert figure(0.6, 0.3, 0.9, paper=0.3).ratio == pytest.approx((2.0, 1.0, 3.0))
+    assert figure(0.6, 0.3, 0.9).ratio is None
+    assert figure(None, None, None, paper=0.3).ratio is None
+    assert figure(0.6, 0.3, 0.9, paper=0.3).verdict is Verdict.UNCLEAR_WORSE, "the interval touches the paper's figure"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(1120.0, "1120"), (12.4, "12"), (1.04, "1"), (0.25, "0.25"), (1e-5, "< 0.01")]
+)
+def test_ratios_are_read_without_exponents(ratio, text):
+    assert times(ratio) == f"× {text}"
+
+
+def test_two_controllers_are_told_apart_where_their_intervals_do_not_overlap():
+    low, high = figure(1.0, 0.9, 1.1), figure(2.0, 1.5, 2.5, controller="b")
+    assert against(low, high) is Verdict.BETTER and against(high, low) is Verdict.WORSE
+    overlapping = figure(1.2, 1.0, 1.4, controller="b")
+    assert against(low, overlapping) is Verdict.UNCLEAR_BETTER and against(overlapping, low) is Verdict.UNCLEAR_WORSE
+    assert against(low, figure(1.0, None, None, published=2.0)) is Verdict.NONE
+    force = [figure(f.value, f.estimate.low, f.estimate.high, higher=True) for f in (low, high)]
+    assert against(*force) is Verdict.WORSE
+
+
+def test_table_of_measured_and_published_figures():
+    figures = [
+        figure(0.06, 0.05, 0.07, paper=0.03),
+        figure(0.032, 0.02, 0.05, paper=0.03, controller="b"),
+        figure(None, None, None, controller="HOVER", published=0.27),
+        figure(5.0, None, None, quantity="falls"),
+    ]
+    table = comparison_table(figures)
+    assert list(table.columns) == ["", "HugWBC, paper", "a", "b", "HOVER (published)"]
+    assert table.rows == [
+        [
+            "E_h [m]",
+            0.03,
+            Marked("0.06 [0.05, 0.07] × 2 worse", "worse"),
+            Marked("0.032 [0.02, 0.05] × 1.1 worse?", "unclear"),
+            Marked("0.27", "published"),
+        ],
+        ["falls [m]", None, Marked("5"), None, None],
+    ]

@@ -1,0 +1,18 @@
+from hugwbc.evaluation.tables import Marked, Table
+from hugwbc.report import page
+
+
+def test_text_is_escaped_everywhere():
+    nasty = "<script>alert(1)</script>"
+    table = Table(nasty, ("", nasty), [(nasty, Marked(nasty, "worse"))], nasty)
+    parts = [page.heading(nasty), page.paragraph(nasty), page.bullets([nasty]), page.table_html(table)]
+    parts += [page.links({nasty: nasty}), page.legend([nasty], ["#123456"], nasty)]
+    assert "<script" not in page.page_html(nasty, parts)
+
+
+def test_marks_are_classes_and_headings_are_targets():
+    rows = [("E", Marked("2", "worse"), Marked("3", "published"), 4.0)]
+    html = page.table_html(Table("Single command, walking", ("", "a", "b", "c"), rows), level=3)
+    assert '<td class="worse">2</td><td class="published">3</td><td>4</td>' in html
+    assert '<h3 id="single-command-walking">Single command, walking</h3>' in html
+    assert page.anchor("Single command, walking") == "single-command-walking"

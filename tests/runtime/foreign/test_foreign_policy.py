@@ -1,0 +1,118 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc import Command, Controller, Gait, UpperBody, load_robot
+from hugwbc.errors import PolicyFileError
+from hugwbc.runtime import Constant, rollout
+from hugwbc.runtime.foreign import ForeignPolicy, load_contract, load_foreign_policy
+from hugwbc.sim import Simulation
+
+ROBOT = load_robot()
+WALK = Command(v_x=0.5, gait=Gait.WALKING)
+
+
+@pytest.fixture
+def unitree(leg_lstm_file):
+    return load_foreign_policy("unitree-h1", leg_lstm_file)
+
+
+def test_a_recurrent_leg_policy_runs_as_its_maker_runs_it(unitree, leg_lstm, state):
+    """Two ticks against the maker's loop, written out: observation, network with memory, target = default + 0.25 a."""
+    assert isinstance(unitree, Controller) and (unitree.name, unitree.period) == ("unitree-h1", 0.02)
+    default = np.array([0, 0, -0.1, 0.3, -0.2] * 2)
+    legs, action = ROBOT.legs, np.zeros(10)
+    for _ in range(2):
+        unitree.reset(state)
+        leg_lstm.reset_memory()
+        action = np.zeros(10)
+        for tick in (1, 2):
+            angle = 2 * np.pi * tick * 0.02 / 0.8
+            parts = (0.25 * state.angular_velocity, state.projected_gravity, [1.0, 0.0, 0.0])
+            joints = (state.q[legs] - default, 0.05 * state.dq[legs], action, [np.sin(angle), np.cos(angle)])
+            row = torch.as_tensor(np.concatenate((*parts, *joints)), dtype=torch.float32)[None]
+            with torch.no_grad():
+                action = leg_lstm(row)[0].numpy()
+            command = unitree.act(state, WALK, UpperBody.none())
+            np.testing.assert_allclose(command.q[legs], default + 0.25 * action, atol=1e-6)
+    others = np.setdiff1d(np.arange(19), legs)
+    np.testing.assert_array_equal(command.q[others], ROBOT.nominal[others])
+    np.testing.assert_array_equal(command.kp[others], ROBOT.kp[others])
+    np.testing.assert_array_equal(command.kp[legs], [150, 150, 150, 200, 40] * 2)
+    np.testing.assert_array_equal(command.kd[legs], [2, 2, 2, 4, 2] * 2)
+
+
+def test_it_walks_through_a_rollout_with_arms_taken_over(unitree, state):
+    trace = rollout(unitree, Constant(WALK), Simulation(), duration=0.5)
+    assert trace.safety.failures == 0 and trace.safety.bad_outputs == 0 and trace.name == "unitree-h1"
+    arms = UpperBody.targets(np.full(8, 0.3))
+    np.testing.assert_array_equal(unitree.act(state, WALK, arms).q[ROBOT.arms], 0.3)
+
+
+class _Fixed:
+    """A network that gives prepared actions."""
+
+    def __init__(self, *actions):
+        self.actions, self.given, self.resets = list(actions), [], 0
+
+    def reset(self):
+        self.resets += 1
+
+    def __call__(self, observation):
+        self.given.append(observation)
+        return self.actions[len(self.given) - 1]
+
+
+def test_numbers_that_are_not_finite_are_held_and_counted(state):
+    contract = dataclasses.replace(load_contract("unitree-h1"), action_clip=2.0)
+    network = _Fixed(np.full(10, 5.0), np.full(10, np.nan), np.ones(10))
+    policy = ForeignPolicy(contract, network)
+    policy.reset(state)
+    first, second = (policy.act(state, WALK, UpperBody.none()).q[ROBOT.legs] for _ in range(2))
+    np.testing.assert_allclose(first, np.array(contract.default_pose) + 0.25 * 2.0)
+    np.testing.assert_array_equal(second, first)
+    blind = dataclasses.replace(state, q=np.full(19, np.nan))
+    third = policy.act(blind, WALK, UpperBody.none()).q[ROBOT.legs]
+    np.testing.assert_allclose(third, np.array(contract.default_pose) + 0.25)
+    np.testing.assert_array_equal(network.given[2], network.given[1])
+    assert policy.held == 2
+
+
+def test_a_memory_that_is_not_finite_any_more_is_cleared(state):
+    """One bad number in a recurrent state comes back in all that follow."""
+    network = _Fixed(np.zeros(10), np.full(10, np.nan), np.zeros(10))
+    policy = ForeignPolicy(load_contract("unitree-h1"), network)
+    policy.reset(state)
+    before = network.resets
+    resets = []
+    for _ in range(3):
+        policy.act(state, WALK, UpperBody.none())
+        resets.append(network.resets - before)
+    assert resets == [0, 1, 1]
+
+
+def test_the_clock_may_follow_the_commanded_frequency_and_held_joints_have_a_pose(state):
+    contract = dataclasses.replace(
+        load_contract("unitree-h1"), clock_period=None, held_pose=(("left_elbow_joint", 0.7),)
+    )
+    network = _Fixed(np.zeros(10))
+    policy = ForeignPolicy(contract, network)
+    q = policy.act(state, dataclasses.replace(WALK, f=2.5), UpperBody.none()).q
+    angle = 2 * np.pi * 2.5 * 0.02
+    np.testing.assert_allclose(network.given[0][-2:], [np.sin(angle), np.cos(angle)])
+    assert q[ROBOT.index("left_elbow_joint")] == 0.7
+
+
+def test_a_network_that_does_not_fit_its_contract_is_refused(tmp_path, leg_lstm_file, counting_onnx):
+    with pytest.raises(PolicyFileError, match="give one with --policy FILE"):
+        load_foreign_policy("unitree-h1")
+    text = (tmp_path / "contract.yaml").write_text
+    head = "policy: {}\nperiod: 0.02\njoints: [{}]\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\n"
+    text(head.format(leg_lstm_file, "torso_joint") + "observation: [gravity]")
+    with pytest.raises(PolicyFileError, match=r"does not take the contract's observation, 1 x \(gravity 3\) = 3 num"):
+        load_foreign_policy(tmp_path)
+    text(head.format(counting_onnx, "torso_joint") + "state: {memory: next}\nobservation: [gravity]")
+    with pytest.raises(PolicyFileError, match=r"gives 2 actions \(2 finite\), the contract has 1 joints: torso_joint"):
+        load_foreign_policy(tmp_path)

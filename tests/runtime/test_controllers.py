@@ -1,0 +1,155 @@
+import importlib.metadata
+import pathlib
+import shutil
+import tomllib
+
+import pytest
+
+import hugwbc
+from hugwbc.cli import main
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
+from hugwbc.learned.policy.policy import policy_dir
+from hugwbc.runtime import controllers
+from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, plugins
+
+CONTRACT = "period: 0.02\njoints: all\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\nobservation: [gravity]\n"
+
+
+class Tuned(HoldController):
+    """A third party's controller, which takes a file."""
+
+    name = "tuned"
+
+    def __init__(self, policy=None):
+        super().__init__()
+        self.policy = policy
+
+
+@pytest.fixture
+def third_party(monkeypatch):
+    """Registers entry points as an installed package does."""
+
+    def register(**entries):
+        made = [importlib.metadata.EntryPoint(name, value, GROUP) for name, value in entries.items()]
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: made if group == GROUP else [])
+        plugins.cache_clear()
+
+    yield register
+    monkeypatch.undo()
+    plugins.cache_clear()
+
+
+def test_ours_are_registered_as_in_pyproject():
+    path = pathlib.Path(hugwbc.__file__).parent.parent / "pyproject.toml"
+    registered = tomllib.loads(path.read_text())["project"]["entry-points"][GROUP]
+    assert {name: entry.value for name, entry in plugins().items() if name in registered} == registered
+    assert controller_names()[:3] == ("learned", "qp", "hold") and "unitree-h1" in controller_names()
+
+
+def test_every_one_of_ours_is_built_and_is_a_controller():
+    for name in ("learned", "qp", "hold"):
+        controller = ControllerSpec(name).build()
+        assert isinstance(controller, Controller) and controller.name == name
+
+
+def test_a_plugin_is_found_by_name_and_gets_the_policy(third_party, monkeypatch):
+    monkeypatch.setattr(controllers, "Tuned", Tuned, raising=False)
+    third_party(tuned="hugwbc.runtime.controllers:Tuned")
+    controller = ControllerSpec("tuned", "a file").build()
+    assert isinstance(controller, Tuned) and controller.policy == "a file"
+
+
+def test_plugins_that_do_not_work_are_refused(third_party):
+    third_party(broken="no_such_module:Controller", wrong="pathlib:Path")
+    with pytest.raises(ConfigError, match=r"controller 'broken' .* cannot be loaded: No module named"):
+        ControllerSpec("broken").build()
+    with pytest.raises(ConfigError, match="gives a PosixPath without period, reset, act"):
+        ControllerSpec("wrong").build()
+    third_party(qp="somebody:Else")
+    with pytest.raises(ConfigError, match="two controllers are registered as 'qp'"):
+        ControllerSpec("qp")
+
+
+def test_paths(tmp_path):
+    shutil.copytree(policy_dir() / "h1", tmp_path / "mine")
+    for path in (tmp_path / "mine", tmp_path / "mine" / "policy.safetensors"):
+        assert ControllerSpec(str(path)).build().name == "learned"
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    with pytest.raises(PolicyFileError, match="names no policy file"):
+        ControllerSpec(str(tmp_path / "theirs.yaml")).build()
+    with pytest.raises(ConfigError, match="bare network; write a contract"):
+        ControllerSpec("motion.pt")
+    with pytest.raises(HugwbcError, match="the path of a policy folder or file, or of a contract"):
+        ControllerSpec(str(tmp_path / "nothing"))
+
+
+def test_labels_tell_policies_apart(tmp_path):
+    assert ControllerSpec("qp").label == "qp"
+    assert ControllerSpec("learned", "runs/second").label == "learned second"
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    assert ControllerSpec(str(tmp_path / "theirs.yaml")).label == "theirs"
+
+
+def test_the_training_is_what_the_policys_file_says(tmp_path):
+    assert ControllerSpec("learned").training == "noise" == ControllerSpec(str(policy_dir() / "h1")).training
+    assert ControllerSpec("qp").training is None
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").training is None
+
+
+def test_identity_is_that_of_the_files(tmp_path):
+    default = ControllerSpec("learned").identity()
+    shutil.copytree(policy_dir() / "h1", tmp_path / "copy")
+    copy = ControllerSpec("learned", tmp_path / "copy").identity()
+    assert copy == default and len(default["files"]) == 1
+    assert ControllerSpec("qp").identity() == {
+        "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
+        "policy": None,
+    }  # fmt: skip
+    network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
+    network.write_bytes(b"a")
+    contract.write_text(CONTRACT)
+    spec = ControllerSpec(str(contract), str(network))
+    before = spec.identity()
+    assert len(before["files"]) == 2
+    network.write_bytes(b"b")
+    assert spec.identity() != before
+
+
+def test_a_source_tree_that_is_not_installed_has_an_identity(monkeypatch):
+    def nothing_installed(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    installed = ControllerSpec("learned").identity()
+    monkeypatch.setattr(importlib.metadata, "version", nothing_installed)
+    assert ControllerSpec("learned").identity() == installed
+
+
+def test_the_command_line_names_what_is_valid(capsys):
+    assert main(["evaluate", "--controller", "lernt"]) == 2
+    assert "Valid: learned, qp, hold, unitree-h1" in capsys.readouterr().err
+
+
+def test_a_policy_for_what_takes_none_is_refused(tmp_path):
+    for name in ("hold", "qp"):
+        with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
+            ControllerSpec(name, "h1")
+    with pytest.raises(ConfigError, match="takes no policy: it is one"):
+        ControllerSpec(str(policy_dir() / "h1"), "h1")
+    with pytest.raises(ConfigError, match="takes no policy"):
+        ControllerSpec.parse("qp=h1")
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").policy == "net.pt"
+
+
+def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, monkeypatch, tmp_path):
+    monkeypatch.setattr(controllers, "Tuned", Tuned, raising=False)
+    third_party(tuned="hugwbc.runtime.controllers:Tuned")
+    folder = tmp_path / "weights"
+    folder.mkdir()
+    (folder / "a").write_bytes(b"a")
+    found = [ControllerSpec("tuned", policy).identity() for policy in (None, "small", "large", str(folder))]
+    (folder / "b").write_bytes(b"b")
+    found.append(ControllerSpec("tuned", str(folder)).identity())
+    assert all(one != other for index, one in enumerate(found) for other in found[:index])

@@ -1,0 +1,206 @@
+"""The state estimator: joint filter against the textbook, tilt from gravity, and the walking robot in simulation."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
+from hugwbc.kinematics import Kinematics
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime import Constant, rollout
+from hugwbc.runtime.estimation import EstimatorParams, JointFilter, StateEstimator
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.sim import SensorNoise, Simulation, noisy_simulation
+
+ROBOT = load_robot()
+
+
+def _at_rest(orientation, waist=0.0):
+    """Readings of a robot that stands still: gravity in the torso's frame, both feet loaded."""
+    q = ROBOT.nominal.copy()
+    q[ROBOT.waist] = waist
+    torso = rotations.multiply(orientation, rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), waist))
+    return RobotState(
+        q=q,
+        dq=np.zeros(19),
+        orientation=orientation,
+        angular_velocity=np.zeros(3),
+        foot_force=np.tile([0.0, 0.0, 250.0], (2, 1)),
+        imu_gyro=np.zeros(3),
+        imu_accelerometer=rotations.rotate_inverse(torso, np.array([0.0, 0.0, 9.81])),
+    )
+
+
+def _angle(a, b):
+    return 2.0 * np.linalg.norm(rotations.multiply(rotations.conjugate(a), b)[1:])
+
+
+@pytest.mark.parametrize("planned", [False, True])
+def test_joint_filter_is_the_kalman_filter_of_a_driven_double_integrator(planned):
+    params = EstimatorParams()
+    rng = np.random.default_rng(0)
+    joints = JointFilter(params, ROBOT)
+    waist, dt = ROBOT.waist, 0.003
+    q, dq, plan = (scale * rng.normal(size=(20, 19)) for scale in (1.0, 1.0, 100.0))
+    joints.reset(q[0], dq[0])
+    x, P = np.array([q[0, waist], dq[0, waist]]), np.diag([params.encoder**2, params.joint_velocity**2])
+    F, G, R = np.array([[1.0, dt], [0.0, 1.0]]), np.array([0.5 * dt**2, dt]), P.copy()
+    drive = params.waist_acceleration * (params.unplanned if planned else 1.0)
+    for k in range(1, 20):
+        joints.update(q[k], dq[k], dt, plan[k] if planned else None)
+        x, P = F @ x + (G * plan[k, waist] if planned else 0.0), F @ P @ F.T + drive**2 * np.outer(G, G)
+        K = P @ np.linalg.inv(P + R)
+        x, P = x + K @ (np.array([q[k, waist], dq[k, waist]]) - x), (np.eye(2) - K) @ P
+    assert [joints.q[waist], joints.dq[waist]] == pytest.approx(x, abs=1e-10)
+
+
+def test_a_plan_moves_the_joints_when_the_readings_of_its_time_arrive():
+    estimator, still = StateEstimator(), dataclasses.replace(_at_rest(np.array([1.0, 0.0, 0.0, 0.0])), age=0.01)
+    plan = np.zeros(19)
+    plan[ROBOT.waist] = 50.0
+    estimator.reset(still)
+    speeds = []
+    for k in range(1, 12):
+        reading = dataclasses.replace(still, time=0.002 * k)
+        speeds.append(estimator.update(reading, plan if k == 2 else np.zeros(19)).dq[ROBOT.waist])
+    # Planned for the time up to 0.014 s, which the reading of that time, the seventh, shows.
+    assert speeds[:6] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert speeds[6] > 0.05
+
+
+@pytest.mark.parametrize("absurd", [np.full(19, np.nan), np.full(19, np.inf), np.full(19, 1e12), np.zeros(8)])
+def test_an_absurd_plan_is_ignored(absurd):
+    with_plan, without, reading = StateEstimator(), StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    with_plan.reset(reading)
+    without.reset(reading)
+    for k in range(1, 5):
+        now = dataclasses.replace(reading, time=0.002 * k)
+        estimates = with_plan.update(now, absurd), without.update(now)
+    np.testing.assert_array_equal(estimates[0].dq, estimates[1].dq)
+
+
+@pytest.mark.parametrize("waist", [0.0, 0.8])
+def test_a_robot_at_rest_stays_where_it_is(waist):
+    orientation = rotations.from_yaw_pitch_roll(2.0, 0.1, -0.05)
+    reading = dataclasses.replace(_at_rest(orientation, waist), position=np.array([10.0, -5.0, 1.0]))
+    estimator = StateEstimator()
+    first = estimator.reset(reading)
+    assert first.position == pytest.approx([10.0, -5.0, 1.0], abs=1e-12)
+    for k in range(1, 500):
+        estimate = estimator.update(dataclasses.replace(reading, position=None, time=0.002 * k))
+    assert estimate.position == pytest.approx([10.0, -5.0, 1.0], abs=1e-6)
+    assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-6)
+    assert _angle(estimate.orientation, orientation) < 1e-6
+    assert estimate.q == pytest.approx(reading.q, abs=1e-9)
+    assert estimator.contact.all()
+
+
+def test_gravity_and_still_feet_correct_a_wrong_tilt_but_not_the_heading():
+    upright = rotations.from_yaw_pitch_roll(1.0, 0.0, 0.0)
+    reading = _at_rest(upright)
+    estimator = StateEstimator()
+    tilted = rotations.from_yaw_pitch_roll(1.2, 0.04, -0.04)
+    estimator.reset(dataclasses.replace(reading, orientation=tilted))
+    for k in range(1, 1000):
+        estimate = estimator.update(dataclasses.replace(reading, orientation=tilted, time=0.002 * k))
+    assert abs(rotations.pitch_of(estimate.orientation)) < 2e-3
+    assert abs(rotations.roll_of(estimate.orientation)) < 2e-3
+    assert estimate.yaw == pytest.approx(1.2, abs=0.01)
+
+
+def test_without_a_position_it_starts_with_the_soles_on_the_ground():
+    estimator = StateEstimator()
+    estimate = estimator.reset(_at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0)))
+    kinematics = Kinematics()
+    kinematics.update(estimate)
+    assert kinematics.position("left_sole")[2] == pytest.approx(0.0, abs=1e-3)
+    assert estimate.position[:2] == pytest.approx([0.0, 0.0])
+
+
+def test_a_foot_in_the_air_is_not_observed_and_enters_where_it_lands():
+    """Both feet leave the ground, a fall of 0.1 s with the accelerometer at zero, and come down again."""
+    reading = _at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0))
+    estimator = StateEstimator()
+    start = estimator.reset(reading)
+    falling = dataclasses.replace(reading, foot_force=np.zeros((2, 3)), imu_accelerometer=np.zeros(3))
+    for k in range(1, 51):
+        estimate = estimator.update(dataclasses.replace(falling, time=0.002 * k))
+    assert not estimator.contact.any()
+    assert estimate.position - start.position == pytest.approx([0.0, 0.0, -0.5 * 9.81 * 0.1**2], abs=1e-6)
+    assert estimate.velocity == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
+    landing = dataclasses.replace(reading, imu_accelerometer=np.array([0.0, 0.0, 9.81 + 0.981 / 0.002]))
+    estimator.update(dataclasses.replace(landing, time=0.002 * 51))
+    for k in range(52, 200):
+        estimate = estimator.update(dataclasses.replace(reading, time=0.002 * k))
+    assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-3)
+    assert estimate.position[2] == pytest.approx(start.position[2] - 0.5 * 9.81 * 0.1**2, abs=2e-3)
+
+
+def test_readings_that_are_incomplete_or_broken_are_passed_on():
+    reading = _at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0))
+    estimator = StateEstimator()
+    estimator.reset(reading)
+    for broken in (
+        dataclasses.replace(reading, imu_gyro=None),
+        dataclasses.replace(reading, foot_force=None),
+        dataclasses.replace(reading, q=np.full(19, np.nan)),
+        dataclasses.replace(reading, dq=np.full(19, 1e200), time=0.002),
+        dataclasses.replace(reading, imu_gyro=np.full(3, -1e300), time=0.002),
+        dataclasses.replace(reading, imu_accelerometer=np.full(3, 1e30), time=0.002),
+    ):
+        assert estimator.update(broken) is broken
+    estimate = estimator.update(dataclasses.replace(reading, time=0.01))
+    assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-6), "none of them leaves anything behind"
+
+
+@pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.02), (False, 0.03)])
+def test_it_follows_the_walking_robot(exact, speed_error):
+    """The controller reads the truth, so that the estimator's errors do not feed back."""
+    simulation = Simulation(noise=None if exact else SensorNoise.robot(), seed=2)
+    controller, estimator = WholeBodyController(), StateEstimator()
+    state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
+    controller.reset(state)
+    estimator.reset(simulation.sense())
+    errors = []
+    for tick in range(1500):
+        command = Command(v_x=0.5, omega=0.3, gait=Gait.WALKING)
+        state = simulation.step(controller.act(state, command, UpperBody.none()), controller.period)
+        estimate = estimator.update(simulation.sense())
+        if tick > 250:
+            tilt = [f(estimate.orientation) - f(state.orientation) for f in (rotations.pitch_of, rotations.roll_of)]
+            errors.append([*(estimate.velocity - state.velocity), *tilt])
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/mbc.md has it
+    assert np.all(rms[:3] < speed_error)
+    assert np.all(rms[3:] < 0.01)
+    assert np.linalg.norm((estimate.position - state.position)[:2]) < 0.1  # 1.5 m walked, one turn of 50 degrees
+
+
+def test_the_model_based_controller_walks_on_the_estimate():
+    command = Command(v_x=0.5, gait=Gait.WALKING)
+    trace = rollout(
+        WholeBodyController(), Constant(command), noisy_simulation(seed=1), duration=4.0, estimator=StateEstimator()
+    )
+    assert not trace.fell
+    assert trace.measured[75:, 0].mean() == pytest.approx(0.5, abs=0.05)
+    assert trace.safety.failures == 0
+
+
+def test_the_loop_tells_the_estimator_what_the_controller_plans():
+    told = []
+
+    class Listening(StateEstimator):
+        def update(self, state, planned=None):
+            told.append(planned)
+            return super().update(state, planned)
+
+    controller = WholeBodyController()
+    loop = ControlLoop(controller, Constant(Command()), noisy_simulation(seed=0), estimator=Listening())
+    loop.reset()
+    loop.step(loop.decide(0.0), loop.period)
+    np.testing.assert_array_equal(told[-1], controller.planned_acceleration)
+    assert told[-1].shape == (19,) and np.abs(told[-1]).max() > 0.0
+    broken = dataclasses.replace(loop.simulation.state(), q=np.full(19, np.nan))
+    controller.act(broken, Command(), UpperBody.none())
+    assert controller.planned_acceleration is None

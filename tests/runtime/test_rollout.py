@@ -1,0 +1,159 @@
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, HugwbcError, JointCommand, UpperBody, load_robot
+from hugwbc.errors import ConfigError
+from hugwbc.runtime import Constant, rollout
+from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names
+from hugwbc.sim import Simulation
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import IKSolution
+
+ROBOT = load_robot()
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    return Simulation()
+
+
+class FixedArms:
+    """An upper-body source that moves the arms to one pose and calls the left target reachable, the right one not."""
+
+    def __init__(self):
+        self.solution = None
+        self.commanded: list[np.ndarray | None] = []
+
+    def reset(self):
+        self.commanded.clear()
+
+    def update(self, state, hands, dt, commanded=None):
+        self.commanded.append(commanded)
+        q = np.full(8, 0.1)
+        self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
+        return UpperBody.none() if hands is None else UpperBody.targets(q)
+
+
+class Reaching:
+    """Hand targets in the pelvis frame from 0.2 s on."""
+
+    def command_at(self, t):
+        return Command()
+
+    def hands_at(self, t):
+        return HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1)) if t >= 0.2 - 1e-9 else None
+
+
+def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simulation):
+    trace = rollout(HoldController(), Constant(Command(w=0.1)), simulation, duration=0.5)
+    assert trace.name == "hold" and not trace.fell and trace.survived_s == 0.5 and trace.steps == 25
+    np.testing.assert_allclose(trace.time, np.arange(25) * 0.02)
+    for name, shape in {
+        "command": (25, 8), "gait": (25,), "measured": (25, 6), "clearance": (25, 2), "foot_contact": (25, 2),
+        "phase": (25,), "foot_force": (25, 2, 3), "pressure_centre": (25, 2, 3), "foothold": (25, 2, 2),
+        "qpos": (25, 26), "qvel": (25, 25), "target": (25, 19), "hand_target_world": (25, 2, 3),
+        "arm_target": (25, 8), "hand_error": (25, 2), "reachable": (25, 2),
+        "torque": (25, 19), "tick_ms": (25,), "ik_ms": (0,),
+    }.items():  # fmt: skip
+        assert getattr(trace, name).shape == shape, name
+    assert trace.qpos[0, 2] == pytest.approx(0.98, abs=0.01)
+    np.testing.assert_allclose(trace.measured[:, 3], trace.qpos[:, 2] - 0.98)
+    np.testing.assert_allclose(trace.measured[:, 5], trace.qpos[:, 7 + ROBOT.waist])
+    assert np.isnan(trace.hand_error).all() and np.isnan(trace.hand_target_world).all()
+    assert trace.foot_contact[5:20].all(), "standing still, both feet stay on the ground"
+    assert (trace.foot_force[5:20, :, 2] > 50.0).all() and np.isfinite(trace.pressure_centre[5:20]).all()
+    assert np.isnan(trace.phase).all() and np.isnan(trace.foothold).all(), "this controller has no gait"
+
+
+def test_two_runs_are_equal(simulation):
+    first = rollout(HoldController(), Constant(Command()), simulation, duration=0.4)
+    second = rollout(HoldController(), Constant(Command()), simulation, duration=0.4)
+    np.testing.assert_array_equal(first.qpos, second.qpos)
+
+
+def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
+    arms = FixedArms()
+    trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.4)
+    assert arms.commanded[0] is None
+    np.testing.assert_array_equal(arms.commanded[5], ROBOT.nominal[ROBOT.arms])
+    np.testing.assert_array_equal(arms.commanded[12], np.full(8, 0.1))
+    assert np.isnan(trace.hand_target_world[:10]).all() and np.isfinite(trace.hand_target_world[10:]).all()
+    offset = np.zeros(3)
+    mujoco.mju_rotVecQuat(offset, np.array([0.3, 0.2, 0.1]), trace.qpos[10, 3:7])
+    np.testing.assert_allclose(trace.hand_target_world[10, 0], trace.qpos[10, :3] + offset, atol=1e-9)
+    assert np.isnan(trace.arm_target[:10]).all() and (trace.arm_target[10:] == 0.1).all()
+    assert trace.reachable[10:, 0].all() and not trace.reachable[:, 1].any()
+    assert np.isnan(trace.hand_error[:10]).all() and np.isfinite(trace.hand_error[10:]).all(), "in reach or not"
+    data = simulation.data
+    assert np.linalg.norm(data.sensor("left_hand_position").data - trace.hand_target_world[-1, 0]) == pytest.approx(
+        trace.hand_error[-1, 0], abs=0.05
+    )
+
+
+def test_a_fall_ends_the_run_and_is_reported(simulation):
+    class Limp(HoldController):
+        def act(self, state, command, upper_body):
+            output = super().act(state, command, upper_body)
+            return dataclasses.replace(output, kp=0 * output.kp, kd=0 * output.kd)
+
+    trace = rollout(Limp(), Constant(Command()), simulation, duration=5.0)
+    assert trace.fell and 0.1 < trace.survived_s < 3.0
+    assert trace.steps == pytest.approx(trace.survived_s / 0.02 + 1, abs=1e-6)
+
+
+def test_out_of_range_commands_are_recorded_as_clamped_and_reported(simulation):
+    trace = rollout(HoldController(), Constant(Command(w=5.0, h=float("nan"))), simulation, duration=0.1)
+    assert (trace.command[:, 7] == 1.0).all() and (trace.command[:, 5] == 0.0).all()
+    assert trace.safety.commands_clamped == {"w": 5, "h": 5}
+
+
+def test_a_fast_controller_is_called_at_its_own_period_and_recorded_at_50_hz(simulation):
+    class Fast(HoldController):
+        period = 0.002
+
+    trace = rollout(Fast(), Constant(Command()), simulation, duration=0.2)
+    assert trace.steps == trace.tick_ms.size == 100 and trace.time.size == 10
+
+
+def test_touch_downs_are_timed_and_bounces_ignored(simulation):
+    """A leg that is tucked up and stretched again comes down once."""
+
+    class Tuck(HoldController):
+        def act(self, state, command, upper_body):
+            q = self.robot.nominal.copy()
+            if 0.1 < state.time < 0.35:
+                left = [self.robot.index(f"left_{part}_joint") for part in ("hip_pitch", "knee", "ankle")]
+                q[left] += np.array([-0.4, 0.8, -0.4])
+            return JointCommand.position(self.robot, q)
+
+    trace = rollout(Tuck(), Constant(Command(gait=Gait.WALKING)), simulation, duration=0.7)
+    left, right = trace.touch_downs
+    assert left.size == 1 and 0.3 < left[0] < 0.7
+    assert right.size == 0
+    assert trace.clearance[trace.time < 0.35, 0].max() > 0.03
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_bad_duration_is_refused(simulation, duration):
+    with pytest.raises(ConfigError, match="give a finite time above 0"):
+        rollout(HoldController(), Constant(Command()), simulation, duration=duration)
+
+
+def test_a_time_step_that_does_not_divide_the_period_is_refused():
+    with pytest.raises(ConfigError, match="no multiple of the physics time step"):
+        rollout(HoldController(), Constant(Command()), Simulation(timestep=0.003), duration=0.1)
+
+
+def test_controllers_by_name():
+    assert ControllerSpec("hold").build().name == "hold"
+    with pytest.raises(HugwbcError, match="Did you mean 'learned'") as info:
+        ControllerSpec("learnd")
+    assert all(name in str(info.value) for name in controller_names())
+
+
+def test_a_run_shorter_than_a_control_period_has_one_step():
+    trace = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.005)
+    assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell

@@ -1,0 +1,182 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_ranges, load_robot
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.runtime.safety import SafetyConfig, SafetyFilter
+
+ROBOT = load_robot()
+
+
+class Recorder:
+    """A controller that remembers what it was given and answers what it was told to."""
+
+    name, period = "recorder", 0.02
+
+    def __init__(self):
+        self.answer = JointCommand.position(ROBOT, ROBOT.nominal)
+        self.seen: list[tuple[RobotState, Command, UpperBody]] = []
+        self.resets = 0
+
+    def reset(self, state):
+        self.resets += 1
+
+    def act(self, state, command, upper_body):
+        self.seen.append((state, command, upper_body))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+def good_state():
+    return RobotState(ROBOT.nominal.copy(), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
+
+
+def bad_state():
+    return dataclasses.replace(good_state(), dq=np.full(19, np.nan))
+
+
+@pytest.fixture
+def filtered():
+    recorder = Recorder()
+    safe = SafetyFilter(recorder, config=SafetyConfig(hold_s=0.04))
+    safe.reset(good_state())
+    return recorder, safe
+
+
+def test_a_good_tick_passes_unchanged(filtered):
+    recorder, safe = filtered
+    command = Command(v_x=0.5, gait=Gait.WALKING)
+    output = safe.act(good_state(), command, UpperBody.none())
+    assert recorder.seen[-1][1] == command
+    np.testing.assert_array_equal(output.q, ROBOT.nominal)
+    report = safe.report()
+    assert report.ticks == 1
+    assert report.messages == () and report.commands_clamped == {} and report.held == 0
+
+
+def test_out_of_range_commands_are_clamped_counted_and_never_passed_on(filtered):
+    recorder, safe = filtered
+    safe.act(good_state(), Command(v_x=9.0, h=float("nan"), gait=Gait.WALKING), UpperBody.none())
+    safe.act(good_state(), Command(v_x=-9.0, gait=Gait.WALKING), UpperBody.none())
+    assert [c.v_x for _, c, _ in recorder.seen] == [2.0, -0.6]
+    assert recorder.seen[0][1].h == 0.0
+    assert safe.report().commands_clamped == {"v_x": 2, "h": 1}
+    assert "outside -0.6 to 2" in safe.report().messages[0]
+
+
+def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explained(filtered):
+    recorder, safe = filtered
+    asked = Command(v_x=1.5, f=1.5, l=0.3, h=-0.25, gait=Gait.WALKING)
+    for _ in range(2):
+        safe.act(good_state(), asked, UpperBody.none())
+    assert recorder.seen[-1][1] == dataclasses.replace(asked, f=2.0, l=0.15)
+    assert safe.command == asked, "errors are measured against what was asked"
+    report = safe.report()
+    assert report.commands_guarded == {"f": 2, "l": 2} and report.commands_clamped == {}
+    assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
+    unguarded = SafetyFilter(recorder, config=SafetyConfig(guard=False))
+    unguarded.reset(good_state())
+    unguarded.act(good_state(), asked, UpperBody.none())
+    assert recorder.seen[-1][1] == asked
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8),
+    gait=st.sampled_from(list(Gait)),
+)
+def test_any_eight_numbers_reach_the_controller_in_range(values, gait):
+    recorder = Recorder()
+    safe = SafetyFilter(recorder)
+    safe.act(good_state(), Command(**dict(zip(COMMAND_NAMES, values, strict=True)), gait=gait), UpperBody.none())
+    passed = recorder.seen[-1][1]
+    for name, limits in command_ranges(gait).items():
+        assert limits.finishing[0] <= getattr(passed, name) <= limits.finishing[1]
+
+
+def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(filtered):
+    recorder, safe = filtered
+    recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal + 0.05)
+    first = safe.act(good_state(), Command(), UpperBody.none())
+    held = [safe.act(bad_state(), Command(), UpperBody.none()) for _ in range(2)]
+    damped = safe.act(bad_state(), Command(), UpperBody.none())
+    for output in held:
+        np.testing.assert_array_equal(output.q, first.q)
+        np.testing.assert_array_equal(output.kp, ROBOT.kp)
+    np.testing.assert_array_equal(damped.kp, 0.0)
+    np.testing.assert_array_equal(damped.kd, ROBOT.kd)
+    assert damped.is_finite
+    assert len(recorder.seen) == 1, "the controller never sees a state that is not finite"
+    resets = recorder.resets
+    recovered = safe.act(good_state(), Command(), UpperBody.none())
+    assert recorder.resets == resets + 1
+    np.testing.assert_array_equal(recovered.kp, ROBOT.kp)
+    report = safe.report()
+    assert (report.bad_states, report.held, report.damped) == (3, 2, 1)
+
+
+def test_an_imu_that_died_is_a_bad_state(filtered):
+    recorder, safe = filtered
+    dead = dataclasses.replace(good_state(), orientation=np.zeros(4))
+    safe.act(dead, Command(), UpperBody.none())
+    assert recorder.seen == [] and safe.report().bad_states == 1
+    slightly_off = dataclasses.replace(good_state(), orientation=np.array([1.01, 0.0, 0.0, 0.0]))
+    safe.act(slightly_off, Command(), UpperBody.none())
+    assert len(recorder.seen) == 1
+
+
+def test_an_exception_or_a_nan_of_the_controller_is_contained(filtered):
+    recorder, safe = filtered
+    recorder.answer = RuntimeError("no solution")
+    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    recorder.answer = JointCommand.position(ROBOT, np.full(19, np.nan))
+    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    for too_few in (np.zeros(18), np.zeros((19, 1))):
+        recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), kd=too_few)
+        assert safe.act(good_state(), Command(), UpperBody.none()).kd.shape == (19,)
+    recorder.answer = None
+    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    report = safe.report()
+    assert report.failures == 2 and report.bad_outputs == 3
+    assert "RuntimeError: no solution" in report.messages[0]
+
+
+def test_targets_and_torques_stay_within_limits(filtered):
+    recorder, safe = filtered
+    huge = np.full(19, 100.0)
+    recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, huge), tau=-1e4 * np.ones(19))
+    output = safe.act(good_state(), Command(), UpperBody.none())
+    knee = ROBOT.index("left_knee_joint")
+    # limit 2.05 rad; 280 N*m at 300 N*m/rad is another 0.9333 rad
+    assert output.q[knee] == pytest.approx(2.05 + 280 / 300)
+    assert output.tau[knee] == -280.0
+    report = safe.report()
+    assert (report.positions_limited, report.torques_limited) == (1, 1)
+
+
+def test_external_arm_targets_are_checked(filtered):
+    recorder, safe = filtered
+    safe.act(good_state(), Command(), UpperBody.targets(np.full(8, 0.1)))
+    bad = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
+    safe.act(good_state(), Command(), bad)
+    np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
+    safe.act(good_state(), Command(), UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool)))
+    np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
+    safe.act(good_state(), Command(), UpperBody.targets(np.full(8, 9.0)))
+    np.testing.assert_array_equal(recorder.seen[-1][2].q, ROBOT.upper[ROBOT.arms])
+    report = safe.report()
+    assert (report.upper_body_rejected, report.upper_body_limited) == (2, 1)
+
+
+def test_overruns_are_counted():
+    times = iter([0.0, 0.03, 1.0, 1.01])
+    safe = SafetyFilter(Recorder(), clock=lambda: next(times))
+    safe.act(good_state(), Command(), UpperBody.none())
+    safe.act(good_state(), Command(), UpperBody.none())
+    assert safe.report().overruns == 1
+    assert safe.last_tick_s == pytest.approx(0.01)

@@ -1,0 +1,104 @@
+import pathlib
+
+import numpy as np
+import pytest
+
+from hugwbc.errors import MotionFileError
+from hugwbc.robot import load_robot
+from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motion, load_motions
+
+ARMS = load_robot().arm_names
+
+
+def write(path: pathlib.Path, **changes: object) -> pathlib.Path:
+    fields = {"fps": np.array(30.0), "joint_names": np.array(ARMS), "positions": np.zeros((4, 8))}
+    np.savez(path, **{name: value for name, value in (fields | changes).items() if value is not None})
+    return path
+
+
+def test_noise_range_is_the_papers_mirrored_and_within_limits() -> None:
+    low, high = arm_noise_range()
+    robot = load_robot()
+    assert low.tolist() == pytest.approx([-2.6, -0.3, -1.2, -1.2, -2.6, -3.0, -4.3, -1.2])
+    assert high.tolist() == pytest.approx([2.6, 3.0, 4.3, 2.5, 2.6, 0.3, 1.2, 2.5])
+    assert (low >= robot.lower[robot.arms]).all() and (high <= robot.upper[robot.arms]).all()
+
+
+def test_resampling_is_linear_in_time() -> None:
+    motion = ArmMotion("m", 20.0, np.linspace(0.0, 1.0, 3)[:, None] * np.arange(8))  # 0.1 s
+    fast = motion.resampled(50.0)
+    assert fast.fps == 50.0 and fast.positions.shape == (6, 8)
+    np.testing.assert_allclose(fast.positions, np.linspace(0.0, 1.0, 6)[:, None] * np.arange(8), atol=1e-12)
+    # At 40 Hz from 30 Hz the last frame lies beyond the end: 4 frames are 0.1 s.
+    uneven = ArmMotion("m", 30.0, np.array([0.0, 1.0, 4.0, 9.0])[:, None] * np.ones(8)).resampled(40.0)
+    np.testing.assert_allclose(uneven.positions[:, 0], [0.0, 0.75, 2.5, 5.25, 9.0], atol=1e-12)
+
+
+def test_a_saved_motion_is_read_back(tmp_path: pathlib.Path) -> None:
+    (motion,) = generate_motions(seed=3, count=1, duration=2.0)
+    motion.save(tmp_path / "wave.npz")
+    read = load_motion(tmp_path / "wave.npz")
+    assert (read.name, read.fps) == ("wave", 50.0)
+    np.testing.assert_array_equal(read.positions, motion.positions)
+
+
+def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.Path) -> None:
+    names = ("some_finger", *ARMS[::-1])
+    path = write(tmp_path / "a.npz", joint_names=np.array(names), positions=np.tile(np.arange(9.0), (2, 1)))
+    robot = load_robot()
+    expected = np.minimum(np.arange(8, 0, -1), robot.upper[robot.arms])
+    np.testing.assert_allclose(load_motion(path).positions, np.tile(expected, (2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fps": None}, "fps"),
+        ({"fps": np.array(0.0)}, "fps = 0.0; give one number from 0.1 to 10000"),
+        ({"fps": np.array("30")}, "fps = 30; give one number"),
+        ({"fps": np.array(30.0 + 1.0j)}, "give one number"),
+        ({"fps": np.array([30.0, 30.0])}, "give one number"),
+        ({"fps": np.array(1e-9)}, "give one number"),
+        ({"fps": np.array(np.nan)}, "give one number"),
+        ({"joint_names": np.array(ARMS[:-1]), "positions": np.zeros((4, 7))}, "right_elbow_joint"),
+        ({"joint_names": np.array((*ARMS[:-1], ARMS[0]))}, "left_shoulder_pitch_joint more than once"),
+        ({"positions": np.zeros((1, 8))}, "at least 2 frames"),
+        ({"positions": np.zeros((4, 7))}, "at least 2 frames"),
+        ({"positions": np.full((4, 8), np.nan)}, "not finite"),
+        ({"positions": np.zeros((4, 8), dtype=complex)}, "complex128; valid: at least 2 frames"),
+        ({"positions": np.array([[object()] * 8] * 4)}, "pickled"),
+    ],
+)
+def test_bad_files_are_refused(changes: dict, message: str, tmp_path: pathlib.Path) -> None:
+    with pytest.raises(MotionFileError, match=message):
+        load_motion(write(tmp_path / "bad.npz", **changes))
+
+
+def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "text.npz").write_text("no motion")
+    for name, reason in (("none", "No such file"), ("text", r"it is no \.npz archive$")):
+        with pytest.raises(MotionFileError, match=reason):
+            load_motion(tmp_path / f"{name}.npz")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(MotionFileError, match="holds no motion files"):
+        load_motions(tmp_path / "empty")
+
+
+def test_a_folder_is_read_in_the_order_of_names(tmp_path: pathlib.Path) -> None:
+    for name in ("b", "a"):
+        write(tmp_path / f"{name}.npz")
+    assert [motion.name for motion in load_motions(tmp_path)] == ["a", "b"]
+
+
+def test_generated_motions_follow_their_seed_and_move_like_arms() -> None:
+    motions, same, other = (generate_motions(seed, count=4, duration=10.0) for seed in (1, 1, 2))
+    robot = load_robot()
+    for a, b, c in zip(motions, same, other, strict=True):
+        assert a.duration == pytest.approx(10.0)
+        np.testing.assert_array_equal(a.positions, b.positions)
+        assert not np.array_equal(a.positions, c.positions)
+        assert (a.positions >= robot.lower[robot.arms]).all() and (a.positions <= robot.upper[robot.arms]).all()
+        np.testing.assert_allclose(a.positions[0], robot.nominal[robot.arms])
+        speed = np.abs(np.diff(a.positions, axis=0)) * a.fps
+        # The fastest minimum-jerk movement through 60 % of the widest range in 0.4 s has a peak of 1.875 d / T.
+        assert 0.5 < speed.max() < 1.875 * 0.6 * 5.5 / 0.4

@@ -1,0 +1,204 @@
+import pathlib
+
+import numpy as np
+import pytest
+
+from hugwbc.commands import VELOCITY_NAMES
+from hugwbc.errors import ScriptError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.scripts.hand_paths import Circle, Hold, Line
+from hugwbc.scripts.motion import generate_motions, load_motion
+from hugwbc.scripts.script import HandMotion, Segment
+from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script, parse_script
+
+GOOD = """\
+about: everything a segment can say
+segments:
+  - label: go
+    duration: 2
+    gait: walking
+    commands: {v_x: 0.3, w: -0.2}
+    ramp: 0.5
+    hands:
+      frame: heading
+      left: {circle: {centre: [0.3, 0.2, 0.1], radius: 0.05, axis: z, period: 3}}
+      right: mirror
+  - {label: stop, duration: 0.5, gait: walking}
+  - label: point
+    duration: 3
+    hands: {right: {hold: [0.3, -0.2, 0.1]}}
+"""
+
+
+def parse(text):
+    return parse_script(text, pathlib.Path("scene.yaml"))
+
+
+def test_a_script_is_what_the_file_says():
+    script = parse(GOOD)
+    circle = Circle((0.3, 0.2, 0.1), 0.05, "z", 3.0)
+    go = Segment(
+        "go", 2.0, Gait.WALKING, {"v_x": 0.3, "w": -0.2}, HandMotion(circle, circle.mirrored(), "heading"), 0.5
+    )
+    point = Segment("point", 3.0, hands=HandMotion(None, Hold((0.3, -0.2, 0.1))))
+    assert script.name == "scene"
+    assert script.about == "everything a segment can say"
+    assert script.segments == (go, Segment("stop", 0.5, Gait.WALKING, ramp=0.5), point)
+
+
+def test_a_segment_may_play_a_motion_file(tmp_path):
+    generate_motions(seed=0, count=1, duration=2.0)[0].save(tmp_path / "wave.npz")
+    text = "segments: [{label: a, duration: 1, motion: wave.npz}, {label: b, duration: 1, motion: %s}]"
+    (tmp_path / "scene.yaml").write_text(text % "wave.npz")
+    first, second = load_script(tmp_path / "scene.yaml").segments
+    assert first.motion is not None and first.motion is second.motion
+    assert first.motion.positions == pytest.approx(load_motion(tmp_path / "wave.npz").positions)
+    (tmp_path / "scene.yaml").write_text(text % "other.npz")
+    with pytest.raises(ScriptError, match=r"scene.yaml:1:8\d: cannot read .*other.npz"):
+        load_script(tmp_path / "scene.yaml")
+
+
+def test_directions_and_hands_that_hold_one_thing():
+    text = "segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, right: mirror, %s}}]"
+    hands = parse(text % "left_direction: [0, 0, -2], together: true").segments[0].hands
+    assert hands is not None
+    targets = hands.at(0.5)
+    assert targets.together
+    assert targets.left_direction == pytest.approx([0.0, 0.0, -1.0])
+    assert targets.right_direction is None
+    with pytest.raises(ScriptError, match=r"yaml:1:43: left pointing direction is .*points somewhere"):
+        parse(text % "left_direction: [0, 0, 0]")
+    with pytest.raises(ScriptError, match=r"'maybe' is neither true nor false"):
+        parse(text % "together: maybe")
+    with pytest.raises(ScriptError, match=r"hold one thing both need a target"):
+        parse("segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, together: true}}]")
+
+
+def test_paths_by_kind(tmp_path):
+    (tmp_path / "wipe.csv").write_text("t,x,y,z\n0,0.3,0.2,0.1\n1,0.4,0.2,0.1\n")
+    (tmp_path / "scene.yaml").write_text(
+        "segments: [{label: a, duration: 1, hands: {left: {line: {points: [[0, 0, 0], [0, 0, 1]], repeat: true}},"
+        " right: {file: wipe.csv}}}]"
+    )
+    hands = load_script(tmp_path / "scene.yaml").segments[0].hands
+    assert hands is not None
+    assert hands.left == Line(((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), repeat=True)
+    assert hands.right is not None
+    assert hands.right.at(0.5) == pytest.approx([0.35, 0.2, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("duration: 2", "duration: soon", "4:15", "'soon' is no number"),
+        ("duration: 2", "duration: -2", "3:5", "segment 'go' lasts -2.0 s"),
+        ("    duration: 2\n", "", "3:5", "segment field 'duration' is missing"),
+        ("duration: 2", "durration: 2", "4:5", "unknown segment field 'durration'. Did you mean 'duration'?"),
+        ("label: go", "label: go\n    label: stay", "4:5", "segment field 'label' is given twice"),
+        ("gait: walking", "gait: wolking", "5:11", "unknown gait 'wolking'. Did you mean 'walking'?"),
+        ("v_x: 0.3", "v_x: 9", "6:21", "command v_x = 9 m/s is out of range for the walking gait"),
+        ("v_x: 0.3", "v_x: .nan", "6:21", "'.nan' is no number"),
+        ("v_x: 0.3", "vx: 0.3", "6:16", "unknown command 'vx'. Did you mean 'v_x'?"),
+        ("ramp: 0.5", "ramp: 5", "3:5", "segment 'go' ramps for 5.0 s"),
+        ("frame: heading", "frame: body", "9:14", "unknown hand frame 'body'"),
+        ("circle:", "circel:", "10:14", "unknown path field 'circel'. Did you mean 'circle'?"),
+        ("radius: 0.05, ", "", "10:22", "circle field 'radius' is missing"),
+        ("radius: 0.05", "radius: -1", "10:22", "circle's radius is -1.0"),
+        ("[0.3, 0.2, 0.1], radius", "[0.3, 0.2], radius", "10:31", "here should be three numbers [x, y, z]"),
+        ("axis: z", "axis: up", "10:22", "unknown axis 'up'"),
+        ("{circle:", "{hold: [0, 0, 0], circle:", "10:13", "a hand has one path, here are 2"),
+        ("right: mirror", "right: {file: gone.csv}", "11:21", "cannot read the hand path"),
+        ("left: {circle", "# left: {circle", "9:7", "there is no path to mirror"),
+        ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),
+        ("segments:", "segment:", "2:1", "unknown script field 'segment'. Did you mean 'segments'?"),
+        ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:15", "here should be a command with fields: v_x"),
+        ("ramp: 0.5", "ramp: [", "9:12", "no YAML"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_line(old, new, place, message):
+    assert GOOD.count(old) >= 1
+    with pytest.raises(ScriptError) as caught:
+        parse(GOOD.replace(old, new, 1))
+    assert str(caught.value).startswith(f"scene.yaml:{place}: ")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "[]", "segments: []", "segments: 3", "segments: [3]", "a: !!python/object:x {}"]
+)
+def test_what_is_no_script_at_all_is_refused(text):
+    with pytest.raises(ScriptError, match=r"scene\.yaml:1"):
+        parse(text)
+
+
+def test_nested_anchors_cannot_make_the_reader_work_for_ever():
+    bomb = "a: &a [x, x]\n" + "".join(f"{n}: &{n} [*{p}, *{p}]\n" for p, n in zip("abcdefgh", "bcdefghi", strict=True))
+    with pytest.raises(ScriptError, match="unknown script field 'a'"):
+        parse(bomb)
+    with pytest.raises(ScriptError, match="here should be a segment"):
+        parse("segments: &s [*s]")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ScriptError, match="cannot read the script"):
+        load_script(tmp_path / "gone.yaml")
+    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScriptError, match="cannot read the script"):
+        load_script(tmp_path / "bytes.yaml")
+    (tmp_path / "large.yaml").write_text("#" * 1_000_001)
+    with pytest.raises(ScriptError, match="more than 1000000 bytes"):
+        load_script(tmp_path / "large.yaml")
+    with pytest.raises(UnknownNameError, match="unknown script 'loco'"):
+        load_script("loco")
+
+
+def test_the_library():
+    scenes = {"wave", "reach_grid", "carry_box", "push_button", "wipe_table", "pick_from_floor", "hand_over"}
+    assert scenes | {"arms_random_walk", "loco_manipulation", "stand", "walk", "squat"} == set(SCRIPT_NAMES)
+    assert all(load_script(name).about for name in SCRIPT_NAMES)
+
+
+def test_the_documented_example_is_a_script_and_its_mistake_is_told_so():
+    page = (pathlib.Path(__file__).parents[2] / "docs" / "upper_ik.md").read_text()
+    text = page.split("```yaml\n")[1].split("```")[0]
+    assert [segment.label for segment in parse(text).segments] == ["reach", "wipe while walking", "stop"]
+    with pytest.raises(ScriptError) as caught:
+        parse(text.replace("h: -0.1", "h: -1"))
+    assert str(caught.value) in page
+
+
+@pytest.mark.parametrize("name", SCRIPT_NAMES)
+def test_shipped_scripts_are_valid_and_smooth_at_every_tick(name):
+    script = load_script(name)
+    dt = 0.005
+    previous, hands_before = None, None
+    for t in np.arange(0.0, script.duration, dt):
+        command = script.command_at(t).validate()
+        hands = script.hands_at(t)
+        if previous is not None:
+            # Fastest ramp: 0.5 rad or m/s in 1 s, 1.875 times its mean speed.
+            assert np.abs(command.array() - previous).max() <= 1.875 * 0.5 * dt + 1e-12
+        if hands is not None and hands_before is not None:
+            way = np.linalg.norm(hands.array() - hands_before, axis=1)
+            assert np.nanmax(way) < 1.0 * dt, "hands go at most 1 m/s"
+        previous, hands_before = command.array(), None if hands is None else hands.array()
+
+
+def test_loco_manipulation_does_what_the_comparison_needs():
+    script = load_script("loco_manipulation")
+    assert script.duration == 20.0
+    commands = {s.label: script.command_at(sum(x.duration for x in script.segments[: i + 1]) - 1e-6)
+                for i, s in enumerate(script.segments)}  # fmt: skip
+    assert commands["walk"].v_x == 0.5
+    assert commands["turn"].omega == 0.4
+    assert commands["turn"].v_x == 0.0
+    assert (commands["squat"].h, commands["squat"].p, commands["squat"].w) == (-0.2, 0.3, 0.5)
+    assert commands["stand up"].h == pytest.approx(0.0, abs=1e-12)
+    for label in ("reach", "walk", "turn", "stop", "squat"):
+        segment = next(s for s in script.segments if s.label == label)
+        assert segment.hands is not None
+        assert segment.hands.frame == "pelvis"
+    for t in np.arange(0.0, 20.0, 0.01):
+        command = script.command_at(t)
+        if command.gait is Gait.STANDING:
+            assert all(getattr(command, name) == 0.0 for name in VELOCITY_NAMES)
