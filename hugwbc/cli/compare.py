@@ -13,7 +13,7 @@ from hugwbc.evaluation.tables import Table
 if TYPE_CHECKING:
     from hugwbc.evaluation.comparison import Outcome
     from hugwbc.runtime.controllers import ControllerSpec
-    from hugwbc.runtime.rollout import Trace
+    from hugwbc.runtime.trace import Trace
 
 
 @dataclasses.dataclass(frozen=True)

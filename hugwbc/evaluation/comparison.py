@@ -8,7 +8,8 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.rollout import Trace, rollout
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.upper_ik import UpperBodySource

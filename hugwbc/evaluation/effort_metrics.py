@@ -4,7 +4,7 @@ import numpy as np
 
 from hugwbc.evaluation.metrics import SETTLE_S, jitter
 from hugwbc.robot import load_robot
-from hugwbc.runtime.rollout import RECORD_PERIOD, Trace
+from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.state import GRAVITY
 
 SHORTEST_WAY = 0.1  # [m]; below, a cost of transport means nothing

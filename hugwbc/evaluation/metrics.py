@@ -14,7 +14,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.runtime.rollout import RECORD_PERIOD, Trace
+from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.state import RobotState
 
 SETTLE_S = 1.0  # [s]

@@ -6,7 +6,7 @@ import torch
 from hugwbc.controller import UpperBody
 from hugwbc.learned.env.arm_targets import ArmTargets
 from hugwbc.robot import load_robot
-from hugwbc.runtime.rollout import Trace
+from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import MOTION_FPS
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets

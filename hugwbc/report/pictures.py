@@ -12,7 +12,7 @@ from hugwbc.evaluation.protocols.contacts import clock_phases
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS
 from hugwbc.gait import Gait
 from hugwbc.report.sections import FORCES, relative_maps
-from hugwbc.runtime.rollout import RECORD_PERIOD
+from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.viz import charts as pictures
 from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel

@@ -2,7 +2,8 @@
 
 from hugwbc.runtime.controllers import ControllerSpec, controller_names, load_controller
 from hugwbc.runtime.loop import CommandSource, Constant, ControlLoop
-from hugwbc.runtime.rollout import Trace, rollout
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
 from hugwbc.sim import Simulation
 
 __all__ = [

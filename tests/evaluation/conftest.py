@@ -5,8 +5,8 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.kinematics import MEASURED_NAMES
-from hugwbc.runtime.rollout import Trace
 from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.trace import Trace
 
 
 def _synthetic_trace(

@@ -8,7 +8,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import CONTACT_FORCE
-from hugwbc.runtime.rollout import RECORD_PERIOD
+from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim.lockstep import LockstepSimulation
 
 

@@ -14,8 +14,8 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.batch_record import BatchRecord
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
-from hugwbc.runtime.rollout import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.runtime.safety import SafetyFilter, target_limits
+from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.state import RobotState

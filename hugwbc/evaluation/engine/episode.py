@@ -11,7 +11,8 @@ from hugwbc.controller import Controller
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.batch_rollout import Episode, fits, rollouts
 from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.runtime.rollout import Trace, rollout
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention

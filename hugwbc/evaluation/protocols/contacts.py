@@ -10,7 +10,7 @@ from hugwbc.commands import Command, default_command
 from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedResult, CountedSettings, Run, run_episodes
 from hugwbc.gait import Gait
-from hugwbc.runtime.rollout import RECORD_PERIOD
+from hugwbc.runtime.trace import RECORD_PERIOD
 
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 

@@ -16,7 +16,8 @@ from hugwbc.evaluation.protocols.episodes import ControllerFactory, known, mean
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import UpperBodySource
-from hugwbc.runtime.rollout import RECORD_PERIOD, Trace, rollout
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.state import RobotState

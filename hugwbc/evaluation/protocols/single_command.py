@@ -25,7 +25,7 @@ from hugwbc.evaluation.protocols.episodes import (
     run_episodes,
 )
 from hugwbc.gait import Gait
-from hugwbc.runtime.rollout import Trace
+from hugwbc.runtime.trace import Trace
 
 SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted apart
 

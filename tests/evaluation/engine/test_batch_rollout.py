@@ -11,7 +11,8 @@ from hugwbc.evaluation.engine.plans import Knot, Schedule
 from hugwbc.evaluation.navigation import Navigator, Tour, Waypoint
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import Constant
-from hugwbc.runtime.rollout import Trace, rollout
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
 from hugwbc.sim import Force
 
 COARSE = Conditions(timestep=0.005)
