@@ -23,6 +23,7 @@ class RobotState:
         imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
         imu_accelerometer: specific force at the IMU (acceleration less gravity), in its own frame, mean since the last
             reading [m/s^2], shape (3,), or None.
+        torque: joint torques as the motors measure them, mean since the last reading [N*m], shape (19,), or None.
         time: of the reading [s].
         age: how long ago the reading was taken [s].
     """
@@ -36,6 +37,7 @@ class RobotState:
     foot_force: np.ndarray | None = None
     imu_gyro: np.ndarray | None = None
     imu_accelerometer: np.ndarray | None = None
+    torque: np.ndarray | None = None
     time: float = 0.0
     age: float = 0.0
 

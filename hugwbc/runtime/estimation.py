@@ -8,12 +8,15 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import joint_columns, pinocchio_model
+from hugwbc.runtime.contact import ContactObserver, ContactParams
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
-_SIZE = 9 + 3 * _FEET  # orientation, velocity, position, feet
+_MOTION = 9 + 3 * _FEET  # orientation, velocity, position, feet
+_SIZE = _MOTION + 6  # and the biases
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
+_GYRO_BIAS, _ACCELEROMETER_BIAS = slice(_MOTION, _MOTION + 3), slice(_MOTION + 3, _SIZE)
 # [rad], [rad/s], [rad/s^2], [m/s^2]; no sensor of a robot measures as far, a broken one may say anything.
 LARGEST_READING = 1e4
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
@@ -26,7 +29,7 @@ _DOWN = np.array([0.0, 0.0, -GRAVITY])
 class EstimatorParams:
     """Standard deviations of what the filters believe, and the contact threshold."""
 
-    gyro: float = 0.02
+    gyro: float = 0.01
     """Of a reading [rad/s]."""
     accelerometer: float = 0.1
     """Of a reading [m/s^2]."""
@@ -34,18 +37,24 @@ class EstimatorParams:
     """Of a joint position [rad]."""
     joint_velocity: float = 0.3
     """Of a joint velocity [rad/s]."""
-    foot_slip: float = 0.25
-    """Velocity of a foot that stands [m/s]: where it lands it sinks in by 6 mm within 12 ms, and rises again by 5 mm
-    until it lifts off; besides, it slips, and rolls about its centre line. With less, the pelvis's velocity takes that
-    motion for its own."""
-    foot_model: float = 0.002
-    """Of a foot's position relative to the IMU, beside the encoders' [m]: links bend and soles give way."""
-    contact_force: float = 30.0
-    """Normal force above which a foot stands [N]."""
+    foot_slip: float = 0.3
+    """Velocity of a standing foot [m/s]: it slips, and rolls about its centre line."""
+    foot_model: float = 0.004
+    """Of a foot's position relative to the IMU, in addition to the encoders' [m]: links bend and soles give way."""
     initial_tilt: float = 0.03
     """Of the IMU's own orientation, which the filter starts from [rad]."""
     initial_velocity: float = 0.1
     """Of the assumption that the robot starts at rest [m/s]."""
+    initial_gyro_bias: float = 0.01
+    """Of the gyro's bias at the start [rad/s]."""
+    initial_accelerometer_bias: float = 0.1
+    """Of the accelerometer's bias at the start [m/s^2]."""
+    gyro_bias_walk: float = 3e-4
+    """Growth of the gyro's bias [rad/s per square root of a second]."""
+    accelerometer_bias_walk: float = 3e-3
+    """Growth of the accelerometer's bias [m/s^2 per square root of a second]."""
+    contact: ContactParams = dataclasses.field(default_factory=ContactParams)
+    """Of the observer that tells which feet stand."""
     leg_acceleration: float = 100.0
     """Typical acceleration of a leg joint [rad/s^2]."""
     waist_acceleration: float = 20.0
@@ -106,26 +115,29 @@ class JointFilter:
 
 
 class StateEstimator:
-    r"""Right-invariant extended Kalman filter of the IMU's orientation, velocity and position, and of both feet.
+    r"""Right-invariant extended Kalman filter of the IMU's pose and velocity, both feet and the IMU's biases.
 
-    On the group :math:`SE_4(3)`, with the error :math:`\hat X X^{-1} = \exp(\xi)`, the linearised dynamics do not
-    depend on the estimate, and leg kinematics is a linear observation (Hartley, Ghaffari, Eustice, Grizzle,
-    *Contact-aided invariant extended Kalman filtering for robot state estimation*, IJRR 2020, arXiv 1904.09251):
+    On the group :math:`SE_4(3)`, with the error :math:`\hat X X^{-1} = \exp(\xi)`, the linearised dynamics depend on
+    the estimate through the biases alone, and leg kinematics is a linear observation (Hartley, Ghaffari, Eustice,
+    Grizzle, *Contact-aided invariant extended Kalman filtering for robot state estimation*, IJRR 2020, arXiv
+    1904.09251):
 
     .. math::
-        \dot R = R\,[\omega]_\times, \quad \dot v = R a + g, \quad \dot p = v, \quad \dot d_k = 0 + w_k, \qquad
-        R\, h_k(q) + p - d_k = 0 \text{ of every standing foot } k
+        \dot R = R\,[\omega - b_g]_\times, \quad \dot v = R (a - b_a) + g, \quad \dot p = v, \quad \dot d_k = w_k,
+        \quad \dot b = w_b, \qquad R\, h_k(q) + p - d_k = 0 \text{ of every standing foot } k
 
-    with gyro :math:`\omega`, accelerometer a, and :math:`h_k` the centre of sole k seen from the IMU. A foot in the air
-    is not observed; where it comes down it is entered anew. Absolute position and yaw are not observable: they start at
-    the given ones and drift with the steps. Height is relative to the ground under the first stand. The sensors are
-    taken to be free of bias.
+    with gyro :math:`\omega`, accelerometer a, their biases b, and :math:`h_k` the centre of sole k seen from the IMU.
+    Which feet stand is inferred from the joint torques (`ContactObserver`). A foot in the air is not observed; where it
+    comes down it enters the filter again. Absolute position and yaw are not observable: they start at the origin, or
+    where `reset` is told, and drift with the steps. Height is relative to the ground under the first stand.
 
-    The estimate has smoothed joint positions and velocities as well (`JointFilter`), out of the readings and of what
-    the controller plans.
+    The estimate also has smoothed joint positions and velocities (`JointFilter`), from the readings and from what the
+    controller plans.
 
     Attributes:
         contact: which feet stand, shape (2,), bool.
+        foot_force: their inferred ground reactions, world frame [N], shape (2, 3).
+        gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
     """
 
     def __init__(self, params: EstimatorParams | None = None) -> None:
@@ -139,14 +151,33 @@ class StateEstimator:
         self._imu, *self._sole_frames = (self._model.getFrameId(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = self._model.frames[self._imu].placement.translation.copy()
         self._model_noise = self.params.foot_model**2 * np.eye(3)
-        # Variances of what drives velocity and feet at random; orientation and position only follow.
-        drive = [0.0, self.params.accelerometer, 0.0, *[self.params.foot_slip] * _FEET]
-        self._drive = np.repeat(drive, 3) ** 2
+        # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
+        self._drive = np.zeros(_SIZE)
+        for rows, density in (
+            (_GYRO_BIAS, self.params.gyro_bias_walk),
+            (_ACCELEROMETER_BIAS, self.params.accelerometer_bias_walk),
+        ):
+            self._drive[rows] = density**2
+        self._observer = ContactObserver(self.params.contact)
         self._joints = JointFilter(self.params, self._robot)
-        self.contact = np.zeros(_FEET, dtype=bool)
+        self.contact = np.ones(_FEET, dtype=bool)
+        self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
+
+    @property
+    def foot_force(self) -> np.ndarray:
+        """Inferred ground reaction on each foot, world frame [N], shape (2, 3)."""
+        return self._observer.force
 
     def reset(self, state: RobotState) -> RobotState:
-        """Start from a robot at rest, in the state's orientation, above its position or else above the origin."""
+        """Start from a robot that stands at rest.
+
+        Args:
+            state: a reading. Its orientation is where the filter starts, and its position, if it has one; else the
+                robot stands above the origin.
+
+        Returns:
+            The first estimate.
+        """
         params = self.params
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._measure_legs(state.q)
@@ -159,43 +190,72 @@ class StateEstimator:
             pelvis = np.array([0.0, 0.0, -min(sole[2] for sole in soles)])
         self._p = pelvis + rotations.rotate(state.orientation, self._placement(self._imu))
         self._d = self._p + self._soles @ self._R.T
-        self._P = np.diag(np.repeat([params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)], 3) ** 2)
-        self.contact = np.zeros(_FEET, dtype=bool)
+        self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
+        spreads = [params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)]
+        spreads += [params.initial_gyro_bias, params.initial_accelerometer_bias]
+        self._P = np.diag(np.repeat(spreads, 3) ** 2)
+        self.contact = np.ones(_FEET, dtype=bool)
         self._time = state.time
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
+        estimate = self._estimate(state)
+        self._observer.reset(estimate)
         return self._estimate(state)
 
     def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
-        """The estimate at a new reading: everything but the time, age and forces of `state` is replaced.
+        """Return the estimate at a new reading.
 
-        Readings that lack IMU or foot forces, are not finite or are beyond `LARGEST_READING` are passed on as they are.
+        Everything but the time, the age and the IMU's raw readings is replaced. A reading that lacks the IMU or the joint
+        torques, is not finite, or is beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
-            state: reading, perhaps of some time ago (`state.age`).
-            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,); kept until the
-                readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of another shape.
+            state: a reading, perhaps of some time ago (`state.age`).
+            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept until
+                the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of another
+                shape.
         """
-        gyro, accelerometer, force = state.imu_gyro, state.imu_accelerometer, state.foot_force
-        if gyro is None or accelerometer is None or force is None or not state.is_finite:
+        gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
+        if gyro is None or accelerometer is None or torque is None or not state.is_finite:
             return state
         # One such number would stay in the filter for ever.
-        if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq))).max() > LARGEST_READING:
+        if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq, torque))).max() > LARGEST_READING:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
         self._measure_legs(state.q)
-        self._predict(gyro, accelerometer, dt)
-        contact = force[:, 2] > self.params.contact_force
+        self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
+        contact = self._observer.update(self._estimate(state), torque, dt)
         for foot in np.flatnonzero(contact & ~self.contact):
             self._enter(foot)
         for foot in np.flatnonzero(contact & self.contact):
             self._correct(foot)
-        self.contact = contact
+        self.contact = contact.copy()
         return self._estimate(state)
 
+    def covariance(self) -> np.ndarray:
+        """Return what the filter believes of its errors: pelvis orientation, then velocity, in world axes.
+
+        The errors are the rotation vector from the true to the estimated orientation [rad] and the estimated velocity
+        less the true one [m/s].
+
+        Returns:
+            Covariance, shape (6, 6).
+        """
+        rate = self._rate
+        lever = self._imu_in_torso
+        velocity = self._v - self._R @ np.cross(rate, lever)
+        to_pelvis = np.zeros((6, _SIZE))
+        to_pelvis[:3, _ORIENTATION] = np.eye(3)
+        to_pelvis[3:, _ORIENTATION] = -pin.skew(velocity)
+        to_pelvis[3:, _VELOCITY] = np.eye(3)
+        to_pelvis[3:, _GYRO_BIAS] = -self._R @ pin.skew(lever)
+        covariance = to_pelvis @ self._P @ to_pelvis.T
+        arm = self._R @ pin.skew(lever)
+        covariance[3:, 3:] += self.params.gyro**2 * arm @ arm.T
+        return covariance
+
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
-        """What was planned for the time up to that of the reading; keeps what is planned for the present."""
+        """Return what was planned for the time up to that of the reading; keep what is planned for the present."""
         if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
             planned = None
         self._plans.append((state.time + state.age, planned))
@@ -207,7 +267,7 @@ class StateEstimator:
         return self._data.oMf[frame].translation
 
     def _measure_legs(self, q: np.ndarray) -> None:
-        """Sole centres seen from the IMU [m], shape (2, 3), and their covariances by the encoders' noise."""
+        """Compute the sole centres seen from the IMU [m], shape (2, 3), and their covariances by encoder noise."""
         model, data, configuration = self._model, self._data, self._configuration
         configuration[self._columns + 1] = q
         pin.computeJointJacobians(model, data, configuration)
@@ -223,22 +283,30 @@ class StateEstimator:
             self._soles_noise.append(self.params.encoder**2 * jacobian @ jacobian.T + self._model_noise)
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
+        """Integrate readings without their biases over `dt` [s]."""
+        self._rate = gyro
         acceleration = self._R @ accelerometer + _DOWN
-        self._p = self._p + dt * (self._v + 0.5 * dt * acceleration)
-        self._v = self._v + dt * acceleration
-        self._R = self._R @ pin.exp3(gyro * dt)
+        # The gyro's errors turn the whole estimate about the world's origin, hence the lever arms.
+        lever = np.vstack((np.eye(3), *(pin.skew(x) for x in (self._v, self._p, *self._d))))
         transition = np.eye(_SIZE)
         transition[_VELOCITY, _ORIENTATION] = dt * _GRAVITY_CROSS
         transition[_POSITION, _ORIENTATION] = 0.5 * dt**2 * _GRAVITY_CROSS
         transition[_POSITION, _VELOCITY] = dt * np.eye(3)
-        # The gyro's noise turns the whole estimate about the world's origin, hence the lever arms.
-        lever = np.vstack((np.eye(3), *(pin.skew(x) for x in (self._v, self._p, *self._d))))
-        noise = (self.params.gyro * dt) ** 2 * lever @ lever.T
-        noise.flat[:: _SIZE + 1] += self._drive * dt**2
-        self._P = transition @ self._P @ transition.T + noise
+        transition[:_MOTION, _GYRO_BIAS] = -dt * lever @ self._R
+        transition[_VELOCITY, _ACCELEROMETER_BIAS] = -dt * self._R
+        transition[_POSITION, _ACCELEROMETER_BIAS] = -0.5 * dt**2 * self._R
+        self._p = self._p + dt * (self._v + 0.5 * dt * acceleration)
+        self._v = self._v + dt * acceleration
+        self._R = self._R @ pin.exp3(gyro * dt)
+        self._P = transition @ self._P @ transition.T
+        self._P[:_MOTION, :_MOTION] += (self.params.gyro * dt) ** 2 * lever @ lever.T
+        drive = self._drive * dt
+        drive[_VELOCITY] = (self.params.accelerometer * dt) ** 2
+        drive[9:_MOTION] = (self.params.foot_slip * dt) ** 2
+        self._P.flat[:: _SIZE + 1] += drive
 
     def _enter(self, foot: int) -> None:
-        """A foot comes down: it stands where the legs say."""
+        """Let a foot that comes down stand where the legs say."""
         self._d[foot] = self._p + self._R @ self._soles[foot]
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         self._P[rows] = self._P[_POSITION]
@@ -246,7 +314,7 @@ class StateEstimator:
         self._P[rows, rows] += self._R @ self._soles_noise[foot] @ self._R.T
 
     def _correct(self, foot: int) -> None:
-        """Innovation R h + p - d, which is linear in the error: its position less the foot's."""
+        """Correct by the innovation R h + p - d, which is linear in the error: its position less the foot's."""
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         innovation = self._R @ self._soles[foot] + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]
@@ -257,17 +325,20 @@ class StateEstimator:
         self._R = turn @ self._R
         self._v = turn @ self._v + error[_VELOCITY]
         self._p = turn @ self._p + error[_POSITION]
-        self._d = self._d @ turn.T + error[9:].reshape(_FEET, 3)
+        self._d = self._d @ turn.T + error[9:_MOTION].reshape(_FEET, 3)
+        self.gyro_bias = self.gyro_bias + error[_GYRO_BIAS]
+        self.accelerometer_bias = self.accelerometer_bias + error[_ACCELEROMETER_BIAS]
         self._P = self._P - gain @ spread.T
         self._P = 0.5 * (self._P + self._P.T)
 
     def _estimate(self, state: RobotState) -> RobotState:
-        """The pelvis below the IMU, by the smoothed waist joint."""
+        """Return the pelvis below the IMU, by the smoothed waist joint."""
         joints, robot = self._joints, self._robot
         waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
         to_pelvis = rotations.rotation_z(waist)
         rotation = self._R @ to_pelvis.T
-        gyro = np.zeros(3) if state.imu_gyro is None else state.imu_gyro
+        gyro = np.zeros(3) if state.imu_gyro is None else state.imu_gyro - self.gyro_bias
+        self._rate = gyro
         return dataclasses.replace(
             state,
             q=joints.q.copy(),
@@ -277,6 +348,7 @@ class StateEstimator:
             # The torso's origin, on the waist's axis, is the pelvis's.
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v - self._R @ (pin.skew(gyro) @ self._imu_in_torso),
+            foot_force=self._observer.force.copy(),
         )
 
 

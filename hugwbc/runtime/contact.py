@@ -1,0 +1,113 @@
+"""Ground reactions inferred from joint torques: the H1 has no foot sensors.
+
+The generalised momentum p = M(q) v of the robot changes by what is known (motors, gravity, Coriolis terms) and by what
+is not: external forces. Its residual (De Luca and Mattone, "Actuator failure detection and isolation using generalized
+momenta", ICRA 2003) is a first-order low-pass of the generalised external force, without any joint acceleration:
+
+    r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
+
+Both feet share the residual by least squares. Each sole is a narrow line: it transmits a force and the moments about its
+lateral and its vertical axis.
+"""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES
+from hugwbc.state import RobotState
+
+_FEET = len(SIDES)
+_WRENCH = (0, 1, 2, 4, 5)  # force, moments about y and z
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactParams:
+    """Settings of the observer."""
+
+    rate: float = 150.0
+    """Bandwidth of the residual [1/s]: an impact is seen after 1/rate, and noise of joint velocities grows with it."""
+    touch: float = 100.0
+    """Normal force above which a foot that was in the air stands [N]."""
+    lift: float = 60.0
+    """Normal force below which a foot that stood is in the air [N]; the gap to `touch` keeps noise from chattering."""
+    base_weight: float = 0.3
+    """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
+    pelvis is less certain than the joints'."""
+
+
+class ContactObserver:
+    """Estimate both feet's ground reactions and contacts from joint torques and motion.
+
+    Attributes:
+        residual: generalised external force [N, N*m], shape (25,): base force and moment in the pelvis frame, joints.
+        force: ground reaction on each foot, world frame [N], shape (2, 3).
+        contact: which feet stand, shape (2,), bool.
+    """
+
+    def __init__(self, params: ContactParams | None = None) -> None:
+        """Set up; call `reset` before `update`."""
+        self.params = params or ContactParams()
+        self._kinematics = Kinematics()
+        model, robot = self._kinematics.model, self._kinematics.robot
+        self._columns = self._kinematics.columns
+        self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
+        legs = self._columns[robot.legs]
+        self._rows = np.concatenate((np.arange(6), legs))
+        self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
+        self._tau = np.zeros(model.nv)
+        self.residual = np.zeros(model.nv)
+        self.reset(None)
+
+    def reset(self, state: RobotState | None) -> None:
+        """Forget the past; both feet are taken to stand, with half of the weight each."""
+        mass = self._kinematics.model.inertias
+        weight = 9.81 * sum(inertia.mass for inertia in mass)
+        self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
+        self.contact = np.ones(_FEET, dtype=bool)
+        self.residual = np.zeros(self._kinematics.model.nv)
+        self._start: np.ndarray | None = None
+        if state is not None:
+            self._kinematics.update(state)
+            # The residual of a stand at rest: what carries the weight, as the legs tell it.
+            self.residual = self._map() @ np.concatenate([(*force, 0.0, 0.0) for force in self.force])
+
+    def update(self, state: RobotState, torque: np.ndarray, dt: float) -> np.ndarray:
+        """Take in one reading.
+
+        Args:
+            state: with estimates of the pelvis's orientation and velocity.
+            torque: joint torques since the last reading [N*m], shape (19,).
+            dt: since the last reading [s].
+
+        Returns:
+            Which feet stand, shape (2,), bool.
+        """
+        kinematics, params = self._kinematics, self.params
+        kinematics.update(state)
+        model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
+        pin.crba(model, data, q)
+        inertia = np.triu(data.M) + np.triu(data.M, 1).T
+        momentum = inertia @ v
+        coriolis = pin.computeCoriolisMatrix(model, data, q, v)
+        gravity = pin.computeGeneralizedGravity(model, data, q)
+        self._tau[self._columns] = torque
+        if self._start is None:
+            # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at the residual of the reset.
+            self._start, self._integral = momentum, -self.residual / params.rate
+        self._integral = self._integral + dt * (self._tau + coriolis.T @ v - gravity + self.residual)
+        self.residual = params.rate * (momentum - self._start - self._integral)
+        wrenches = self._weight[:, None] * self._map()[self._rows]
+        solution = np.linalg.lstsq(wrenches, self._weight * self.residual[self._rows], rcond=1e-3)[0]
+        self.force = solution.reshape(_FEET, len(_WRENCH))[:, :3]
+        self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
+        return self.contact
+
+    def _map(self) -> np.ndarray:
+        """Generalised force per wrench of both feet, shape (25, 10)."""
+        model, data = self._kinematics.model, self._kinematics.data
+        pin.computeJointJacobians(model, data, self._kinematics.q)
+        jacobians = [pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED) for sole in self._soles]
+        return np.hstack([jacobian[list(_WRENCH)].T for jacobian in jacobians])
