@@ -1,4 +1,4 @@
-"""Readings of the robot's sensors: encoders, torso IMU and foot contacts, with noise."""
+"""What a robot's sensors say: encoders, motor torques and the torso IMU, with noise, biases and latency."""
 
 import dataclasses
 import math
@@ -7,68 +7,119 @@ import mujoco
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
-_UNIFORM = float(np.sqrt(3.0))  # half-width of a uniform distribution of unit standard deviation
+LONGEST_LATENCY = 1.0  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
-class SensorNoise:
-    """Half-widths of the uniform noise on each reading (defaults: the paper's training noise).
+class SensorProfile:
+    """Which sensors a robot has, and how good they are.
+
+    White noise is drawn at every physics step, a bias and an offset once for an episode; a walk lets a bias drift. All
+    are standard deviations. A value of 0 means a perfect reading.
 
     Attributes:
-        angular_velocity: [rad/s].
-        orientation: small rotation about each axis [rad].
-        q: joint position [rad].
-        dq: joint velocity [rad/s].
-        position: pelvis position [m].
-        velocity: pelvis velocity [m/s].
-        acceleration: accelerometer [m/s^2].
+        name: of the profile, in tables and in the identity of results.
+        position: whether pelvis position and velocity are known. No sensor of an H1 tells them.
+        foot_force: whether ground reactions are measured. An H1 has no foot sensors.
+        latency: age of a reading when a controller gets it [s].
+        encoder: noise of a joint position [rad].
+        encoder_offset: error of a joint's zero position [rad].
+        joint_velocity: noise of a joint velocity [rad/s].
+        torque: noise of a joint torque [N*m].
+        torque_scale: error of a motor's torque constant, as a part of the torque.
+        gyro: noise of the angular velocity [rad/s].
+        gyro_bias: its bias at the start [rad/s].
+        gyro_walk: growth of that bias [rad/s per square root of a second].
+        accelerometer: noise of the specific force [m/s^2].
+        accelerometer_bias: its bias at the start [m/s^2].
+        accelerometer_walk: growth of that bias [m/s^2 per square root of a second].
+        attitude: noise of the orientation that the IMU computes, about each axis [rad].
+        attitude_bias: constant error of its roll and pitch [rad].
 
     Raises:
-        ConfigError: if one is negative or not finite.
+        ConfigError: if a number is negative or not finite, or the latency is above 1 s.
     """
 
-    angular_velocity: float = 0.2
-    orientation: float = 0.05
-    q: float = 0.01
-    dq: float = 1.5
-    position: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
+    name: str
+    position: bool = False
+    foot_force: bool = False
+    latency: float = 0.0
+    encoder: float = 0.0
+    encoder_offset: float = 0.0
+    joint_velocity: float = 0.0
+    torque: float = 0.0
+    torque_scale: float = 0.0
+    gyro: float = 0.0
+    gyro_bias: float = 0.0
+    gyro_walk: float = 0.0
+    accelerometer: float = 0.0
+    accelerometer_bias: float = 0.0
+    accelerometer_walk: float = 0.0
+    attitude: float = 0.0
+    attitude_bias: float = 0.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            if not 0.0 <= getattr(self, field.name) < math.inf:
-                raise ConfigError(f"noise of {field.name} is {getattr(self, field.name)}; give a finite number from 0")
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not 0.0 <= value < math.inf:
+                raise ConfigError(f"sensing: {field.name} is {value}; give a finite number from 0")
+        if self.latency > LONGEST_LATENCY:
+            raise ConfigError(f"sensing: latency is {self.latency} s; give 0 to {LONGEST_LATENCY:g} s")
 
-    @classmethod
-    def robot(cls) -> "SensorNoise":
-        """Return the noise of a real robot.
 
-        Standard deviations: gyro 0.02 rad/s, orientation 0.02 rad, joint positions 0.005 rad, joint velocities 0.3
-        rad/s, accelerometer 0.1 m/s^2.
-        """
-        return cls(
-            angular_velocity=0.02 * _UNIFORM,
-            orientation=0.02 * _UNIFORM,
-            q=0.005 * _UNIFORM,
-            dq=0.3 * _UNIFORM,
-            acceleration=0.1 * _UNIFORM,
-        )
+# Perfect sensors, and some that no H1 has: for tests, and for what is said to use them.
+EXACT = SensorProfile("exact", position=True, foot_force=True)
+
+# IMU: Bosch Sensortec BMI088 data sheet (document BST-BMI088-DS001): gyro 0.014 deg/s/sqrt(Hz) and up to 1 deg/s of
+# offset, accelerometer 0.175 mg/sqrt(Hz) and up to 20 mg of offset. At a bandwidth of 250 Hz the noise is 0.004 rad/s
+# and 0.03 m/s^2; the values here are two to four times that, since the torso vibrates. Biases: what is left of the
+# offsets after a calibration at rest (assumed). Joints: the maker publishes no figures, so all of theirs are assumed.
+ROBOT = SensorProfile(
+    "robot",
+    latency=0.01,
+    encoder=0.002,
+    encoder_offset=0.003,
+    joint_velocity=0.1,
+    torque=1.0,
+    torque_scale=0.03,
+    gyro=0.01,
+    gyro_bias=0.005,
+    gyro_walk=1e-4,
+    accelerometer=0.1,
+    accelerometer_bias=0.05,
+    accelerometer_walk=1e-3,
+    attitude=0.005,
+    attitude_bias=0.009,
+)
+
+PROFILES = {profile.name: profile for profile in (ROBOT, EXACT)}
+
+
+def sensor_profile(name: str) -> SensorProfile:
+    """Return the profile of a name.
+
+    Raises:
+        UnknownNameError: if there is none of that name.
+    """
+    if name not in PROFILES:
+        raise UnknownNameError("sensing", name, PROFILES)
+    return PROFILES[name]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """State and sensor data of MuJoCo at one time, and the accelerometer during the physics step before it.
+    """MuJoCo's state and sensor data at one time, and what was measured over the physics step before it.
 
     Attributes:
-        time: simulated time [s].
-        qpos, qvel: positions and velocities, shapes (26,) and (25,).
+        time: [s].
+        qpos, qvel: shapes (26,) and (25,).
         sensors: MuJoCo's sensor data.
-        accelerometer: specific force at the torso's IMU [m/s^2], shape (3,).
+        accelerometer: of the torso's IMU [m/s^2], shape (3,).
+        torque: of the joints [N*m], shape (19,).
     """
 
     time: float
@@ -76,31 +127,43 @@ class Reading:
     qvel: np.ndarray
     sensors: np.ndarray
     accelerometer: np.ndarray
+    torque: np.ndarray
 
 
 class Sensors:
     """The sensors of one robot."""
 
-    def __init__(self, model: mujoco.MjModel, noise: SensorNoise | None, seed: int) -> None:
+    def __init__(self, model: mujoco.MjModel, profile: SensorProfile, seed: int) -> None:
         """Find the sensors.
 
         Args:
-            model: model of the robot.
-            noise: noise on the results of `read`; None for exact readings.
-            seed: random seed of the noise.
+            model: of the robot.
+            profile: which sensors there are, and how good they are.
+            seed: of noise, biases and offsets.
         """
-        self._noise = noise or SensorNoise(0.0, 0.0, 0.0, 0.0)
+        self.profile = profile
         self._rng = np.random.default_rng(seed)
         self._waist = load_robot().waist
         self._columns = {
             model.sensor(i).name: slice(int(adr), int(adr + dim))
             for i, (adr, dim) in enumerate(zip(model.sensor_adr, model.sensor_dim, strict=True))
         }
+        self.reset()
+
+    def reset(self) -> None:
+        """Draw the biases and offsets of a new episode."""
+        p = self.profile
+        self._encoder_offset = self._normal(p.encoder_offset, 19)
+        self._torque_scale = 1.0 + self._normal(p.torque_scale, 19)
+        self._gyro_bias = self._normal(p.gyro_bias, 3)
+        self._accelerometer_bias = self._normal(p.accelerometer_bias, 3)
+        self._attitude_bias = np.append(self._normal(p.attitude_bias, 2), 0.0)
+        self._time: float | None = None
 
     def truth(self, reading: Reading) -> RobotState:
-        """Return the true state, with position, velocity and foot forces."""
+        """Return the true state, with position, velocity, foot forces and joint torques."""
         qpos, qvel = reading.qpos, reading.qvel
-        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
+        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
         forces = [-reading.sensors[self._columns[f"{side}_foot_force"]] for side in SIDES]
         return RobotState(
             q=qpos[7:],
@@ -110,31 +173,46 @@ class Sensors:
             position=qpos[:3],
             velocity=qvel[:3],
             foot_force=np.array(forces),
+            torque=reading.torque,
             time=reading.time,
         )
 
     def read(self, reading: Reading) -> RobotState:
-        """Return the noisy readings; those of the torso's IMU are converted to the pelvis."""
-        truth, noise = self.truth(reading), self._noise
-        gyro, waist = reading.sensors[self._columns["imu_gyro"]], float(truth.q[self._waist])
-        orientation, rate = pelvis_from_torso_imu(
-            reading.sensors[self._columns["imu_orientation"]], gyro, waist, float(truth.dq[self._waist])
-        )
-        turn = self._uniform(noise.angular_velocity, 3)
-        tilt = self._uniform(noise.orientation, 3)
-        error = np.concatenate(([1.0], tilt / 2.0))
-        assert truth.position is not None and truth.velocity is not None
+        """Return what the sensors say; what the robot has no sensor for is None.
+
+        Orientation and angular velocity are those of the torso's IMU, carried over to the pelvis.
+        """
+        truth, p = self.truth(reading), self.profile
+        self._let_biases_walk(reading.time)
+        q = truth.q + self._encoder_offset + self._normal(p.encoder, 19)
+        dq = truth.dq + self._normal(p.joint_velocity, 19)
+        gyro = reading.sensors[self._columns["imu_gyro"]] + self._gyro_bias + self._normal(p.gyro, 3)
+        turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + self._normal(p.attitude, 3))))
+        # A constant error of roll and pitch is one about the world's axes.
+        attitude = rotations.multiply(turn / np.linalg.norm(turn), reading.sensors[self._columns["imu_orientation"]])
+        orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
+        assert truth.torque is not None
         return dataclasses.replace(
             truth,
-            q=truth.q + self._uniform(noise.q, 19),
-            dq=truth.dq + self._uniform(noise.dq, 19),
-            orientation=rotations.multiply(orientation, error / np.linalg.norm(error)),
-            angular_velocity=rate + turn,
-            position=truth.position + self._uniform(noise.position, 3),
-            velocity=truth.velocity + self._uniform(noise.velocity, 3),
-            imu_gyro=gyro + rotations.rotation_z(-waist) @ turn,
-            imu_accelerometer=reading.accelerometer + self._uniform(noise.acceleration, 3),
+            q=q,
+            dq=dq,
+            orientation=orientation,
+            angular_velocity=rate,
+            position=truth.position if p.position else None,
+            velocity=truth.velocity if p.position else None,
+            foot_force=truth.foot_force if p.foot_force else None,
+            imu_gyro=gyro,
+            imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
+            torque=self._torque_scale * truth.torque + self._normal(p.torque, 19),
         )
 
-    def _uniform(self, half_width: float, size: int) -> np.ndarray:
-        return self._rng.uniform(-half_width, half_width, size) if half_width else np.zeros(size)
+    def _let_biases_walk(self, time: float) -> None:
+        step = 0.0 if self._time is None else math.sqrt(max(time - self._time, 0.0))
+        self._time = time
+        if step > 0.0:
+            self._gyro_bias = self._gyro_bias + step * self._normal(self.profile.gyro_walk, 3)
+            walk = self._normal(self.profile.accelerometer_walk, 3)
+            self._accelerometer_bias = self._accelerometer_bias + step * walk
+
+    def _normal(self, deviation: float, size: int) -> np.ndarray:
+        return self._rng.normal(0.0, deviation, size) if deviation else np.zeros(size)
