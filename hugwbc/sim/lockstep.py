@@ -1,5 +1,6 @@
 """Many robots on a plane that each move exactly as the robot of a `Simulation` does."""
 
+import collections
 import copy
 from collections.abc import Sequence
 
@@ -8,9 +9,10 @@ import numpy as np
 from mujoco.batch import Batch
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.scene import Ground, load_model
 from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.variation import Variation
 
@@ -31,7 +33,16 @@ class LockstepSimulation:
     """
 
     def __init__(
-        self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray, *, timestep: float, threads: int = 1
+        self,
+        variations: Sequence[Variation],
+        kp: np.ndarray,
+        kd: np.ndarray,
+        *,
+        timestep: float,
+        threads: int = 1,
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the models and place every robot in the nominal pose.
 
@@ -41,8 +52,12 @@ class LockstepSimulation:
             kd: joint damping for the whole run [N*m*s/rad], shape (n, 19).
             timestep: physics time step [s].
             threads: number of threads that share the robots.
+            robot: robot to simulate; None for the H1.
+            actuators: drives of the joints; None for ideal ones.
+            ground: firmness of the ground; None for the default.
         """
-        self.model = load_model(timestep, lean=True)
+        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
         models = self._set_models(variations, kp, kd)
         self._batch.reset(keyframe=0)
@@ -51,6 +66,14 @@ class LockstepSimulation:
         self.forces = self._batch.bind("xfrc_applied")
         self.torque = self._batch.bind("actuator_force")
         self._ctrl = self._batch.bind("ctrl")
+        self._given = self._ctrl.copy()
+        # Controls on the way to the drives, oldest first; of the whole batch, since all robots step together.
+        self._pending: collections.deque[np.ndarray] = collections.deque()
+        self._delay = actuators.delay_steps(self.robot, timestep)
+        self._limit: TorqueSpeedLimit | None = None
+        if actuators.torque_speed:
+            self._force_range = self._batch.expand("actuator_forcerange")
+            self._limit = TorqueSpeedLimit(self.robot, self._force_range[:, :, 1])
         self._sensors = self._batch.bind("sensordata")
         self.diverged = np.zeros(len(variations), dtype=bool)
         self._index_sensors()
@@ -95,10 +118,17 @@ class LockstepSimulation:
             q: position targets [rad], shape (m, 19).
             dq: velocity targets [rad/s], shape (m, 19).
         """
-        self._ctrl[rows] = self._kp[rows] * q + self._kd[rows] * dq
+        self._given[rows] = self._kp[rows] * q + self._kd[rows] * dq
 
     def step(self, rows: np.ndarray) -> None:
         """Advance some robots, shape (m,), by one time step and update everything that can be read."""
+        given = self._given.copy()
+        if not self._pending:
+            self._pending.extend([given] * self._delay)  # the first command acts at once, as in `Simulation`
+        self._pending.append(given)
+        self._ctrl[rows] = self._pending.popleft()[rows]
+        if self._limit is not None:
+            self._limit.write(self.qvel[:, 6:], self._force_range)
         self._batch.warning[rows] = 0
         # Stages that depend on position and velocity are computed once and serve the next step too.
         self._batch.step(ids=rows, stage=mujoco.mjtStage.mjSTAGE_ACC)
