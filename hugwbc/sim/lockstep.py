@@ -16,6 +16,7 @@ from hugwbc.sim.scene import Ground, load_model
 from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.variation import Variation
 
+_VARIED_FIELDS = ("body_mass", "geom_friction", "actuator_forcerange")  # that `Variation.apply_to` writes to
 _DIVERGED = [int(warning) for warning in DIVERGED]
 
 
@@ -59,9 +60,12 @@ class LockstepSimulation:
         self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
         self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
-        models = self._set_models(variations, kp, kd)
+        gain = np.array([variation.gain for variation in variations])[:, None]
+        self._kp, self._kd = gain * kp, gain * kd
+        self._strength = np.array([variation.strength for variation in variations])[:, None]
+        self._vary(variations)
         self._batch.reset(keyframe=0)
-        self._set_gains(models, variations)
+        self._set_gains()
         self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self.forces = self._batch.bind("xfrc_applied")
         self.torque = self._batch.bind("actuator_force")
@@ -78,28 +82,25 @@ class LockstepSimulation:
         self.diverged = np.zeros(len(variations), dtype=bool)
         self._index_sensors()
 
-    def _set_models(self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray) -> list[mujoco.MjModel]:
-        """Set the models, one for each group of identical robots, and return the model of each robot."""
-        gain = np.array([variation.gain for variation in variations])[:, None]
-        self._kp, self._kd = gain * kp, gain * kd
-        alike: dict[tuple[Variation, bytes, bytes], mujoco.MjModel] = {}
-        models = []
-        for variation, stiffness, damping in zip(variations, self._kp, self._kd, strict=True):
-            key = (variation, stiffness.tobytes(), damping.tobytes())
-            if key not in alike:
-                alike[key] = copy.copy(self.model)
-                variation.apply_to(alike[key])
-                alike[key].actuator_gainprm[:, 0] = variation.strength
-            models.append(alike[key])
-        self._batch.set_models(models)
-        return models
+    def _vary(self, variations: Sequence[Variation]) -> None:
+        """Give every robot its own mass, friction, torque limits and motor strength."""
+        models: dict[Variation, mujoco.MjModel] = {}
+        fields = {name: self._batch.expand(name) for name in _VARIED_FIELDS}
+        for row, variation in enumerate(variations):
+            if variation not in models:
+                models[variation] = copy.copy(self.model)
+                variation.apply_to(models[variation])
+            for name, values in fields.items():
+                values[row] = getattr(models[variation], name)
+        if any(variation.payload for variation in variations):
+            self._batch.set_const()
+        self._batch.expand("actuator_gainprm")[:, :, 0] = self._strength
 
-    def _set_gains(self, models: list[mujoco.MjModel], variations: Sequence[Variation]) -> None:
+    def _set_gains(self) -> None:
         """Set the gains after the reset: `Simulation` resets with the description's gains, before its first command."""
-        for model, variation, stiffness, damping in zip(models, variations, self._kp, self._kd, strict=True):
-            model.actuator_biasprm[:, 1] = -variation.strength * stiffness
-            model.actuator_biasprm[:, 2] = -variation.strength * damping
-        self._batch.set_models(models)
+        bias = self._batch.expand("actuator_biasprm")
+        bias[:, :, 1] = -self._strength * self._kp
+        bias[:, :, 2] = -self._strength * self._kd
 
     def _index_sensors(self) -> None:
         columns = {
