@@ -40,12 +40,15 @@ class Measured:
     clearance: tuple[float, float]
 
 
+def pinocchio_model(robot: Robot | None = None) -> pin.Model:
+    """The free-floating robot, by default the H1, with the reflected inertia of its drives. Shared; do not modify."""
+    return _pinocchio_model(robot or load_robot())
+
+
 @functools.cache
-def pinocchio_model() -> pin.Model:
-    """The free-floating H1, with the table's rotor inertia in every joint. Shared; do not modify."""
-    robot = load_robot()
+def _pinocchio_model(robot: Robot) -> pin.Model:
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
-    model.armature[6:] = robot.armature
+    model.armature[joint_columns(model, robot)] = robot.armature
     return model
 
 
@@ -76,9 +79,10 @@ class Kinematics:
     `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
     """
 
-    def __init__(self) -> None:
-        self.robot = load_robot()
-        self.model = pinocchio_model()
+    def __init__(self, robot: Robot | None = None) -> None:
+        """Use the H1, or another robot."""
+        self.robot = robot or load_robot()
+        self.model = pinocchio_model(self.robot)
         self.data = self.model.createData()
         self.columns = joint_columns(self.model, self.robot)
         self._q_joints, self._v_joints = in_place(self.columns + 1), in_place(self.columns)

@@ -1,9 +1,11 @@
-"""The robot's names, groups, limits and gains, read from the table `models/h1/h1.yaml`."""
+"""Robots as data: names, groups, limits, gains, drives and dimensions, read from the table `models/h1/h1.yaml`."""
 
+import copy
 import dataclasses
 import functools
+import math
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ import yaml
 from hugwbc.errors import ModelError, UnknownNameError
 
 SIDES = ("left", "right")
+DEFAULT_ROBOT = "h1"
 _LEG_PARTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 _ARM_PARTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
@@ -29,11 +32,30 @@ def model_dir() -> pathlib.Path:
     raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Robot:
-    """Names, limits, gains and dimensions of the robot. Arrays follow `joint_names` and are read-only.
+@dataclasses.dataclass(frozen=True)
+class Capsule:
+    """A cylinder with round ends, in a link's frame.
 
     Attributes:
+        pos: centre [m].
+        axis: direction of the cylinder, "x" or "z".
+        radius: radius of the cylinder and its ends [m].
+        length: length of the cylinder without its ends [m].
+    """
+
+    pos: tuple[float, float, float]
+    axis: str
+    radius: float
+    length: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robot:
+    """Names, limits, gains, drives and dimensions of a robot. Arrays follow `joint_names` and are read-only.
+
+    Attributes:
+        name: name of the description, "h1" or "h1-2023".
+        mass: mass of all links [kg].
         joint_names: names of the 19 joints, in the order of every joint vector.
         lower, upper: joint position limits [rad], shape (19,).
         velocity_limit: joint speed limits [rad/s], shape (19,).
@@ -41,13 +63,27 @@ class Robot:
         kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (19,).
         nominal: default joint positions [rad], shape (19,).
         axes: joint axes in the joint's own frame, shape (19, 3).
-        armature: rotor inertia reflected to every joint [kg*m^2].
-        damping: viscous friction of every joint [N*m*s/rad].
+        armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (19,).
+        damping: viscous friction of the joints with ideal drives [N*m*s/rad], shape (19,).
+        friction: Coulomb friction of the real drives [N*m], shape (19,).
+        viscous: viscous friction of the real drives [N*m*s/rad], shape (19,).
+        corner_speed: highest speed at which the real drives give their full torque [rad/s], shape (19,).
+        command_delay: time from a joint command to the torque of the real drives [s].
         nominal_height: height of the pelvis origin above flat ground at h = 0 [m].
         sole_x, sole_y: extent of the flat sole in the ankle link's frame [m].
+        sole_depth: distance of the sole below the ankle axis [m].
+        leg_length: distance from the hip pitch axis to the ankle axis of a straight leg [m].
+        shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
+        upper_arm: distance from the shoulder roll joint to the elbow [m].
+        hand: origin of the hand frame in the elbow link's frame [m], shape (3,).
+        leg_postures: named postures of a leg [rad], shape (5,) each.
+        arm_postures: named postures of the left arm [rad], shape (4,) each.
+        capsules: shapes for collision avoidance by link.
         contact_links: links whose contacts the privileged observation flags.
     """
 
+    name: str
+    mass: float
     joint_names: tuple[str, ...]
     lower: np.ndarray
     upper: np.ndarray
@@ -57,11 +93,23 @@ class Robot:
     kd: np.ndarray
     nominal: np.ndarray
     axes: np.ndarray
-    armature: float
-    damping: float
+    armature: np.ndarray
+    damping: np.ndarray
+    friction: np.ndarray
+    viscous: np.ndarray
+    corner_speed: np.ndarray
+    command_delay: float
     nominal_height: float
     sole_x: tuple[float, float]
     sole_y: tuple[float, float]
+    sole_depth: float
+    leg_length: float
+    shoulder: np.ndarray
+    upper_arm: float
+    hand: np.ndarray
+    leg_postures: Mapping[str, np.ndarray]
+    arm_postures: Mapping[str, np.ndarray]
+    capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
 
     def index(self, name: str) -> int:
@@ -113,12 +161,12 @@ class Robot:
     @property
     def xml_path(self) -> pathlib.Path:
         """The MuJoCo description."""
-        return model_dir() / "h1.xml"
+        return model_dir() / f"{self.name}.xml"
 
     @property
     def urdf_path(self) -> pathlib.Path:
         """The URDF description."""
-        return model_dir() / "h1.urdf"
+        return model_dir() / f"{self.name}.urdf"
 
 
 def _frozen(values: Sequence[Any]) -> np.ndarray:
@@ -127,33 +175,133 @@ def _frozen(values: Sequence[Any]) -> np.ndarray:
     return array
 
 
-@functools.cache
-def load_robot() -> Robot:
-    """Load the H1 of `models/h1/h1.yaml`.
+def robot_names() -> tuple[str, ...]:
+    """Return the names of all robots of the table, the default first."""
+    return (DEFAULT_ROBOT, *_raw_table().get("robots", ()))
+
+
+def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
+    """Return the table of a robot: that of h1.yaml with the robot's differences applied.
 
     Raises:
         ModelError: if the table or one of its fields is missing.
+        UnknownNameError: if no robot has that name.
     """
-    path = model_dir() / "h1.yaml"
-    table = yaml.safe_load(path.read_text())
+    table = copy.deepcopy(_raw_table())
+    variants = table.pop("robots", {})
+    if name != DEFAULT_ROBOT and name not in variants:
+        raise UnknownNameError("robot", name, robot_names())
+    difference = variants.get(name, {})
     try:
-        joints = table["joints"]
+        _assign_drives(table)
+        for joint in table["joints"]:
+            joint.update({"armature": difference["armature"]} if "armature" in difference else {})
+            joint.update(difference.get("joints", {}).get(joint["name"], {}))
+        for link in table["links"]:
+            link.update(difference.get("links", {}).get(link["name"], {}))
+    except (KeyError, TypeError) as error:
+        raise _missing(error) from error
+    return {"name": name, **table}
+
+
+def _raw_table() -> dict[str, Any]:
+    return _read_table(model_dir() / "h1.yaml")
+
+
+@functools.cache
+def _read_table(path: pathlib.Path) -> dict[str, Any]:
+    return yaml.safe_load(path.read_text())
+
+
+def _missing(error: Exception) -> ModelError:
+    return ModelError(f"{model_dir() / 'h1.yaml'} lacks the field {error}; restore it from the repository")
+
+
+def _assign_drives(table: dict[str, Any]) -> None:
+    """Copy the figures of the drives to their joints."""
+    drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
+    for joint in table["joints"]:
+        part = joint["name"].removesuffix("_joint").removeprefix("left_").removeprefix("right_")
+        joint.update({key: value for key, value in drives[part].items() if key != "joints"})
+
+
+@functools.cache
+def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
+    """Load a robot of `models/h1/h1.yaml`.
+
+    Args:
+        name: "h1", the robot with the maker's corrected masses, or "h1-2023", the earlier description.
+
+    Raises:
+        ModelError: if the table or one of its fields is missing.
+        UnknownNameError: if no robot has that name.
+    """
+    table = robot_table(name)
+    try:
+        joints, by_name = table["joints"], {joint["name"]: joint for joint in table["joints"]}
+
+        def column(key: str) -> np.ndarray:
+            return _frozen([joint[key] for joint in joints])
+
+        ranges = column("range")
         return Robot(
-            joint_names=tuple(joint["name"] for joint in joints),
-            lower=_frozen([joint["range"][0] for joint in joints]),
-            upper=_frozen([joint["range"][1] for joint in joints]),
-            velocity_limit=_frozen([joint["velocity"] for joint in joints]),
-            torque_limit=_frozen([min(joint["effort"], joint["policy_torque_limit"]) for joint in joints]),
-            kp=_frozen([joint["kp"] for joint in joints]),
-            kd=_frozen([joint["kd"] for joint in joints]),
-            nominal=_frozen([joint["nominal"] for joint in joints]),
-            axes=_frozen([joint["axis"] for joint in joints]),
-            armature=float(table["armature"]),
-            damping=float(table["damping"]),
+            name=name,
+            mass=math.fsum(link["mass"] for link in table["links"]),
+            joint_names=tuple(by_name),
+            lower=_frozen(ranges[:, 0]),
+            upper=_frozen(ranges[:, 1]),
+            velocity_limit=column("velocity"),
+            torque_limit=_frozen(np.minimum(column("effort"), column("policy_torque_limit"))),
+            kp=column("kp"),
+            kd=column("kd"),
+            nominal=column("nominal"),
+            axes=column("axis"),
+            armature=column("armature"),
+            damping=_frozen([table["damping"]] * len(joints)),
+            friction=column("friction"),
+            viscous=column("viscous"),
+            corner_speed=column("corner_speed"),
+            command_delay=float(table["command_delay"]),
             nominal_height=float(table["nominal_height"]),
             sole_x=tuple(table["sole"]["x"]),
             sole_y=tuple(table["sole"]["y"]),
+            sole_depth=-float(table["sole"]["z"]),
+            leg_length=_distance(by_name, ("left_knee_joint", "left_ankle_joint")),
+            shoulder=_frozen(_shoulder(by_name)),
+            upper_arm=float(np.linalg.norm(_sum_of_origins(by_name, ("left_shoulder_yaw_joint", "left_elbow_joint")))),
+            hand=_frozen(table["hand"]["xyz"]),
+            leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
+            arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
+            capsules=_capsules(table["capsules"]),
             contact_links=tuple(table["contact_links"]),
         )
-    except (KeyError, TypeError) as error:
-        raise ModelError(f"{path} lacks the field {error}; restore it from the repository") from error
+    except (IndexError, KeyError, TypeError) as error:
+        raise _missing(error) from error
+
+
+def _sum_of_origins(joints: Mapping[str, Any], names: Sequence[str]) -> np.ndarray:
+    return np.sum([joints[name]["xyz"] for name in names], axis=0)
+
+
+def _distance(joints: Mapping[str, Any], names: Sequence[str]) -> float:
+    """Sum of the distances of some joints from their parents [m]."""
+    return math.fsum(float(np.linalg.norm(joints[name]["xyz"])) for name in names)
+
+
+def _shoulder(joints: Mapping[str, Any]) -> np.ndarray:
+    """Origin of the left shoulder roll joint in the pelvis frame, for a shoulder that is mounted with a roll [m]."""
+    pitch, roll = joints["left_shoulder_pitch_joint"], joints["left_shoulder_roll_joint"]
+    angle = pitch["rpy"][0]
+    turn = np.array([[1, 0, 0], [0, math.cos(angle), -math.sin(angle)], [0, math.sin(angle), math.cos(angle)]])
+    return np.array(joints["torso_joint"]["xyz"]) + pitch["xyz"] + turn @ roll["xyz"]
+
+
+def _capsules(table: Mapping[str, Any]) -> dict[str, tuple[Capsule, ...]]:
+    """Read the capsules of all links, and mirror those of left links to the right."""
+    capsules = {}
+    for link, shapes in table.items():
+        capsules[link] = tuple(Capsule(tuple(s["pos"]), s["axis"], s["radius"], s["length"]) for s in shapes)
+        if link.startswith("left_"):
+            mirrored = [dataclasses.replace(c, pos=(c.pos[0], 0.0 - c.pos[1], c.pos[2])) for c in capsules[link]]
+            capsules[link.replace("left_", "right_", 1)] = tuple(mirrored)
+    return capsules

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import robot as robot_module
 from hugwbc.errors import ModelError, UnknownNameError
-from hugwbc.robot import load_robot
+from hugwbc.robot import load_robot, robot_names, robot_table
 
 LEG = ["hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"]
 ARM = ["shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"]
@@ -63,8 +63,67 @@ def test_unknown_joint_suggests_the_nearest() -> None:
 def test_missing_table_field_is_named(tmp_path, monkeypatch) -> None:
     (tmp_path / "h1.yaml").write_text("joints: []\narmature: 0.01\n")
     monkeypatch.setattr(robot_module, "model_dir", lambda: tmp_path)
-    with pytest.raises(ModelError, match=r"h1.yaml lacks the field 'damping'; restore it"):
+    with pytest.raises(ModelError, match=r"h1.yaml lacks the field 'drives'; restore it"):
         load_robot.__wrapped__()
+
+
+def test_robots_by_name() -> None:
+    """Masses: the maker's corrected description, and the earlier one of the paper."""
+    assert robot_names() == ("h1", "h1-2023")
+    new, earlier = load_robot(), load_robot("h1-2023")
+    assert (new.name, earlier.name) == ("h1", "h1-2023")
+    assert load_robot("h1-2023") is earlier
+    assert (new.mass, earlier.mass) == (pytest.approx(59.338), pytest.approx(51.649896))
+    assert new.joint_names == earlier.joint_names
+    np.testing.assert_array_equal(earlier.armature, np.full(19, 0.01))
+    with pytest.raises(UnknownNameError, match=r"unknown robot 'h2'. Valid: h1, h1-2023"):
+        load_robot("h2")
+
+
+def test_a_table_is_a_copy_and_has_the_differences_applied() -> None:
+    robot_table()["links"][0]["mass"] = 0.0
+    assert (robot_table()["links"][0]["mass"], robot_table("h1-2023")["links"][0]["mass"]) == (5.983, 5.39)
+    assert "robots" not in robot_table()
+
+
+def test_drives_by_joint() -> None:
+    """Full torque up to a corner speed below the highest one; the corner's share is that of the maker's drives."""
+    robot = load_robot()
+    assert np.all(robot.friction > 0.0) and np.all(robot.viscous > 0.0) and np.all(robot.armature > 0.0)
+    share = robot.corner_speed / robot.velocity_limit
+    motor = {"knee": 8.8 / 16.0, "hip_roll": 14.0 / 25.6, "ankle": 13.5 / 30.0, "elbow": 13.5 / 30.0}
+    for part, expected in motor.items():
+        assert share[robot.index(f"left_{part}_joint")] == pytest.approx(expected, abs=0.005)
+
+
+def test_dimensions_follow_from_the_joints() -> None:
+    """The shoulder roll joint, the straight leg and the stretched arm, as the kinematics has them."""
+    from hugwbc.kinematics import Kinematics
+    from hugwbc.state import RobotState
+
+    robot, kinematics = load_robot(), Kinematics()
+    kinematics.update(RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
+    at = kinematics.position
+    np.testing.assert_allclose(at("left_shoulder_roll_link"), robot.shoulder, atol=1e-12)
+    assert np.linalg.norm(at("left_elbow_link") - at("left_shoulder_roll_link")) == pytest.approx(robot.upper_arm)
+    np.testing.assert_allclose(at("left_hand") - at("left_elbow_link"), robot.hand, atol=1e-12)
+    leg = np.linalg.norm(at("left_ankle_link") - at("left_hip_pitch_link"))
+    assert leg == pytest.approx(robot.leg_length) == 0.8
+    assert at("left_ankle_link")[2] - at("left_sole")[2] == pytest.approx(robot.sole_depth)
+    for posture in robot.arm_postures.values():
+        arm = robot.arms[:4]
+        assert np.all((robot.lower[arm] <= posture) & (posture <= robot.upper[arm]))
+
+
+def test_capsules_of_the_right_side_mirror_those_of_the_left() -> None:
+    capsules = load_robot().capsules
+    assert set(capsules) == {
+        "torso_link",
+        *(f"{side}_{part}_link" for side in ("left", "right") for part in ("hip_pitch", "elbow")),
+    }
+    for left, right in zip(capsules["left_elbow_link"], capsules["right_elbow_link"], strict=True):
+        assert (left.radius, left.length, left.axis) == (right.radius, right.length, right.axis)
+        np.testing.assert_array_equal(np.multiply(left.pos, [1, -1, 1]), right.pos)
 
 
 def test_missing_models_folder_says_what_to_do(tmp_path, monkeypatch) -> None:

@@ -199,7 +199,7 @@ def placo_robot(robot: Robot) -> placo.RobotWrapper:
             link.remove(shape)
     wrapper = placo.RobotWrapper("h1", placo.Flags.ignore_collisions, ET.tostring(tree, encoding="unicode"))
     armature = np.zeros(wrapper.model.nv)
-    armature[6:] = robot.armature
+    armature[[wrapper.get_joint_v_offset(name) for name in robot.joint_names]] = robot.armature
     wrapper.model.armature = armature
     return wrapper
 

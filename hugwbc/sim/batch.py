@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
-from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState
@@ -32,6 +33,9 @@ class BatchSimulation:
         timestep: float = TRAINING_TIMESTEP,
         terrain: HeightField | None = None,
         threads: int = 1,
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the batch.
 
@@ -40,9 +44,12 @@ class BatchSimulation:
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
             threads: number of threads; 0 for one per processor.
+            robot: robot to simulate; None for the H1.
+            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
+            ground: firmness of the ground; None for the default.
         """
-        self.robot = load_robot()
-        self.model = load_model(timestep, terrain, lean=True)
+        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self.terrain = terrain
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)
@@ -52,6 +59,10 @@ class BatchSimulation:
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
+        self._limit: TorqueSpeedLimit | None = None
+        if actuators.torque_speed:
+            self._force_range = self.batch.expand("actuator_forcerange")
+            self._limit = TorqueSpeedLimit(self.robot, self._force_range[:, :, 1])
         self._footing = None if terrain is None else Footing(self.model, terrain)
         if self._footing is not None:
             self._geom_pos = self.batch.expand("geom_pos")
@@ -85,7 +96,12 @@ class BatchSimulation:
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
-        self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        if self._limit is None:
+            self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        else:
+            for _ in range(substeps):
+                self._limit.write(self.qvel[:, 6:], self._force_range)
+                self.batch.step(nstep=1, stage=mujoco.mjtStage.mjSTAGE_VEL)
         return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
 
     def states(self) -> list[RobotState]:

@@ -1,5 +1,6 @@
 """Many robots on a plane that each move exactly as the robot of a `Simulation` does."""
 
+import collections
 import copy
 from collections.abc import Sequence
 
@@ -8,12 +9,14 @@ import numpy as np
 from mujoco.batch import Batch
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.scene import Ground, load_model
 from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.variation import Variation
 
+_VARIED_FIELDS = ("body_mass", "geom_friction", "actuator_forcerange")  # that `Variation.apply_to` writes to
 _DIVERGED = [int(warning) for warning in DIVERGED]
 
 
@@ -31,7 +34,16 @@ class LockstepSimulation:
     """
 
     def __init__(
-        self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray, *, timestep: float, threads: int = 1
+        self,
+        variations: Sequence[Variation],
+        kp: np.ndarray,
+        kd: np.ndarray,
+        *,
+        timestep: float,
+        threads: int = 1,
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the models and place every robot in the nominal pose.
 
@@ -41,42 +53,54 @@ class LockstepSimulation:
             kd: joint damping for the whole run [N*m*s/rad], shape (n, 19).
             timestep: physics time step [s].
             threads: number of threads that share the robots.
+            robot: robot to simulate; None for the H1.
+            actuators: drives of the joints; None for ideal ones.
+            ground: firmness of the ground; None for the default.
         """
-        self.model = load_model(timestep, lean=True)
+        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
-        models = self._set_models(variations, kp, kd)
+        gain = np.array([variation.gain for variation in variations])[:, None]
+        self._kp, self._kd = gain * kp, gain * kd
+        self._strength = np.array([variation.strength for variation in variations])[:, None]
+        self._vary(variations)
         self._batch.reset(keyframe=0)
-        self._set_gains(models, variations)
+        self._set_gains()
         self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self.forces = self._batch.bind("xfrc_applied")
         self.torque = self._batch.bind("actuator_force")
         self._ctrl = self._batch.bind("ctrl")
+        self._given = self._ctrl.copy()
+        # Controls on the way to the drives, oldest first; of the whole batch, since all robots step together.
+        self._pending: collections.deque[np.ndarray] = collections.deque()
+        self._delay = actuators.delay_steps(self.robot, timestep)
+        self._limit: TorqueSpeedLimit | None = None
+        if actuators.torque_speed:
+            self._force_range = self._batch.expand("actuator_forcerange")
+            self._limit = TorqueSpeedLimit(self.robot, self._force_range[:, :, 1])
         self._sensors = self._batch.bind("sensordata")
         self.diverged = np.zeros(len(variations), dtype=bool)
         self._index_sensors()
 
-    def _set_models(self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray) -> list[mujoco.MjModel]:
-        """Set the models, one for each group of identical robots, and return the model of each robot."""
-        gain = np.array([variation.gain for variation in variations])[:, None]
-        self._kp, self._kd = gain * kp, gain * kd
-        alike: dict[tuple[Variation, bytes, bytes], mujoco.MjModel] = {}
-        models = []
-        for variation, stiffness, damping in zip(variations, self._kp, self._kd, strict=True):
-            key = (variation, stiffness.tobytes(), damping.tobytes())
-            if key not in alike:
-                alike[key] = copy.copy(self.model)
-                variation.apply_to(alike[key])
-                alike[key].actuator_gainprm[:, 0] = variation.strength
-            models.append(alike[key])
-        self._batch.set_models(models)
-        return models
+    def _vary(self, variations: Sequence[Variation]) -> None:
+        """Give every robot its own mass, friction, torque limits and motor strength."""
+        models: dict[Variation, mujoco.MjModel] = {}
+        fields = {name: self._batch.expand(name) for name in _VARIED_FIELDS}
+        for row, variation in enumerate(variations):
+            if variation not in models:
+                models[variation] = copy.copy(self.model)
+                variation.apply_to(models[variation])
+            for name, values in fields.items():
+                values[row] = getattr(models[variation], name)
+        if any(variation.payload for variation in variations):
+            self._batch.set_const()
+        self._batch.expand("actuator_gainprm")[:, :, 0] = self._strength
 
-    def _set_gains(self, models: list[mujoco.MjModel], variations: Sequence[Variation]) -> None:
+    def _set_gains(self) -> None:
         """Set the gains after the reset: `Simulation` resets with the description's gains, before its first command."""
-        for model, variation, stiffness, damping in zip(models, variations, self._kp, self._kd, strict=True):
-            model.actuator_biasprm[:, 1] = -variation.strength * stiffness
-            model.actuator_biasprm[:, 2] = -variation.strength * damping
-        self._batch.set_models(models)
+        bias = self._batch.expand("actuator_biasprm")
+        bias[:, :, 1] = -self._strength * self._kp
+        bias[:, :, 2] = -self._strength * self._kd
 
     def _index_sensors(self) -> None:
         columns = {
@@ -95,10 +119,17 @@ class LockstepSimulation:
             q: position targets [rad], shape (m, 19).
             dq: velocity targets [rad/s], shape (m, 19).
         """
-        self._ctrl[rows] = self._kp[rows] * q + self._kd[rows] * dq
+        self._given[rows] = self._kp[rows] * q + self._kd[rows] * dq
 
     def step(self, rows: np.ndarray) -> None:
         """Advance some robots, shape (m,), by one time step and update everything that can be read."""
+        given = self._given.copy()
+        if not self._pending:
+            self._pending.extend([given] * self._delay)  # the first command acts at once, as in `Simulation`
+        self._pending.append(given)
+        self._ctrl[rows] = self._pending.popleft()[rows]
+        if self._limit is not None:
+            self._limit.write(self.qvel[:, 6:], self._force_range)
         self._batch.warning[rows] = 0
         # Stages that depend on position and velocity are computed once and serve the next step too.
         self._batch.step(ids=rows, stage=mujoco.mjtStage.mjSTAGE_ACC)

@@ -1,11 +1,13 @@
 """The MuJoCo model of the robot on its ground."""
 
-import functools
+import dataclasses
+import math
 
 import mujoco
 
-from hugwbc.errors import ConfigError
-from hugwbc.robot import load_robot
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.robot import Robot, load_robot
+from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.footing import add_footing
 from hugwbc.sim.terrain import HeightField
 
@@ -13,8 +15,54 @@ TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
 
 
-def load_model(timestep: float, terrain: HeightField | None = None, *, lean: bool = False) -> mujoco.MjModel:
-    """Compile the H1 of `models/h1/h1.xml` on a plane or a height field.
+CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
+
+
+@dataclasses.dataclass(frozen=True)
+class Ground:
+    """How firmly the robot stands: MuJoCo's settings of contacts, and of the solver that computes their forces.
+
+    Attributes:
+        time_constant: of the spring-damper that pushes a sole out of the ground (`solref`) [s]; MuJoCo raises it to two
+            time steps if it is shorter.
+        cone: friction cone, "pyramidal" or "elliptic".
+        impratio: ratio of frictional to normal impedance; above 1 a standing foot creeps less.
+        iterations: largest number of iterations of the solver.
+    """
+
+    time_constant: float = 0.02
+    cone: str = "pyramidal"
+    impratio: float = 1.0
+    iterations: int = 8
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.time_constant < math.inf:
+            raise ConfigError(f"time constant of the ground is {self.time_constant} s; give a finite time above 0 s")
+        if self.cone not in CONES:
+            raise UnknownNameError("friction cone", self.cone, tuple(CONES))
+        if not 0.0 < self.impratio < math.inf:
+            raise ConfigError(f"impratio of the ground is {self.impratio}; give a finite number above 0")
+        if self.iterations < 1:
+            raise ConfigError(f"the ground's solver has {self.iterations} iterations; give at least 1")
+
+    def apply_to(self, model: mujoco.MjModel) -> None:
+        """Set the contacts and the solver of a newly compiled model."""
+        model.geom_solref[:, 0] = self.time_constant
+        model.opt.cone = CONES[self.cone]
+        model.opt.impratio = self.impratio
+        model.opt.iterations = self.iterations
+
+
+def load_model(
+    timestep: float,
+    terrain: HeightField | None = None,
+    *,
+    lean: bool = False,
+    robot: Robot | None = None,
+    actuators: Actuators | None = None,
+    ground: Ground | None = None,
+) -> mujoco.MjModel:
+    """Compile a robot on a plane or a height field.
 
     Args:
         timestep: physics time step [s].
@@ -22,18 +70,25 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, lean: boo
         lean: leave out what does not influence the motion: visual shapes, the sensors of hands and IMU, and the search
             for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
             time.
+        robot: robot to simulate; None for the H1.
+        actuators: drives of the joints, whose friction and inertia the model gets; None for ideal ones.
+        ground: firmness of the ground; None for the default.
 
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
     """
     check_timestep(timestep)
-    spec = mujoco.MjSpec.from_file(str(load_robot().xml_path))
+    robot = robot or load_robot()
+    spec = mujoco.MjSpec.from_file(str(robot.xml_path))
     spec.option.timestep = timestep
     if lean:
         _make_lean(spec)
     if terrain is not None:
         _replace_floor(spec, terrain)
-    return spec.compile()
+    model = spec.compile()
+    (ground or Ground()).apply_to(model)
+    (actuators or Actuators.ideal()).apply_to(model, robot)
+    return model
 
 
 def check_timestep(timestep: float) -> None:
@@ -44,12 +99,6 @@ def check_timestep(timestep: float) -> None:
     """
     if not 0.0 < timestep <= 0.01:
         raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
-
-
-@functools.cache
-def robot_mass() -> float:
-    """Return the mass of all links of the description [kg]."""
-    return float(load_model(SIMULATION_TIMESTEP, lean=True).body_mass.sum())
 
 
 def _make_lean(spec: mujoco.MjSpec) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground, load_model
 from hugwbc.sim.sensors import Reading, SensorNoise, Sensors
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -31,7 +32,8 @@ class Simulation:
 
     Attributes:
         model, data: MuJoCo's model and data, for viewers and tests.
-        robot: names, limits and gains.
+        robot: names, limits, gains and drives.
+        actuators: what the drives do besides the PD law.
         variation: difference of this robot from its description.
         rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
         diverged: whether the physics has failed since the last reset (MuJoCo then resets the state by itself).
@@ -46,6 +48,9 @@ class Simulation:
         latency: float = 0.0,
         seed: int = 0,
         variation: Variation | None = None,
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the model and place the robot on the ground in the nominal pose.
 
@@ -56,6 +61,9 @@ class Simulation:
             latency: age of the results of `sense`, rounded to whole physics steps [s].
             seed: random seed of the noise.
             variation: difference of the robot from its description; None for no difference.
+            robot: robot to simulate; None for the H1.
+            actuators: drives of the joints; None for ideal ones.
+            ground: firmness of the ground; None for the default.
 
         Raises:
             ConfigError: if time step, latency or seed is out of range.
@@ -64,11 +72,17 @@ class Simulation:
             raise ConfigError(f"latency is {latency} s; give 0 to {LONGEST_LATENCY:g} s")
         if seed < 0:
             raise ConfigError(f"seed is {seed}; give 0 or more")
-        self.robot = load_robot()
+        self.robot = robot or load_robot()
+        self.actuators = actuators or Actuators.ideal()
         self.terrain = terrain
         self.variation = variation or Variation()
-        self.model = load_model(timestep, terrain)
+        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=ground)
         self.variation.apply_to(self.model)
+        torque_limit = self.model.actuator_forcerange[:, 1]
+        self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
+        self._delay = self.actuators.delay_steps(self.robot, timestep)
+        # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
+        self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
         self.rejected_commands = 0
@@ -110,6 +124,7 @@ class Simulation:
         self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
         self.data.xfrc_applied[:] = 0.0
         self._force_until.clear()
+        self._pending.clear()
         self.diverged = False
         self._command = JointCommand.position(self.robot, self.data.qpos[7:].copy())
         if self._footing is not None:
@@ -126,7 +141,8 @@ class Simulation:
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state.
 
-        A command that is not finite is counted, and the previous command is held instead.
+        With a delay, the drives follow the command that many physics steps later; only the first command after a reset
+        acts at once. A command that is not finite is counted, and the previous command is held instead.
         """
         if command.is_finite:
             self._command = command
@@ -134,10 +150,12 @@ class Simulation:
             self.rejected_commands += 1
         command = self._command
         kp, kd = self.variation.gain * command.kp, self.variation.gain * command.kd
-        self.model.actuator_biasprm[:, 1] = -self.variation.strength * kp
-        self.model.actuator_biasprm[:, 2] = -self.variation.strength * kd
-        self.data.ctrl[:] = command.tau + kp * command.q + kd * command.dq
+        given = (kp, kd, command.tau + kp * command.q + kd * command.dq)
+        if not self._pending:
+            self._pending.extend([given] * self._delay)
         for _ in range(max(1, round(duration / self.timestep))):
+            self._pending.append(given)
+            self._drive(*self._pending.popleft())
             self._expire_forces()
             self.data.warning.number[:] = 0
             if self._footing is not None:
@@ -149,6 +167,14 @@ class Simulation:
             mujoco.mj_forward(self.model, self.data)
             self._readings.append(self._reading())
         return self.state()
+
+    def _drive(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
+        """Set the PD law and the torque limits of the next physics step."""
+        self.model.actuator_biasprm[:, 1] = -self.variation.strength * kp
+        self.model.actuator_biasprm[:, 2] = -self.variation.strength * kd
+        self.data.ctrl[:] = constant
+        if self._limit is not None:
+            self._limit.write(self.data.qvel[6:], self.model.actuator_forcerange)
 
     def push(self, velocity: np.ndarray) -> None:
         """Add to the pelvis velocity at once.
@@ -255,6 +281,9 @@ def noisy_simulation(
     latency: float = ROBOT_LATENCY,
     seed: int = 0,
     variation: Variation | None = None,
+    robot: Robot | None = None,
+    actuators: Actuators | None = None,
+    ground: Ground | None = None,
 ) -> Simulation:
     """Build a simulation with the sensor noise and latency of a real robot, for use with a state estimator."""
     return Simulation(
@@ -264,4 +293,7 @@ def noisy_simulation(
         latency=latency,
         seed=seed,
         variation=variation,
+        robot=robot,
+        actuators=actuators,
+        ground=ground,
     )

@@ -7,9 +7,10 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from hugwbc.errors import ConfigError
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
+from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
-from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.terrain import HeightField
 
 CONTACTS = 64  # room for the contacts of one robot; a robot that lies on the ground has about 40
@@ -46,6 +47,9 @@ class WarpSimulation(BatchSimulation):
         timestep: float = TRAINING_TIMESTEP,
         terrain: HeightField | None = None,
         device: str = "cuda",
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the batch.
 
@@ -54,14 +58,20 @@ class WarpSimulation(BatchSimulation):
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
             device: warp's device: "cuda", or "cpu" for tests (its first use compiles for minutes).
+            robot: robot to simulate; None for the H1.
+            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
+            ground: firmness of the ground; None for the default.
 
         Raises:
-            ConfigError: if mujoco_warp or the device is missing.
+            ConfigError: if mujoco_warp or the device is missing, or the drives have a torque-speed limit.
         """
+        actuators = actuators or Actuators.ideal()
+        if actuators.torque_speed:
+            raise ConfigError("physics on a GPU has no torque-speed limit; use --device cpu, or other drives")
         self._wp, self._mjw = _warp(device)
         self._device = device
-        self.robot = load_robot()
-        self.model = load_model(timestep, terrain, lean=True)
+        self.robot = robot or load_robot()
+        self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self.terrain = terrain
         self.batch = Batch(self.model, count, 1)
         self._index_sensors()
@@ -141,7 +151,15 @@ class WarpSimulation(BatchSimulation):
         return lost
 
 
-def robots_on(device: str, count: int, *, terrain: HeightField | None, threads: int) -> BatchSimulation:
+def robots_on(
+    device: str,
+    count: int,
+    *,
+    terrain: HeightField | None,
+    threads: int,
+    robot: Robot | None = None,
+    actuators: Actuators | None = None,
+) -> BatchSimulation:
     """Build a batch of robots with the time step of training, on the processor or on a GPU.
 
     Args:
@@ -149,10 +167,12 @@ def robots_on(device: str, count: int, *, terrain: HeightField | None, threads: 
         count: number of robots.
         terrain: height field to stand on; None for a plane.
         threads: number of threads on the processor.
+        robot: robot to simulate; None for the H1.
+        actuators: drives of the joints; None for ideal ones.
 
     Raises:
         ConfigError: if the device cannot be used.
     """
     if device == "cpu":
-        return BatchSimulation(count, terrain=terrain, threads=threads)
-    return WarpSimulation(count, terrain=terrain, device=device)
+        return BatchSimulation(count, terrain=terrain, threads=threads, robot=robot, actuators=actuators)
+    return WarpSimulation(count, terrain=terrain, device=device, robot=robot, actuators=actuators)

@@ -1,4 +1,4 @@
-"""Write h1.xml (MuJoCo) and h1.urdf (Pinocchio, placo) from h1.yaml, so that the two descriptions always agree.
+"""Write the XML (MuJoCo) and URDF (Pinocchio, placo) of every robot from h1.yaml, so that the two always agree.
 
 Run `make models` after a change of h1.yaml; a test compares the committed files with the output of this script.
 """
@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from typing import Any
 
-import yaml
+from hugwbc.robot import robot_names, robot_table
 
 HERE = pathlib.Path(__file__).parent
 SIDES = ("left", "right")
@@ -103,7 +103,8 @@ def _add_body_mjcf(parent: ET.Element, table: dict[str, Any], name: str, joint: 
     if joint is None:
         ET.SubElement(body, "freejoint", name="root")
     else:
-        ET.SubElement(body, "joint", name=joint["name"], axis=_text(joint["axis"]), range=_text(joint["range"]))
+        attributes = {"name": joint["name"], "axis": _text(joint["axis"]), "range": _text(joint["range"])}
+        ET.SubElement(body, "joint", attributes, armature=str(joint["armature"]))
     _add_visuals_mjcf(body, _visuals(table, name))
     if box := link.get("collision_box"):
         size = _text(value / 2 for value in box["size"])
@@ -139,14 +140,14 @@ def _add_sensors_mjcf(root: ET.Element, table: dict[str, Any]) -> None:
 
 def mjcf(table: dict[str, Any]) -> str:
     """Return the MuJoCo description: floating base, PD actuators with the table's gains, sensors, and a plane."""
-    root = ET.Element("mujoco", model="h1")
+    root = ET.Element("mujoco", model=table["name"])
     root.append(ET.Comment(NOTICE))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
     # A dense Jacobian is faster at 25 degrees of freedom and avoids the sparse factorisation defect of MuJoCo 4.0.0.
     option = {"timestep": "0.005", "integrator": "implicitfast", "iterations": "8", "ls_iterations": "12"}
     ET.SubElement(root, "option", option, jacobian="dense")
     default = ET.SubElement(root, "default")
-    ET.SubElement(default, "joint", armature=str(table["armature"]), damping=str(table["damping"]))
+    ET.SubElement(default, "joint", damping=str(table["damping"]))
     ET.SubElement(default, "geom", contype="0", conaffinity="0", condim="3")
     for name, group, attributes in (
         ("visual", "2", {}),
@@ -210,7 +211,7 @@ def _add_frame_urdf(root: ET.Element, name: str, parent: str, xyz: Iterable[floa
 
 def urdf(table: dict[str, Any]) -> str:
     """Return the URDF description: the same links and joints, and frames for soles, toes, heels, hands and IMU."""
-    root = ET.Element("robot", name="h1")
+    root = ET.Element("robot", name=table["name"])
     root.append(ET.Comment(NOTICE))
     for entry in table["links"]:
         link = ET.SubElement(root, "link", name=entry["name"])
@@ -249,16 +250,12 @@ def _pretty(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def load_table() -> dict[str, Any]:
-    """Read h1.yaml."""
-    return yaml.safe_load((HERE / "h1.yaml").read_text())
-
-
 def main() -> None:
-    """Write both descriptions to the folder of this file."""
-    table = load_table()
-    (HERE / "h1.xml").write_text(mjcf(table))
-    (HERE / "h1.urdf").write_text(urdf(table))
+    """Write the descriptions of all robots to the folder of this file."""
+    for name in robot_names():
+        table = robot_table(name)
+        (HERE / f"{name}.xml").write_text(mjcf(table))
+        (HERE / f"{name}.urdf").write_text(urdf(table))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hugwbc import load_robot
-from hugwbc.robot import model_dir
+from hugwbc.robot import model_dir, robot_names, robot_table
 
 MODEL = mujoco.MjModel.from_xml_path(str(load_robot().xml_path))
 
@@ -23,29 +23,63 @@ def _build() -> types.ModuleType:
 
 
 BUILD = _build()
-TABLE = BUILD.load_table()
+TABLE = robot_table()
+BOTH = pytest.mark.parametrize("name", ["h1", "h1-2023"])
 
 
-def test_committed_files_are_what_the_table_gives() -> None:
-    assert (model_dir() / "h1.xml").read_text() == BUILD.mjcf(TABLE)
-    assert (model_dir() / "h1.urdf").read_text() == BUILD.urdf(TABLE)
+@BOTH
+def test_committed_files_are_what_the_table_gives(name: str) -> None:
+    assert name in robot_names()
+    assert (model_dir() / f"{name}.xml").read_text() == BUILD.mjcf(robot_table(name))
+    assert (model_dir() / f"{name}.urdf").read_text() == BUILD.urdf(robot_table(name))
 
 
 def test_sizes() -> None:
     assert (MODEL.nq, MODEL.nv, MODEL.nu) == (26, 25, 19)
     assert MODEL.nbody == 21  # the world and 20 links
-    assert MODEL.body_mass.sum() == pytest.approx(51.65, abs=1e-3)
+    assert MODEL.body_mass.sum() == pytest.approx(59.338, abs=1e-9)
 
 
-def test_actuators_follow_the_joint_order_with_the_tables_gains() -> None:
-    robot = load_robot()
-    assert tuple(MODEL.actuator(i).name for i in range(19)) == robot.joint_names
-    assert tuple(MODEL.joint(i + 1).name for i in range(19)) == robot.joint_names
-    np.testing.assert_array_equal(MODEL.actuator_gainprm[:, 0], robot.kp)
-    np.testing.assert_array_equal(MODEL.actuator_biasprm[:, 1:3], -np.stack((robot.kp, robot.kd), axis=1))
-    np.testing.assert_array_equal(MODEL.actuator_forcerange[:, 1], robot.torque_limit)
-    np.testing.assert_array_equal(MODEL.actuator_forcerange[:, 0], -robot.torque_limit)
-    np.testing.assert_array_equal(MODEL.jnt_range[1:], np.stack((robot.lower, robot.upper), axis=1))
+def test_the_earlier_description_differs_in_masses_hip_range_and_drives_only() -> None:
+    """51.649896 kg: the sum that the maker's first description gives."""
+    earlier = mujoco.MjModel.from_xml_path(str(load_robot("h1-2023").xml_path))
+    assert earlier.body_mass.sum() == pytest.approx(51.649896, abs=1e-9)
+    hips = [MODEL.joint(f"{side}_hip_pitch_joint").id for side in ("left", "right")]
+    np.testing.assert_array_equal(earlier.jnt_range[hips], [[-1.57, 1.57]] * 2)
+    np.testing.assert_array_equal(MODEL.jnt_range[hips], [[-3.14, 2.53]] * 2)
+    others = np.delete(np.arange(MODEL.njnt), hips)
+    np.testing.assert_array_equal(earlier.jnt_range[others], MODEL.jnt_range[others])
+    for field in ("body_pos", "body_quat", "geom_pos", "geom_size", "site_pos", "actuator_forcerange", "key_qpos"):
+        np.testing.assert_array_equal(getattr(earlier, field), getattr(MODEL, field), err_msg=field)
+
+
+def test_inertias_are_possible_and_mirror_images() -> None:
+    """Principal moments are positive and obey the triangle inequality; the left side is the right one's reflection."""
+    for body in range(1, MODEL.nbody):
+        moments = np.sort(MODEL.body_inertia[body])
+        assert moments[0] > 0.0 and moments[2] <= moments[:2].sum() * (1 + 1e-6), MODEL.body(body).name
+    links = {link["name"]: link for link in TABLE["links"]}
+    for name, link in links.items():
+        if name.startswith("left_"):
+            other = links[name.replace("left_", "right_", 1)]
+            np.testing.assert_allclose(np.multiply(other["com"], [1, -1, 1]), link["com"], atol=1e-12)
+            for key, sign in {"mass": 1, "ixx": 1, "iyy": 1, "izz": 1, "ixz": 1}.items():
+                assert other[key] == sign * link[key], (name, key)
+
+
+@BOTH
+def test_actuators_follow_the_joint_order_with_the_tables_gains(name: str) -> None:
+    robot = load_robot(name)
+    model = mujoco.MjModel.from_xml_path(str(robot.xml_path))
+    np.testing.assert_array_equal(model.dof_armature[6:], robot.armature)
+    np.testing.assert_array_equal(model.dof_damping[6:], robot.damping)
+    assert tuple(model.actuator(i).name for i in range(19)) == robot.joint_names
+    assert tuple(model.joint(i + 1).name for i in range(19)) == robot.joint_names
+    np.testing.assert_array_equal(model.actuator_gainprm[:, 0], robot.kp)
+    np.testing.assert_array_equal(model.actuator_biasprm[:, 1:3], -np.stack((robot.kp, robot.kd), axis=1))
+    np.testing.assert_array_equal(model.actuator_forcerange[:, 1], robot.torque_limit)
+    np.testing.assert_array_equal(model.actuator_forcerange[:, 0], -robot.torque_limit)
+    np.testing.assert_array_equal(model.jnt_range[1:], np.stack((robot.lower, robot.upper), axis=1))
 
 
 def test_keyframe_is_the_nominal_pose_just_above_the_ground() -> None:

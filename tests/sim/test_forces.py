@@ -44,7 +44,7 @@ def test_a_force_in_the_heading_frame_keeps_the_heading_of_its_start(simulation)
 
 
 def test_the_momentum_is_force_times_time(simulation):
-    """In the air, 100 N for 0.1 s give 51.65 kg 10 Ns."""
+    """In the air, 100 N for 0.1 s give the robot 10 Ns."""
     simulation.reset()
     simulation.data.qpos[2] += 5.0
     disturber = Disturber(simulation.model, (Force((100.0, -50.0, 0.0), start=0.05, duration=0.1, link="pelvis"),))

@@ -3,7 +3,7 @@ import pytest
 
 from hugwbc.controller import JointCommand
 from hugwbc.robot import load_robot
-from hugwbc.sim import Simulation, Variation
+from hugwbc.sim import Actuators, Simulation, Variation
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.sim.scene import load_model
 from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
@@ -11,14 +11,24 @@ from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 VARIATIONS = [Variation(), Variation(payload=3.0, gain=1.1), Variation(friction=0.4, strength=0.9), Variation()]
 
 
-@pytest.mark.parametrize("timestep", [0.002, 0.005])
-def test_each_robot_moves_as_one_alone(timestep):
-    robot, rng = load_robot(), np.random.default_rng(0)
+@pytest.mark.parametrize(
+    ("timestep", "name", "actuators"),
+    [
+        (0.002, "h1", Actuators.ideal()),
+        (0.005, "h1", Actuators.ideal()),
+        (0.002, "h1-2023", Actuators.ideal()),
+        (0.002, "h1", Actuators()),
+        (0.005, "h1", Actuators(delay=0.01)),
+    ],
+)
+def test_each_robot_moves_as_one_alone(timestep, name, actuators):
+    robot, rng = load_robot(name), np.random.default_rng(0)
+    options = {"robot": robot, "actuators": actuators, "timestep": timestep}
     n = len(VARIATIONS)
     kp, kd = np.tile(robot.kp, (n, 1)), np.tile(robot.kd, (n, 1))
     kp[3, robot.arms] *= 0.5
-    many = LockstepSimulation(VARIATIONS, kp, kd, timestep=timestep)
-    alone = [Simulation(timestep=timestep, variation=variation) for variation in VARIATIONS]
+    many = LockstepSimulation(VARIATIONS, kp, kd, **options)
+    alone = [Simulation(variation=variation, **options) for variation in VARIATIONS]
     rows = np.arange(n)
     for tick in range(60):
         q, dq = robot.nominal + 0.3 * rng.standard_normal((n, 19)), 0.1 * rng.standard_normal((n, 19))

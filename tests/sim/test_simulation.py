@@ -11,7 +11,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.sim import HeightField, Simulation, rough_terrain
 
 ROBOT = load_robot()
-WEIGHT = 51.649896 * 9.81
+WEIGHT = ROBOT.mass * 9.81
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 
 
@@ -174,14 +174,14 @@ def test_force_acts_for_its_duration_only() -> None:
 
 
 def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
-    """In the air, 100 N for 0.1 s change the momentum of 51.65 kg by 10 Ns, and gravity takes 0.2 s of fall."""
+    """In the air, 100 N for 0.1 s change the momentum by 10 Ns, and gravity takes 0.2 s of fall."""
     simulation = Simulation()
     simulation.reset()
     simulation.data.qpos[2] += 5.0
     simulation.apply_force(np.array([100.0, -50.0, 0.0]), 0.1, link="pelvis")
     simulation.step(HOLD, 0.2)
     mujoco.mj_subtreeVel(simulation.model, simulation.data)
-    momentum = simulation.data.subtree_linvel[1] * 51.649896
+    momentum = simulation.data.subtree_linvel[1] * ROBOT.mass
     np.testing.assert_allclose(momentum, [10.0, -5.0, -WEIGHT * 0.2], rtol=0.01)
 
 

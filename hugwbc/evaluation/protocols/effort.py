@@ -21,7 +21,7 @@ from hugwbc.evaluation.protocols.episodes import (
     run_episodes,
 )
 from hugwbc.gait import Gait
-from hugwbc.sim.scene import robot_mass
+from hugwbc.robot import load_robot
 
 SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5)  # [m/s]
 _MEASURED = (
@@ -119,7 +119,7 @@ def run_effort(
     starts = [default_command(config.alternating[index % 2]) for index in range(config.episodes)]
     commands = [dataclasses.replace(start, v_x=v) for start, v in zip(starts, config.admitted, strict=True)]
     plans = [EpisodePlan(command, timed=True) for command in commands]
-    mass = robot_mass() + config.conditions.payload
+    mass = load_robot().mass + config.conditions.payload
     rows = run_episodes(factory, plans, EffortJudge(config.settle, mass), config, on_episode)
     return EffortResult.of(
         factory,

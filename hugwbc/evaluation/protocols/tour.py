@@ -25,8 +25,8 @@ from hugwbc.evaluation.protocols.episodes import (
     run_episodes,
 )
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.sim import Force
-from hugwbc.sim.scene import robot_mass
 
 WAYPOINTS = 12
 REACHED = 0.5  # [m] from a waypoint at the end of its leg
@@ -116,7 +116,7 @@ class TourResult(CountedResult[TourEpisode]):
 
 def strongest_blow(config: TourConfig) -> float:
     """The strongest blow on this robot: as much change of velocity as `config.blow` is for a G1 [N]."""
-    return config.blow * robot_mass() / G1_MASS
+    return config.blow * load_robot().mass / G1_MASS
 
 
 def tour_plan(config: TourConfig, number: int) -> EpisodePlan:

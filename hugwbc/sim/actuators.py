@@ -1,0 +1,94 @@
+"""Joint drives: ideal ones, and drives with a torque-speed limit, friction and a delay as a real robot has them.
+
+A real drive gives its full torque up to a corner speed v_c. Above it the counter-voltage of the motor leaves less and
+less, and the torque that drives the joint falls linearly to zero at the joint's maximum speed v_max:
+
+    tau <= tau_max min(1, (v_max - v) / (v_max - v_c)),   at least 0,
+
+and likewise downwards. Braking torque, against the motion, is available in full at every speed. The maker's own model
+of its drives has the same form (`UnitreeActuator` in unitree_rl_lab), but limits braking as well.
+"""
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+
+from hugwbc.errors import ConfigError
+from hugwbc.robot import Robot
+
+_FACTORS = ("friction", "armature")
+_LONGEST_DELAY = 0.1  # [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Actuators:
+    """What the drives of the joints do besides the PD law; the defaults are those of a real robot.
+
+    Attributes:
+        torque_speed: whether the torque is limited by the joint's speed.
+        friction: factor on the Coulomb and viscous friction of the robot's table; 0 for none.
+        armature: factor on the reflected inertia of the robot's table.
+        delay: time from a joint command to its torque [s]; None for that of the robot's table. It is rounded to whole
+            physics steps, but a delay above 0 is at least one step.
+    """
+
+    torque_speed: bool = True
+    friction: float = 1.0
+    armature: float = 1.0
+    delay: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in _FACTORS:
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} factor of the actuators is {getattr(self, name)}; give a number from 0")
+        if self.delay is not None and not 0.0 <= self.delay <= _LONGEST_DELAY:
+            raise ConfigError(f"delay of the actuators is {self.delay} s; give 0 to {_LONGEST_DELAY:g} s, or None")
+
+    @classmethod
+    def ideal(cls) -> "Actuators":
+        """Return drives that follow the PD law at once, up to their torque limit, without friction."""
+        return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
+
+    def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Set friction and reflected inertia of the joints of a newly compiled model."""
+        if self.friction == 0.0 and self.armature == 1.0:  # as the description has them
+            return
+        columns = model.jnt_dofadr[[model.joint(name).id for name in robot.joint_names]]
+        model.dof_armature[columns] = self.armature * robot.armature
+        model.dof_damping[columns] = robot.damping + self.friction * robot.viscous
+        model.dof_frictionloss[columns] = self.friction * robot.friction
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def delay_steps(self, robot: Robot, timestep: float) -> int:
+        """Return the delay in physics steps of `timestep` [s]."""
+        delay = robot.command_delay if self.delay is None else self.delay
+        return max(1, round(delay / timestep)) if delay > 0.0 else 0
+
+
+class TorqueSpeedLimit:
+    """The torque that drives can give at given joint speeds."""
+
+    def __init__(self, robot: Robot, torque_limit: np.ndarray) -> None:
+        """Take the speeds from a robot.
+
+        Args:
+            robot: robot with the drives.
+            torque_limit: torque limits at low speed [N*m], shape (..., 19).
+        """
+        self._limit = np.array(torque_limit)
+        self._top = robot.velocity_limit
+        self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
+
+    def write(self, velocity: np.ndarray, force_range: np.ndarray) -> None:
+        """Write the range of the torque at joint speeds.
+
+        Args:
+            velocity: joint speeds [rad/s], shape (..., 19).
+            force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
+        """
+        # A diverged robot's speed may be NaN; MuJoCo must not see that in its model.
+        speed = np.nan_to_num(velocity)
+        force_range[..., 1] = self._limit * np.clip((self._top - speed) * self._slope, 0.0, 1.0)
+        force_range[..., 0] = -self._limit * np.clip((self._top + speed) * self._slope, 0.0, 1.0)

@@ -1,0 +1,185 @@
+"""Drives: torque-speed limit, friction, reflected inertia and delay, for one robot and for many."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import JointCommand, load_robot
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.sim import Actuators, Ground, Simulation
+from hugwbc.sim.actuators import TorqueSpeedLimit
+from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.scene import load_model
+
+ROBOT = load_robot()
+HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
+ZERO = np.zeros(19)
+NO_DELAY = Actuators(delay=0.0)
+
+
+def torque(tau: np.ndarray) -> JointCommand:
+    return JointCommand(ZERO, ZERO, ZERO, ZERO, tau)
+
+
+def floating(actuators: Actuators) -> Simulation:
+    """Robot in free space: no gravity, no ground within reach."""
+    simulation = Simulation(actuators=actuators)
+    simulation.model.opt.gravity[:] = 0.0
+    simulation.reset()
+    simulation.data.qpos[2] = 5.0
+    mujoco.mj_forward(simulation.model, simulation.data)
+    return simulation
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"friction": -1.0}, "friction factor of the actuators is -1.0; give a number from 0"),
+        ({"armature": math.nan}, "armature factor of the actuators is nan"),
+        ({"delay": 0.2}, "delay of the actuators is 0.2 s; give 0 to 0.1 s, or None"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Actuators(**settings)
+
+
+def test_the_torque_falls_from_the_corner_speed_to_zero_at_the_highest_speed() -> None:
+    limit, force_range = TorqueSpeedLimit(ROBOT, ROBOT.torque_limit), np.zeros((19, 2))
+    top, corner, full = ROBOT.velocity_limit, ROBOT.corner_speed, ROBOT.torque_limit
+    for speed, driving in (
+        (ZERO, full),
+        (corner, full),
+        (0.5 * (corner + top), 0.5 * full),
+        (top, ZERO),
+        (3 * top, ZERO),
+    ):
+        limit.write(speed, force_range)
+        np.testing.assert_allclose(force_range[:, 1], driving, atol=1e-9)
+        np.testing.assert_allclose(force_range[:, 0], -full, atol=1e-9, err_msg="braking has the full torque")
+        limit.write(-speed, force_range)
+        np.testing.assert_allclose(force_range[:, 0], -driving, atol=1e-9)
+        np.testing.assert_allclose(force_range[:, 1], full, atol=1e-9)
+
+
+def test_speeds_that_are_not_numbers_leave_a_finite_range() -> None:
+    force_range = np.zeros((19, 2))
+    TorqueSpeedLimit(ROBOT, ROBOT.torque_limit).write(np.full(19, np.nan), force_range)
+    assert np.isfinite(force_range).all()
+
+
+def test_the_simulation_limits_the_torque_by_the_speed_that_it_begins_a_step_with() -> None:
+    simulation = floating(Actuators(friction=0.0, delay=0.0))
+    knee = ROBOT.index("left_knee_joint")
+    rng, beyond = np.random.default_rng(0), 0
+    for _ in range(200):
+        tau = 2.0 * ROBOT.torque_limit * rng.choice([-1.0, 1.0], 19)
+        force_range, before = np.zeros((19, 2)), simulation.data.qvel[6:].copy()
+        TorqueSpeedLimit(ROBOT, ROBOT.torque_limit).write(before, force_range)
+        simulation.step(torque(tau), 0.002)
+        np.testing.assert_allclose(simulation.torque, np.clip(tau, force_range[:, 0], force_range[:, 1]), atol=1e-9)
+        beyond += int(np.sum(np.abs(before) > ROBOT.corner_speed))
+    assert beyond > 20
+    # However long a torque drives a joint, it never gets much beyond its highest speed.
+    simulation = floating(Actuators(friction=0.0, delay=0.0))
+    simulation.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    push = np.where(np.arange(19) == knee, 300.0, 0.0)
+    speeds = [simulation.step(torque(push), 0.002).dq[knee] for _ in range(100)]
+    assert 0.8 * ROBOT.velocity_limit[knee] < max(speeds) < 1.05 * ROBOT.velocity_limit[knee]
+
+
+def test_ideal_drives_have_no_speed_limit_friction_or_delay() -> None:
+    simulation = floating(Actuators.ideal())
+    simulation.data.qvel[6:] = 3.0 * ROBOT.velocity_limit
+    simulation.step(torque(ROBOT.torque_limit), 0.002)
+    np.testing.assert_allclose(simulation.torque, ROBOT.torque_limit)
+    assert not simulation.model.dof_frictionloss.any()
+    np.testing.assert_array_equal(simulation.model.dof_damping[6:], ROBOT.damping)
+
+
+def test_friction_holds_a_joint_against_a_smaller_torque() -> None:
+    for actuators, moves in ((Actuators.ideal(), True), (NO_DELAY, False)):
+        simulation = floating(actuators)
+        start = simulation.state().q
+        for _ in range(50):
+            simulation.step(torque(0.5 * ROBOT.friction), 0.002)
+        assert bool(np.abs(simulation.state().q - start).max() > 0.05) is moves
+
+
+def test_reflected_inertia_adds_to_the_mass_matrix() -> None:
+    diagonals = []
+    for factor in (0.5, 1.0, 2.0):
+        model = load_model(0.002, actuators=Actuators(armature=factor))
+        data, matrix = mujoco.MjData(model), np.zeros((25, 25))
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_forward(model, data)
+        for column, unit in zip(matrix, np.eye(25), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
+        diagonals.append(np.diag(matrix)[6:])
+    np.testing.assert_allclose(diagonals[1] - diagonals[0], 0.5 * ROBOT.armature)
+    np.testing.assert_allclose(diagonals[2] - diagonals[1], ROBOT.armature)
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.0005, 1), (None, 1), (0.006, 3)])
+def test_a_command_acts_after_the_delay(delay: float | None, steps: int) -> None:
+    simulation = floating(Actuators(torque_speed=False, friction=0.0, delay=delay))
+    simulation.step(torque(ZERO), 0.002)
+    seen = []
+    for _ in range(6):
+        simulation.step(torque(np.ones(19)), 0.002)
+        seen.append(float(simulation.torque[0]))
+    assert seen == [0.0] * steps + [1.0] * (6 - steps)
+
+
+def test_the_first_command_after_a_reset_acts_at_once() -> None:
+    simulation = Simulation(actuators=Actuators())
+    for _ in range(2):
+        simulation.reset()
+        simulation.step(torque(np.ones(19)), 0.002)
+        np.testing.assert_allclose(simulation.torque, 1.0)
+
+
+def test_many_robots_have_the_same_drives_as_one() -> None:
+    """The same steps as one simulation, to the rounding of its extra forward pass."""
+    one = Simulation(timestep=0.005, actuators=NO_DELAY)
+    many = BatchSimulation(2, actuators=NO_DELAY)
+    one.reset()
+    rng, limited = np.random.default_rng(0), 0
+    for _ in range(20):
+        target = ROBOT.nominal + 0.5 * rng.standard_normal(19)
+        one.step(JointCommand.position(ROBOT, target), 0.02)
+        many.ctrl[:] = target
+        many.step(4)
+        limited += int(np.sum(np.abs(many.qvel[0, 6:]) > ROBOT.corner_speed))
+        np.testing.assert_allclose(many.qpos[0], one.data.qpos, atol=1e-6)
+    assert limited > 0
+    np.testing.assert_array_equal(many.qpos[0], many.qpos[1])
+
+
+def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
+    """What a training varies: friction, damping and inertia of single robots."""
+    batch = BatchSimulation(3, actuators=NO_DELAY)
+    for field, factor in (("dof_frictionloss", 3.0), ("dof_damping", 2.0), ("dof_armature", 1.5)):
+        batch.batch.expand(field)[1, 6:] *= factor
+    batch.batch.set_const()
+    for _ in range(5):
+        batch.ctrl[:] = ROBOT.nominal + 0.2
+        assert not batch.step(4).any()
+    np.testing.assert_array_equal(batch.qpos[0], batch.qpos[2])
+    assert np.abs(batch.qpos[1] - batch.qpos[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"time_constant": 0.0}, "time constant of the ground is 0.0 s"),
+        ({"cone": "round"}, "unknown friction cone 'round'"),
+        ({"impratio": -1.0}, "impratio of the ground is -1.0"),
+        ({"iterations": 0}, "the ground's solver has 0 iterations"),
+    ],
+)
+def test_grounds_out_of_range_are_refused(settings: dict, message: str) -> None:
+    with pytest.raises((ConfigError, UnknownNameError), match=message):
+        Ground(**settings)
