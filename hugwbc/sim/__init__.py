@@ -3,8 +3,8 @@
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.scene import Ground
-from hugwbc.sim.sensors import SensorNoise
-from hugwbc.sim.simulation import Simulation, noisy_simulation
+from hugwbc.sim.sensors import EXACT, PROFILES, ROBOT, SensorProfile, sensor_profile
+from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
 from hugwbc.sim.variation import Variation
 
@@ -15,10 +15,9 @@ __all__ = [
     "Ground",
     "HeightField",
     "LevelGround",
-    "SensorNoise",
+    "SensorProfile",
     "Simulation",
     "Variation",
     "level_terrain",
-    "noisy_simulation",
     "rough_terrain",
 ]

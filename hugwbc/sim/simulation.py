@@ -14,15 +14,13 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground, load_model
-from hugwbc.sim.sensors import Reading, SensorNoise, Sensors
+from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
 
 # A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
-ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller of a real robot
-LONGEST_LATENCY = 1.0  # [s]
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -35,6 +33,7 @@ class Simulation:
         robot: names, limits, gains and drives.
         actuators: what the drives do besides the PD law.
         variation: difference of this robot from its description.
+        sensing: sensors of the robot.
         rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
         diverged: whether the physics has failed since the last reset (MuJoCo then resets the state by itself).
     """
@@ -44,8 +43,8 @@ class Simulation:
         *,
         timestep: float = SIMULATION_TIMESTEP,
         terrain: HeightField | None = None,
-        noise: SensorNoise | None = None,
-        latency: float = 0.0,
+        sensing: SensorProfile | str = EXACT,
+        latency: float | None = None,
         seed: int = 0,
         variation: Variation | None = None,
         robot: Robot | None = None,
@@ -57,9 +56,9 @@ class Simulation:
         Args:
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
-            noise: noise on the results of `sense`; None for exact readings.
-            latency: age of the results of `sense`, rounded to whole physics steps [s].
-            seed: random seed of the noise.
+            sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
+            latency: age of the results of `sense`, rounded to whole physics steps [s]; None for the profile's.
+            seed: random seed of the sensors' noise, biases and offsets.
             variation: difference of the robot from its description; None for no difference.
             robot: robot to simulate; None for the H1.
             actuators: drives of the joints; None for ideal ones.
@@ -68,8 +67,9 @@ class Simulation:
         Raises:
             ConfigError: if time step, latency or seed is out of range.
         """
-        if not 0.0 <= latency <= LONGEST_LATENCY:
-            raise ConfigError(f"latency is {latency} s; give 0 to {LONGEST_LATENCY:g} s")
+        profile = sensor_profile(sensing) if isinstance(sensing, str) else sensing
+        if latency is not None:
+            profile = dataclasses.replace(profile, latency=latency)
         if seed < 0:
             raise ConfigError(f"seed is {seed}; give 0 or more")
         self.robot = robot or load_robot()
@@ -87,10 +87,10 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self.rejected_commands = 0
         self.diverged = False
-        self._sensors = Sensors(self.model, noise, seed)
-        self._latency = latency
+        self.sensing = profile
+        self._sensors = Sensors(self.model, profile, seed)
         # Readings of the physics steps that the latency spans, oldest first, and the current one.
-        self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(latency / timestep))
+        self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._pelvis = self.model.body("pelvis").id
         self._force_until: dict[int, float] = {}
         # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
@@ -134,6 +134,8 @@ class Simulation:
             self._place_feet(self._footing)
         mujoco.mj_forward(self.model, self.data)
         self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+        self._torque = self.torque
+        self._sensors.reset()
         self._readings.clear()
         self._readings.append(self._reading())
         return self.state()
@@ -164,6 +166,7 @@ class Simulation:
             self.diverged |= any(self.data.warning[w].number for w in DIVERGED)
             # The acceleration during this step; `mj_forward` computes that of the next one.
             self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+            self._torque = self.torque
             mujoco.mj_forward(self.model, self.data)
             self._readings.append(self._reading())
         return self.state()
@@ -211,20 +214,20 @@ class Simulation:
 
     def _reading(self) -> Reading:
         d = self.data
-        return Reading(float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer)
+        return Reading(float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer, self._torque)
 
     def state(self) -> RobotState:
         """Return the true state, with position, velocity and foot forces."""
         return self._sensors.truth(self._reading())
 
     def sense(self) -> RobotState:
-        """Return the readings of `latency` ago: encoders, torso IMU and foot contacts, with noise if configured.
+        """Return the readings of `sensing.latency` ago, as the robot's sensors give them.
 
-        Orientation and angular velocity are converted from the IMU to the pelvis. Position and velocity of the pelvis
-        stand for an estimator's results and have their own noise (`hugwbc.runtime.estimation` needs neither).
+        Orientation and angular velocity are converted from the IMU to the pelvis. What the robot has no sensor for is
+        None; `hugwbc.runtime.estimation` estimates it.
         """
         # Read the current state again: a push or a viewer may have changed it since the last step.
-        reading = self._readings[0] if self._latency > 0.0 else self._reading()
+        reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
         return dataclasses.replace(self._sensors.read(reading), age=float(self.data.time) - reading.time)
 
     @property
@@ -273,27 +276,3 @@ class Simulation:
         contacts = self.data.contact.geom
         return bool(np.any(np.all(np.sort(contacts, axis=1) == sorted((floor, torso)), axis=1)))
 
-
-def noisy_simulation(
-    *,
-    timestep: float = SIMULATION_TIMESTEP,
-    terrain: HeightField | None = None,
-    latency: float = ROBOT_LATENCY,
-    seed: int = 0,
-    variation: Variation | None = None,
-    robot: Robot | None = None,
-    actuators: Actuators | None = None,
-    ground: Ground | None = None,
-) -> Simulation:
-    """Build a simulation with the sensor noise and latency of a real robot, for use with a state estimator."""
-    return Simulation(
-        timestep=timestep,
-        terrain=terrain,
-        noise=SensorNoise.robot(),
-        latency=latency,
-        seed=seed,
-        variation=variation,
-        robot=robot,
-        actuators=actuators,
-        ground=ground,
-    )
