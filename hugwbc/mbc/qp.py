@@ -11,7 +11,7 @@ from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.proxsuite_build import proxqp
-from hugwbc.mbc.tasks.task import TaskTerms
+from hugwbc.mbc.tasks import TaskTerms
 from hugwbc.robot import SIDES, Robot
 
 CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "toe"))
