@@ -105,9 +105,9 @@ class RigidBodyMpc:
         k = I (\dot\theta + \omega_d) + K (\dot c - \dot r) + (I_0 - I)\, \omega_r
 
     The legs weigh as much as the trunk, so their motion matters. They keep the feet where the plan has them:
-    :math:`\dot r` and :math:`\omega_r` are the velocity and the turning rate of the feet, zero in stance. In flight they
-    are on average twice those of the body, since the feet have to catch up. I is the inertia that the pelvis then
-    feels, :math:`I_0` that of the frozen robot.
+    :math:`\dot r` and :math:`\omega_r` are the velocity and the turning rate of the feet. Both are zero in stance. In
+    flight they are on average twice those of the body, since the feet have to catch up. I is the inertia that the
+    pelvis then feels, :math:`I_0` that of the frozen robot.
 
     The centre of mass in the moment arm, :math:`\bar c`, keeps its height and its horizontal velocity. This makes the
     problem linear; it is corrected by solving again, many times per stance. The rest of the stance is cut into
