@@ -1,4 +1,4 @@
-"""Walk forward with the model-based controller, and measure the speed.
+"""Walk forward with the `qp` controller, and measure the speed.
 
 python examples/02_walk_with_qp.py --v-x 0.5 --duration 6
 """

@@ -1,4 +1,4 @@
-"""Walk while both hands swing about points in front of the body: a command script, hand IK and the QP controller.
+"""Walk while both hands swing about points in front of the body: a command script, hand IK and the `qp` controller.
 
 A script is made of segments; between them commands and hand targets ramp smoothly. Any controller can play it.
 

@@ -52,7 +52,7 @@ def main(h: float = -0.05, duration: float = 2.0) -> None:
     trace = rollout(Squatter(), Constant(Command(h=h).validate()), Simulation(), duration=duration)
     fate = f"fell after {trace.survived_s:.2f} s" if trace.fell else "did not fall"
     print(f"commanded {h:.2f} m, came to {trace.measured[:, 3].min():.2f} m and {fate}")
-    print("it does not balance: that is what the learned and the model-based controller do")
+    print("it does not balance: that is what the controllers learned and qp do")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Gaits: phases of both feet, homogenised phase, clock signals, expected contact and the quintic swing profile.
 
 Functions of arrays take NumPy arrays or torch tensors and return the same kind, so that the training environment, the
-model-based controller and the evaluation share one definition. The last axis of a phase array is (left, right).
+`qp` controller and the evaluation share one definition. The last axis of a phase array is (left, right).
 """
 
 import enum

@@ -177,7 +177,7 @@ def test_it_follows_the_walking_robot(exact, speed_error):
     assert np.linalg.norm((estimate.position - state.position)[:2]) < 0.1  # 1.5 m walked, one turn of 50 degrees
 
 
-def test_the_model_based_controller_walks_on_the_estimate():
+def test_qp_walks_on_the_estimate():
     command = Command(v_x=0.5, gait=Gait.WALKING)
     trace = rollout(
         WholeBodyController(), Constant(command), noisy_simulation(seed=1), duration=4.0, estimator=StateEstimator()
