@@ -163,6 +163,7 @@ class GaitPlan:
         if self._gather > 0.0:  # the clock stands still during a countermovement
             self._gather = max(self._gather - dt, 0.0)
             return False
+        # A step ends where the phase crosses 0 or 0.5. A foot that is overdue keeps the step open after the crossing.
         half = self.phase >= 0.5
         self.phase = float(advance_phase(self.phase, frequency * self._pace, dt))
         if (self.phase >= 0.5) is half and self._overdue == 0.0:
@@ -183,6 +184,7 @@ class GaitPlan:
         if not may_start:
             return False
         if gait is Gait.WALKING:
+            # The left foot swings from phase 0 on, the right one from 0.5.
             self._enter(Mode.WALKING, gait, 0.5 * first_swing)
         else:
             self._enter(Mode.LEAPING, gait)
@@ -202,7 +204,7 @@ class GaitPlan:
             return True
         if self._last:
             self._enter(Mode.LANDING, self.gait)
-            self._gather = self._gather_time + self.step_time
+            self._gather = self._gather_time + self.step_time  # the clock has ended: this time alone ends the landing
         return False
 
     def _enter(self, mode: Mode, gait: Gait, phase: float = 0.0) -> None:

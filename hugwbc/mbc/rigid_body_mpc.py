@@ -134,6 +134,8 @@ class RigidBodyMpc:
         self._intervals = params.mpc_intervals
         width = 3 * points
         size = self._intervals * width
+        # Every interval has the same rows: four of friction per point, then one of the ankle per foot. The matrix is
+        # block diagonal, since no constraint ties the forces of two intervals to each other.
         self._rows = 4 * points + points // 2
         self._C = np.zeros((self._intervals, self._rows, self._intervals, width))
         friction = np.kron(np.eye(points), friction_pyramid(params.friction))
@@ -172,6 +174,7 @@ class RigidBodyMpc:
             x = None
         solved = x is not None
         if x is None:
+            # Without a solution the ground carries the robot's weight, evenly, until the next plan.
             self.reset()
             x = np.tile([0.0, 0.0, 1.0 / self._points], self._intervals * self._points)
         forces = body.mass * GRAVITY * x.reshape(self._intervals, self._points, 3)
@@ -220,6 +223,7 @@ class RigidBodyMpc:
         parts = self._asked(body, target, linear, angular, time_left)
         matrix = np.concatenate([block * np.sqrt(weight) for block, _, weight in parts])
         wanted = np.concatenate([value * np.sqrt(weight) for _, value, weight in parts])
+        # The force weight also makes H regular, since different forces may cause the same motion.
         H = matrix.T @ matrix
         force_weight = self._params.mpc_force_weight * (time_left / self._intervals)
         H.flat[:: self._size + 1] += force_weight
@@ -253,6 +257,7 @@ class RigidBodyMpc:
         drift = sway[:, :2] @ target.velocity[:2] - 2.0 * (frozen - np.eye(3)) @ target.spin
         if target.flight == 0.0:
             drift = np.zeros(3)
+        # The motion without forces: a ballistic centre of mass, and a body that keeps its angular momentum.
         free_velocity = body.velocity + np.outer(t, [0.0, 0.0, -GRAVITY])
         free_height = body.com[2] + body.velocity[2] * time_left - 0.5 * GRAVITY * time_left**2
         path = np.outer(t, body.velocity) + np.outer(0.5 * t**2, [0.0, 0.0, -GRAVITY])

@@ -63,6 +63,7 @@ class Walking:
         pendulum = request.pendulum
         step = self._plan_step(request)
         self.out_of_reach += any(step.missed)
+        # The foot lands along the heading that the robot will have then.
         landing_yaw = references.yaw + command.omega * plan.remaining
         foothold = feet.sole_about(step.foothold, landing_yaw, references.balance)
         elapsed = plan.duration - plan.remaining
@@ -72,6 +73,7 @@ class Walking:
             self._noted = True
         standing = dynamics.frame(feet.SOLES[stance]).position
         height = float(standing[2])
+        # The crouch is measured from the height without it, or it would undo itself.
         upright = references.height.target + references.crouch.depth - height
         references.crouch.prepare(dynamics, request, step, plan.remaining, upright)
         self.trajectory.advance(
@@ -114,6 +116,7 @@ class Walking:
         step = plan_step(self._params, request, remaining)
         if self._params.step_timing <= 0.0 or remaining <= 0.0 or self.landed:
             return step
+        # Retiming shifts the clock of this step only; the next one has its nominal duration again.
         elapsed = plan.duration - remaining
         chosen, step = time_step(self._params, request, step, self.trajectory, elapsed, remaining)
         if chosen != remaining:

@@ -221,6 +221,7 @@ class WholeBodyController:
             return self._fall_back(solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED
         self._held = 0
+        # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
         self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
@@ -285,7 +286,7 @@ class WholeBodyController:
         """Return the last good command for up to `hold_time`, then one that only damps the joints."""
         self._fallbacks += 1
         self._held += 1
-        self._predictor.record(np.zeros(self.dynamics.nv))
+        self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
         if self._last is not None and self._held * self.period <= self.params.hold_time:
             self._outcome = _Outcome(Output.HELD, solution, report, [], [])
             return self._last
