@@ -2,9 +2,8 @@
 
 import dataclasses
 import socket
-import time
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,13 +20,10 @@ from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets
+from hugwbc.viz.show import open_view, run_live
 
-FRAME_PERIOD = 0.04  # [s] between two pictures
-FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
-
-Draw = Callable[[Moment], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,8 +89,8 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
     loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
-    draw = None if options.headless else _viewer(controller.name, options.browser)
-    _run(loop, duration, draw)
+    draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
+    run_live(loop, duration, draw, tell=say)
     return 0
 
 
@@ -141,7 +137,7 @@ def _run_live(options: PlayOptions) -> int:
         page.show(simulation)
 
     try:
-        _run(loop, options.duration or np.inf, draw, page.source.restart)
+        run_live(loop, options.duration or np.inf, draw, on_reset=page.source.restart, tell=say)
     finally:
         page.close()
     return 0
@@ -188,62 +184,3 @@ def _hands(options: PlayOptions) -> HandTargets | None:
     if options.left_hand is None or options.right_hand is None:
         raise TargetError("only one hand has a target; give both --left-hand x y z and --right-hand x y z, or neither")
     return HandTargets.of(options.left_hand, options.right_hand)
-
-
-def _viewer(name: str, browser: bool) -> Draw:
-    from hugwbc.viz.meshcat_scene import Scene
-    from hugwbc.viz.server import open_visualizer
-
-    visualizer, address = open_visualizer()
-    scene = Scene(visualizer, [name])
-    say(f"watch at {address}; Ctrl-C stops")
-    if browser:
-        webbrowser.open(address)
-
-    def draw(moment: Moment) -> None:
-        scene.robots[0].show(moment)
-        scene.look_at(moment.qpos[:2])
-
-    return draw
-
-
-def _run(loop: ControlLoop, duration: float, draw: Draw | None, on_reset: Callable[[], None] | None = None) -> None:
-    """Run the loop, in real time if there is a viewer, and say how it went.
-
-    A robot that fell stands up again and the commands start anew.
-    """
-    falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
-    changed: list[str] = []
-    loop.reset()
-    begin = time.monotonic()
-    while simulated < duration - 1e-9:
-        loop.step(loop.decide(t), loop.period)
-        t += loop.period
-        simulated += loop.period
-        if draw is not None and simulated >= next_frame:
-            next_frame += FRAME_PERIOD
-            draw(loop.moment())
-            begin = _keep_pace(begin, simulated)
-        if loop.simulation.fallen:
-            falls += 1
-            say(f"fell after {t:.1f} s; standing up again")
-            if draw is not None:
-                time.sleep(FALLEN_PAUSE)
-                begin += FALLEN_PAUSE
-            changed += loop.safe.report().messages  # which the reset clears
-            loop.reset()
-            t = 0.0
-            if on_reset is not None:
-                on_reset()
-    say(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
-    for message in dict.fromkeys([*changed, *loop.safe.report().messages]):
-        say(f"safety: {message}")
-
-
-def _keep_pace(begin: float, simulated: float) -> float:
-    """Wait until real time has caught up; where the computer is too slow, time is given up instead of caught up."""
-    ahead = begin + simulated - time.monotonic()
-    if ahead > 0.0:
-        time.sleep(ahead)
-        return begin
-    return begin - ahead

@@ -10,7 +10,7 @@ from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import CommandSource, ControlLoop, UpperBodySource, foot_contacts
-from hugwbc.runtime.moment import MOMENT_FIELDS
+from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.sim import Disturber, Force, Simulation
 
@@ -25,6 +25,7 @@ def rollout(
     estimator: StateEstimator | None = None,
     forces: Sequence[Force] = (),
     on_progress: Callable[[float], None] | None = None,
+    on_moment: Callable[[Moment], None] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
@@ -40,6 +41,7 @@ def rollout(
         estimator: of the state from the sensors; None where the controller reads them itself.
         forces: that act on the robot.
         on_progress: called with the fraction done, about fifty times a simulated second.
+        on_moment: called with what a picture shows at each sample of the record.
 
     Raises:
         ConfigError: if the duration is not above 0, or the controller's period is no multiple of the time step.
@@ -58,7 +60,9 @@ def rollout(
         if upper_body is not None:
             recorder.ik_ms.append(loop.ik_s * 1e3)
         if recorder.due(t):
-            recorder.sample(t, joint_command)
+            moment = recorder.sample(t, joint_command)
+            if on_moment is not None:
+                on_moment(moment)
             if on_progress is not None:
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t):
@@ -98,8 +102,8 @@ class _Recorder:
             self._last_contact[self._contact] = now
         return not self.simulation.fallen
 
-    def sample(self, t: float, command: JointCommand) -> None:
-        """Add one row of everything at time t."""
+    def sample(self, t: float, command: JointCommand) -> Moment:
+        """Add one row of everything at time t; the part of it that a picture shows."""
         self._samples += 1
         state = self.simulation.state()
         self.kinematics.update(state)
@@ -122,6 +126,7 @@ class _Recorder:
         }
         for name, value in row.items():
             self.rows.setdefault(name, []).append(value)
+        return moment
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """The record of the run."""
