@@ -1,4 +1,4 @@
-"""`hugwbc play`: one controller live, in real time, in the browser."""
+"""`hugwbc play`: watch one controller live in the browser, or drive it."""
 
 import dataclasses
 import socket
@@ -31,14 +31,14 @@ class PlayOptions:
     """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
 
     controller: str = "learned"
-    """learned, qp, hold (the baseline that only holds its pose), a plug-in's name, or the path of a policy or
-    of a contract for somebody else's (docs/evaluation.md)."""
+    """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, or the path of a policy or
+    of a contract for a foreign policy (docs/evaluation.md)."""
     policy: str | None = None
-    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
+    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
-    """Play this script, with its hand targets, instead of one command: a shipped one's name, or a file (.yaml)."""
+    """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
     gait: str | None = None
-    """Of the command; by default walking if a velocity is given, else standing."""
+    """Gait; by default walking if a velocity is given, otherwise standing."""
     v_x: float | None = None
     """Forward velocity [m/s]."""
     v_y: float | None = None
@@ -60,25 +60,25 @@ class PlayOptions:
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
     noise: bool = False
-    """Give the sensors a real robot's noise and latency, and estimate the state from them."""
+    """Give the sensors the noise and latency of a real robot, and estimate the state from them."""
     duration: float | None = None
-    """Stop after this time [s]; by default at the end of the script, or never."""
+    """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
     headless: bool = False
-    """Without browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
+    """Run without a browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
     browser: bool = True
-    """Open the page; otherwise only its address is printed."""
+    """Open the page in the browser; otherwise only print its address."""
     live: bool = False
-    """Drive the robot from the page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
+    """Drive the robot from a page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
     host: str = "127.0.0.1"
-    """To serve the live page on."""
+    """Host on which to serve the live page."""
     port: int = 0
-    """Of the live page; 0 for any that is free."""
+    """Port of the live page; 0 for any free port."""
     expose: bool = False
-    """Allow a host that other machines can reach: they can then drive the robot."""
+    """Allow a host that other machines can reach. They can then drive the robot."""
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, open the viewer, run the loop."""
+    """Parse the options, open the viewer and run the loop; return the exit code."""
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
@@ -95,10 +95,10 @@ def run(words: Sequence[str]) -> int:
 
 
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
-    """Tell who forgot `--live` that the options of its page do nothing.
+    """Refuse options of the live page without `--live`, because they would do nothing.
 
     Raises:
-        ConfigError: naming them.
+        ConfigError: if there are any; the message names them.
     """
     given = [name for name in ("host", "port", "expose") if getattr(options, name) != getattr(PlayOptions(), name)]
     if given:
@@ -107,13 +107,13 @@ def _refuse_options_of_the_page(options: PlayOptions) -> None:
 
 
 def _run_live(options: PlayOptions) -> int:
-    """Serve the live page until the time is over, Ctrl-C, or for ever.
+    """Serve the live page until the time is over or Ctrl-C.
 
     Raises:
-        ConfigError: if viser is not installed, host or port are not allowed, or another way to command is given too.
+        ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
     """
     others = ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)
-    # A command of 0 is given as well: neither None nor the False of a flag, though equal to it.
+    # `is not False`, because a command of 0 is given too, and 0 == False.
     given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
     if given:
         raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
@@ -144,7 +144,7 @@ def _run_live(options: PlayOptions) -> int:
 
 
 def _check_host(host: str) -> None:
-    """Refuse an address that is none of this machine's: the page's server would fail in its own thread, unheard.
+    """Refuse an address that is not this machine's: the page's server would fail in its own thread without a message.
 
     Raises:
         ConfigError: if no port of the host can be opened.
@@ -156,11 +156,11 @@ def _check_host(host: str) -> None:
 
 
 def _source(options: PlayOptions) -> tuple[CommandSource, float]:
-    """What to command, and for how long [s].
+    """Return what to command, and for how long [s].
 
     Raises:
-        CommandError: if a value is out of range, or values and a script are both given.
-        TargetError: if one hand has a target and the other has none, or a target is not finite.
+        CommandError: if a value is out of range, or if values and a script are both given.
+        TargetError: if only one hand has a target, or a target is not finite.
     """
     values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
     if options.script is not None:

@@ -1,4 +1,4 @@
-"""What the pictures need to know of a run, and the colours that tell several runs apart."""
+"""What all pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
 
 from collections.abc import Sequence
 
@@ -8,33 +8,38 @@ from hugwbc.errors import ConfigError
 from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
 from hugwbc.runtime.trace import Trace
 
-LANE = 1.5  # [m] between robots shown side by side
-FRAMED_RADIUS = 1.0  # [m] about the point looked at within which robots are well in the picture
-CAMERA_TIME = 1.0  # [s] over which the camera's motion is smoothed
-# Readable on light and on dark ground, and told apart by people who confuse red and green.
+LANE = 1.5  # [m], distance between robots side by side
+FRAMED_RADIUS = 1.0  # [m], distance from the point looked at up to which a robot is well in the picture
+CAMERA_TIME = 1.0  # [s], length of the moving average that smooths the camera's path
+# Readable on light and dark backgrounds, and distinct for people with red-green colour blindness.
 LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
 
 
 def moment(trace: Trace, sample: int) -> Moment:
-    """What a picture of one sample shows."""
+    """Return what a picture of one sample of a run shows.
+
+    Args:
+        trace: the run.
+        sample: index of the sample.
+    """
     return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
 def check_count(runs: int) -> None:
-    """Refuse a number of runs, or of controllers, that cannot be told apart in a picture.
+    """Refuse a number of runs, or of controllers, that a picture cannot show in different colours.
 
     Raises:
-        ConfigError: if there is none, or more than there are colours.
+        ConfigError: if there are none, or more than there are colours.
     """
     if not 1 <= runs <= len(LABEL_COLOURS):
         raise ConfigError(f"{runs} runs to draw; give 1 to {len(LABEL_COLOURS)}")
 
 
 def check_traces(traces: Sequence[Trace]) -> None:
-    """Refuse what cannot be drawn.
+    """Refuse runs that cannot be drawn.
 
     Raises:
-        ConfigError: if there is no trace, more than there are colours, or one without samples.
+        ConfigError: if there are no runs, more than there are colours, or a run has no samples.
     """
     check_count(len(traces))
     for trace in traces:
@@ -43,27 +48,37 @@ def check_traces(traces: Sequence[Trace]) -> None:
 
 
 def lanes(count: int) -> np.ndarray:
-    """Sideways offsets of robots side by side, the first one leftmost when seen from ahead [m], shape (count,)."""
+    """Return sideways offsets [m], shape (count,): the first robot is leftmost for a camera ahead of them."""
     return LANE * (np.arange(count) - (count - 1) / 2)
 
 
 def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
-    """Index of the last sample at or before each frame, from the first sample's time to `end` [s], `fps` a second.
+    """Return the index of the last sample at or before each frame of a film, shape (frames,).
 
     A run that ended early stays at its last sample.
+
+    Args:
+        time: times of the samples [s], shape (T,).
+        fps: frames per second.
+        end: time of the last frame [s]; the first frame is at the first sample.
     """
     frames = time[0] + np.arange(int((end - time[0]) * fps + 1e-6) + 1) / fps
     return np.clip(np.searchsorted(time, frames + 1e-9, side="right") - 1, 0, len(time) - 1)
 
 
 def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where to look, and from how far, so that all robots stay in the picture; smoothed.
+    """Return where to look, and from how far, so that all robots stay in the picture.
 
-    A run that has ended is left behind while another one goes on.
+    Both paths are smoothed. A run that has ended is left behind while another one goes on.
+
+    Args:
+        traces: the runs, in the order of their lanes.
+        fps: frames per second.
+        end: time of the last frame [s].
 
     Returns:
-        The mean of the robots, in their lanes, shape (frames, 2) [m]; and by which factor, at least 1, the camera has
-        to stand back because they have drifted apart, shape (frames,).
+        The mean position of the robots in their lanes [m], shape (frames, 2), and the factor by which the camera has to
+        stand back because the robots have drifted apart, at least 1, shape (frames,).
     """
     samples = [frame_samples(trace.time, fps, end) for trace in traces]
     ways = np.stack([trace.qpos[sample, :2] for trace, sample in zip(traces, samples, strict=True)])
@@ -78,8 +93,9 @@ def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.nda
 
 
 def _smooth(values: np.ndarray, fps: float) -> np.ndarray:
-    """Moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
+    """Return the moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
     half = max(1, int(CAMERA_TIME * fps / 2))
+    # The ends are repeated, so that the camera neither starts nor stops short of the robots.
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     kernel = np.full(2 * half + 1, 1 / (2 * half + 1))
     return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)

@@ -1,4 +1,4 @@
-"""A self-contained page that replays one or more runs in three dimensions: play, pause, scrub, choose what is shown."""
+"""A self-contained page that replays runs in three dimensions: play, pause, scrub, and choose which marks to show."""
 
 import base64
 import html
@@ -22,7 +22,8 @@ from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
 
 FPS = 25
 _ROOT = Path(("meshcat",))
-ROW, GAP, LINE = 9.0, 3.0, 3.0  # of a foot, between feet, of the contact within it, in the picture's units
+# Heights in the gait bar, in the picture's units: of a foot's row, between rows, of the contact line within a row.
+ROW, GAP, LINE = 9.0, 3.0, 3.0
 CONTACT = "#1c2430"
 
 
@@ -31,23 +32,23 @@ class _Command(Protocol):
 
 
 class _Recorder:
-    """Stands where meshcat expects its window, and keeps the commands instead of sending them to a server."""
+    """A stand-in for meshcat's window that keeps the commands instead of sending them to a server."""
 
     def __init__(self) -> None:
         self.commands: list[bytes] = []
 
     def send(self, command: _Command) -> None:
-        # Single precision halves the page; positions keep a micrometre.
+        # Single precision halves the size of the page; positions are still exact to a micrometre.
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
 
 def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> str:
-    """The page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; needs no network.
+    """Return the page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; it loads nothing.
 
     Args:
-        traces: 1 to 4 runs.
-        title: of the page.
-        fps: frames per second of the recording; the browser interpolates between them.
+        traces: one to four runs.
+        title: title of the page.
+        fps: frames per second of the recording; the browser interpolates between frames.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -63,7 +64,7 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
         for path, tracks in (*_link_tracks(view, trace, samples), *_mark_tracks(view, trace, samples, fps)):
             animation.clips[robot.append(path)] = _clip(tracks, fps)
     centre, distance = camera_path(traces, fps, end)
-    # A camera that stands back by a factor sees what this one sees of a world that has shrunk by it.
+    # The camera cannot stand back (see `WORLD`); shrinking the world by the same factor gives the same picture.
     scale = 1.0 / distance[:, None]
     world: Tracks = [
         ("position", "vector3", (scale * world_offset(centre)).tolist()),
@@ -104,7 +105,7 @@ def _link_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator
 
 
 def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
-    """Tracks of what changes about the marks; what does not is placed here once and for all."""
+    """Yield the tracks of marks that move, appear or vanish; place the others once and for all."""
     frames = [view.marks.at(moment(trace, int(sample))) for sample in samples]
     for name in frames[0]:
         marks = [frame[name] for frame in frames]
@@ -112,7 +113,7 @@ def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -
         if not shown.any():
             view.place(name, marks[0])
             continue
-        # A hidden mark stays where it was, so that the browser does not move it on the way to its next place.
+        # A hidden mark stays in its last place: the browser interpolates, and would show it flying to the next one.
         last = np.maximum.accumulate(np.where(shown, np.arange(len(marks)), np.argmax(shown)))
         marks = [marks[index] for index in last]
         view.place(name, marks[0])
@@ -133,7 +134,7 @@ def _motion(marks: Sequence[Mark]) -> Tracks:
 
 
 def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
-    """Footprints that appear when a foot comes down, and stay."""
+    """Yield the tracks of footprints, which appear when a foot comes down and then stay."""
     times = [(float(time), foot) for foot in range(2) for time in trace.touch_downs[foot] if time <= trace.time[-1]]
     for number, (time, foot) in enumerate(sorted(times)):
         sample = int(np.searchsorted(trace.time, time))
@@ -143,7 +144,13 @@ def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: i
 
 
 def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
-    """An `<svg>` as wide as its container, from `begin` to `end` [s]; two rows for every run, left foot over right."""
+    """Return an `<svg>` that shows, foot by foot, what the gait's clock asked for and when the foot was on the ground.
+
+    Args:
+        traces: the runs; each has two rows, the left foot over the right one.
+        begin: time at the left end of the bar [s].
+        end: time at the right end of the bar [s].
+    """
     rows = []
     for index, trace in enumerate(traces):
         stance = in_stance(trace.phase, trace.gait, trace.foot_contact)
@@ -163,7 +170,7 @@ def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
 
 
 def _stretches(time: np.ndarray, values: np.ndarray) -> Iterator[tuple[float, float, bool]]:
-    """Begin, end and value of every stretch of equal values."""
+    """Yield the start [s], the end [s] and the value of every stretch of equal values."""
     changes = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
     for start, stop in itertools.pairwise(changes):
         yield float(time[start]), float(time[min(stop, len(time) - 1)]), bool(values[start])
