@@ -255,8 +255,8 @@ class LivePage:
     def _ask(self, name: str) -> None:
         """Ask for a slider's value; `show` moves the slider back if the gait does not admit that value.
 
-        Moving it back here would have no effect: viser passes the slider's value on to all other pages, and that message
-        replaces the one that would move it back.
+        Moving it back here would have no effect: viser passes the slider's value on to all other pages, and this
+        message replaces the one that would move it back.
         """
         asked = float(self._sliders[name].value)
         self.source.ask(name, asked)
