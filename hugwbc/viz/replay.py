@@ -214,7 +214,9 @@ _TEMPLATE = """<!DOCTYPE html>
   .panel { position: fixed; left: 12px; background: #ffffffd9; border-radius: 8px; padding: 8px 12px; }
   #legend { top: 12px; margin: 0; list-style: none; }
   #legend span { display: inline-block; width: 12px; height: 12px; border-radius: 3px; margin-right: 8px; }
-  #layers { bottom: 104px; display: flex; flex-direction: column; }
+  #layers { bottom: 104px; }
+  #layers label { display: block; }
+  #layers summary { cursor: pointer; }
   #bar { bottom: 12px; right: 12px; display: flex; gap: 12px; align-items: center; }
   #times { flex: 1; min-width: 40px; }
   #times input, #times svg { display: block; width: 100%; margin: 0; }
@@ -225,7 +227,7 @@ _TEMPLATE = """<!DOCTYPE html>
 <body>
 <div id="meshcat-pane"></div>
 <ul id="legend" class="panel">@LEGEND@</ul>
-<div id="layers" class="panel">@LAYERS@</div>
+<details id="layers" class="panel" open><summary>Show</summary>@LAYERS@</details>
 <div id="bar" class="panel">
   <button id="play" type="button">Play</button>
   <div id="times">
@@ -246,6 +248,12 @@ for (const text of [
   viewer.handle_command_bytearray(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
 }
 viewer.gui.close();
+// On a screen higher than wide, all robots still fit and the list of layers leaves them in sight.
+if (innerWidth < innerHeight) {
+  document.getElementById("layers").open = false;
+  viewer.camera.zoom = Math.max(0.5, innerWidth / innerHeight);
+  viewer.camera.updateProjectionMatrix();
+}
 const animator = viewer.animator;
 const play = document.getElementById("play"), slider = document.getElementById("time");
 const clock = document.getElementById("clock");
