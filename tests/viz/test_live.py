@@ -11,9 +11,8 @@ pytest.importorskip("viser")
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import ControlLoop
+from hugwbc.runtime import ControlLoop, upper_body_source
 from hugwbc.sim import Simulation
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage, check_host, link_meshes, page_address
 
