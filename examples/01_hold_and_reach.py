@@ -7,8 +7,7 @@ which targets cannot be reached.
 """
 
 from hugwbc import Command
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import Constant, load_controller
+from hugwbc.runtime import Constant, load_controller, upper_body_source
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import fate, run_script, watch
 

@@ -8,8 +8,7 @@ A script consists of segments; commands and hand targets ramp smoothly from one 
 import numpy as np
 
 from hugwbc import Gait
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import load_controller
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.hand_paths import Swing
 from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.viz.show import fate, run_script, watch

@@ -6,8 +6,7 @@ python examples/04_walk_with_a_cup.py --show
 import numpy as np
 
 from hugwbc import Gait
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import load_controller
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.hand_paths import Hold
 from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.viz.show import fate, run_script, watch

@@ -9,8 +9,7 @@ replay shows both attempts side by side.
 import dataclasses
 
 from hugwbc import Command
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import Constant, load_controller
+from hugwbc.runtime import Constant, load_controller, upper_body_source
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import fate, keep_replay, run_script, watch
 

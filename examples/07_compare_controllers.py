@@ -3,8 +3,8 @@
 python examples/07_compare_controllers.py --script wave --show
 """
 
-from hugwbc.evaluation.comparison import summarise, upper_body_source
-from hugwbc.runtime import load_controller
+from hugwbc.evaluation.comparison import summarise
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.script_file import load_script
 from hugwbc.viz.show import fate, keep_replay, run_script, watch
 

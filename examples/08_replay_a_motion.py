@@ -11,8 +11,7 @@ import tempfile
 import numpy as np
 
 from hugwbc import load_robot
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import load_controller
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.motion import generate_motions, load_motion
 from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz.show import fate, run_script, watch

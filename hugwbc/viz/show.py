@@ -12,10 +12,11 @@ from collections.abc import Callable, Sequence
 
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
-from hugwbc.runtime.loop import CommandSource, ControlLoop, UpperBodySource
+from hugwbc.runtime.loop import ArmSource, ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Force, Simulation
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
@@ -85,7 +86,7 @@ def watch(
     controller: Controller,
     source: CommandSource,
     simulation: Simulation | None = None,
-    upper_body: UpperBodySource | None = None,
+    upper_body: ArmSource | None = None,
     *,
     duration: float,
     show: bool = False,
