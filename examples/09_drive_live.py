@@ -9,8 +9,7 @@ import webbrowser
 
 import numpy as np
 
-from hugwbc.runtime import Simulation, load_controller, upper_body_source
-from hugwbc.runtime.moment import Moment
+from hugwbc.runtime import Moment, Simulation, load_controller, upper_body_source
 from hugwbc.viz.live import LivePage
 from hugwbc.viz.show import fate, run_script, watch
 

@@ -12,8 +12,7 @@ import numpy as np
 from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot, rotations
 from hugwbc.controller import override_arms
 from hugwbc.kinematics import Kinematics
-from hugwbc.runtime import Constant, Simulation
-from hugwbc.sim import Force
+from hugwbc.runtime import Constant, Force, Simulation
 from hugwbc.state import GRAVITY
 from hugwbc.viz.show import fate, run_script, watch
 
