@@ -20,8 +20,8 @@ from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.policy.policy import LearnedController
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -219,7 +219,7 @@ def ik_tick(calls: int) -> dict[str, float | None]:
     source = UpperBodySource(gravity_compensation=True)
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
-    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
+    return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))
 
 
 def _times(call: Callable[[int], object], count: int) -> np.ndarray:

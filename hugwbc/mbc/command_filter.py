@@ -95,7 +95,8 @@ class CommandFilter:
         # Most ticks repeat the last command after everything has arrived: their result is kept.
         if command is not self._given:
             self._given = command
-            self._valid = command.clamp()
+            valid, changes = command.clamp()
+            self._valid = valid, tuple(map(str, changes))
         elif self._arrived == legs:
             return self._result
         before = self._state

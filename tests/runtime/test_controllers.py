@@ -135,7 +135,7 @@ def test_a_policy_for_what_takes_none_is_refused(tmp_path):
     for name in ("hold", "qp"):
         with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
             ControllerSpec(name, "h1")
-    with pytest.raises(ConfigError, match="takes no policy: it is one"):
+    with pytest.raises(ConfigError, match="takes no policy because it is one"):
         ControllerSpec(str(policy_dir() / "h1"), "h1")
     with pytest.raises(ConfigError, match="takes no policy"):
         ControllerSpec.parse("qp=h1")
