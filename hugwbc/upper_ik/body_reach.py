@@ -24,8 +24,8 @@ class BodyReachConfig:
 
     Attributes:
         speed: highest speed of h, p and w [m/s, rad/s, rad/s]; both controllers follow it without losing balance.
-        body_weight: weight of the pull of h, p and w towards the command, relative to 1 for the hands [m^2/rad^2]. It is
-            well above the weight of the arms' posture, so that the arms move first.
+        body_weight: weight of the pull of h, p and w towards the command, relative to 1 for the hands [m^2/rad^2]. It
+            is well above the weight of the arms' posture, so that the arms move first.
         arm: settings of the arms.
     """
 

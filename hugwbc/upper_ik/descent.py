@@ -50,11 +50,11 @@ class Descent:
                       and, for hands that hold one object, J_right dq - J_left dq = their relative error,
 
     where e is the hand's error, cut to the length of one step, and lambda = damping + |e| (after Sugihara's
-    error-damped Levenberg-Marquardt method, IEEE T-RO 2011, in which lambda grows with the squared error). Together they
-    let the steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps overshoot and
-    chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a given
-    deceleration. Every task is soft, so that the problem always has a solution. If the solver fails nevertheless, the
-    step is repeated without collision avoidance.
+    error-damped Levenberg-Marquardt method, IEEE T-RO 2011, in which lambda grows with the squared error). Together
+    they let steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps
+    overshoot and chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a
+    given deceleration. Every task is soft, so that the problem always has a solution. If the solver fails nevertheless,
+    the step is repeated without collision avoidance.
 
     Attributes:
         q: arm joint positions [rad], shape (8,).
