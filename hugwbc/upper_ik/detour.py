@@ -16,48 +16,49 @@ from hugwbc.robot import load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
-# Left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward.
+# Known postures of the left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward.
 POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
 MIRROR = np.array([1.0, -1.0, -1.0, 1.0])
-SEEDS = np.stack((POSTURES, POSTURES * MIRROR))  # of both arms
-COUNT = 2000
-TRAVEL_COST = 0.02  # [m/rad], what a posture that is farther to go to must bring a hand nearer
-APART = 0.8  # [rad], of postures that are worth to be tried both
+SEEDS = np.stack((POSTURES, POSTURES * MIRROR))  # the same for both arms
+COUNT = 2000  # random postures in the table
+TRAVEL_COST = 0.02  # [m/rad]; a posture farther away must bring the hand nearer by this much
+APART = 0.8  # [rad], the least difference of two postures that are both worth trying
 
-STARTS = 3  # from other postures, after the one from where the arm is
-STEPS = 4  # in a tick
+STARTS = 3  # searches from other postures, after the one from the arm's own posture
+STEPS = 4  # of a search in a tick
 STEP_TIME = 0.02  # [s]
-SETTLED = 0.003  # [m]; a hand that gets no nearer than that in one tick has arrived
-MOVED = 0.05  # [m]; a target that moved as far is worth another search
+SETTLED = 0.003  # [m]; a hand that gets nearer by less than this in one tick has arrived
+MOVED = 0.05  # [m]; a target that moved this far is worth another search
 
-ARRIVED = 0.02  # [rad]; end of a detour
-CORNER = 0.15  # [rad]; as near to a posture on its way, an arm turns to the next one: it cannot turn on the spot
-PROBE = 0.2  # [rad] between two looks ahead
-# By way of none or one of the known postures.
+ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
+CORNER = 0.15  # [rad]; this near to a corner an arm turns to the next one, because it cannot turn on the spot
+PROBE = 0.2  # [rad] between two collision checks on a route
+# Routes: direct, or via one of the known postures.
 WAYS = [way for count in range(2) for way in itertools.permutations(range(SEEDS.shape[1]), count)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PostureTable:
-    """Postures of the left arm that touch nothing, and where they put its hand.
+    """A table of collision-free postures of the left arm and of the hand positions that they give.
 
     Attributes:
         q: joint positions [rad], shape (n, 4).
-        hands: positions in the frame of the waist's turning part [m], shape (n, 3).
+        hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
     """
 
     q: np.ndarray
     hands: np.ndarray
 
     def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
-        """Postures from which to search for one that puts a hand to a point, the most promising first.
+        """Return postures from which to search for one with the hand at a point, the most promising first.
 
         Args:
-            arm: 0 for the left, 1 for the right one.
-            point: where the hand should be, in the pelvis frame [m], shape (3,).
+            arm: 0 for the left, 1 for the right arm.
+            point: target of the hand in the pelvis frame [m], shape (3,).
             waist: angle of the waist [rad].
-            q: where the arm is [rad], shape (4,): of postures alike near the point, the nearest to it is best.
-            count: how many postures, each of another kind.
+            q: current positions of the arm [rad], shape (4,); of postures equally near the point, the nearest to `q`
+                comes first.
+            count: number of postures, which differ by at least `APART`.
 
         Returns:
             Joint positions [rad], shape (count, 4).
@@ -74,7 +75,7 @@ class PostureTable:
 
 @functools.lru_cache(maxsize=1)
 def posture_table() -> PostureTable:
-    """Random postures within the limits, the same in every process; takes some 60 ms once."""
+    """Build the table of random postures, the same in every process; the first call takes about 60 ms."""
     robot = load_robot()
     descent = Descent(ArmIKConfig())
     rng = np.random.default_rng(0)
@@ -90,21 +91,22 @@ def posture_table() -> PostureTable:
 
 
 class Scout:
-    """Virtual arms that search from posture to posture, each arm for itself, and then stay with the best they found.
+    """Virtual arms that search from posture to posture, each on its own, and keep the best one found.
 
     Attributes:
-        q: their joint positions [rad], shape (8,).
-        residual: of both hands [m], shape (2,).
-        direct: where the direct way will end: distance from the target [m], shape (2,), infinite while not known.
-        done: whether each arm's search is over, shape (2,), bool: a target was reached, or all postures were tried.
+        q: joint positions of the virtual arms [rad], shape (8,).
+        residual: distances of the virtual hands to their targets [m], shape (2,).
+        direct: distance to the target at which the direct way ends [m], shape (2,); infinite until it is known.
+        done: whether each arm's search is over, because its target was reached or all postures were tried; shape (2,),
+            bool.
     """
 
     def __init__(self, config: ArmIKConfig) -> None:
-        # Nothing moves that could break: large steps.
+        # Virtual arms cannot break, so steps may be large.
         self._descent = Descent(
             dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
         )
-        self._postures = posture_table()  # now: the first time it takes as long as many ticks of a control loop
+        self._postures = posture_table()  # built now, because that takes as long as many control periods
         self._starts: list[list[np.ndarray]] = [[], []]
         self._searching = np.zeros(2, dtype=bool)
         self._goal = np.zeros((2, 3))
@@ -118,22 +120,22 @@ class Scout:
         self.done = np.zeros(2, dtype=bool)
 
     def reset(self, q: np.ndarray) -> None:
-        """Forget both arms' searches, and be where the real arms are: positions (8,) [rad]."""
+        """Forget both searches and move to the real arms' positions (8,) [rad]."""
         for arm in range(2):
             self.rest(arm)
         self.q = q.copy()
 
     def rest(self, arm: int) -> None:
-        """Forget an arm's search: the next one begins with where the arm then is."""
+        """Forget an arm's search; the next one starts from the arm's position at that time."""
         self._searching[arm] = self.done[arm] = False
 
     def search(self, arm: int, goal: np.ndarray, q: np.ndarray, body: np.ndarray) -> None:
-        """Begin an arm's search, or go on to its next start if it has settled; a target that moved starts over.
+        """Start an arm's search, or continue from its next start if it has settled; start over if the target moved.
 
         Args:
-            arm: 0 for the left, 1 for the right one.
+            arm: 0 for the left, 1 for the right arm.
             goal: targets [m], shape (2, 3).
-            q: where the real arms are [rad], shape (8,).
+            q: positions of the real arms [rad], shape (8,).
             body: joint positions of the robot [rad], shape (19,).
         """
         if self.done[arm] and np.linalg.norm(goal[arm] - self._goal[arm]) > MOVED:
@@ -163,10 +165,10 @@ class Scout:
         self.q[joints] = self._best[arm] if self.done[arm] else self._starts[arm].pop(0)
 
     def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
-        """Let both arms descend towards the targets (2, 3) [m], on a body (19,) [rad]: fast while they search.
+        """Let both arms descend towards the targets (2, 3) [m] on a body (19,) [rad], fast while they search.
 
         Raises:
-            RuntimeError: if placo cannot solve it.
+            RuntimeError: if placo cannot solve a step.
         """
         steps = STEPS if np.any(self._searching & ~self.done) else 1
         self._descent.place(self.q, body)
@@ -178,14 +180,14 @@ class Scout:
 
 
 class Detours:
-    """Leads arms, each for itself, to postures that were found for them, on straight lines from posture to posture.
+    """Detours of the arms, each on its own, to postures found by `Scout`, in straight lines in joint space.
 
-    A way is taken if the forearm touches nothing on it; the body and the other arm are as they are now. One way is
-    looked at in a call: where the direct one is not clear, those by way of known postures follow.
+    A route is taken if the forearm is free of collisions on it, with the body and the other arm as they are now. Each
+    call checks one route: first the direct one, then those via known postures.
 
     Attributes:
         active: whether each arm is on a detour, shape (2,), bool.
-        count: of detours begun.
+        count: number of detours that were started.
     """
 
     def __init__(self, config: ArmIKConfig, descent: Descent) -> None:
@@ -197,17 +199,17 @@ class Detours:
         self.count = 0
 
     def reset(self) -> None:
-        """Leave every detour."""
+        """Abandon all detours."""
         self.active[:] = False
         self._tried = [0, 0]
 
     def forget(self, arm: int) -> None:
-        """There is nothing to go to any more: leave the detour; to what is found next, any way may be tried."""
+        """Abandon the detour and allow every route to the next posture."""
         self.active[arm] = False
         self._tried[arm] = 0
 
     def look(self, arm: int, q: np.ndarray, posture: np.ndarray, body: np.ndarray) -> None:
-        """Look at the next way of an arm from positions (8,) to its posture in (8,); begin it if it is clear."""
+        """Check the next route of an arm from positions (8,) to its posture in (8,), and start on it if it is clear."""
         if self._tried[arm] == len(WAYS):
             return
         vias = [SEEDS[arm, seed] for seed in WAYS[self._tried[arm]]]
@@ -233,12 +235,12 @@ class Detours:
     def follow(
         self, q: np.ndarray, direct: np.ndarray, postures: np.ndarray, body: np.ndarray, dt: float
     ) -> np.ndarray:
-        """Where the arms at positions `q` are to be a tick later: on their detours, or, without one, at `direct`.
+        """Return the arm positions one tick later: on the detour, or `direct` for an arm without one.
 
         Args:
-            q: arm positions now [rad], shape (8,).
-            direct: where the arms would be by the direct way [rad], shape (8,).
-            postures: to which the detours lead [rad], shape (8,).
+            q: current arm positions [rad], shape (8,).
+            direct: arm positions of the direct way [rad], shape (8,).
+            postures: postures to which the detours lead [rad], shape (8,).
             body: joint positions of the robot [rad], shape (19,).
             dt: length of the tick [s].
         """
@@ -250,14 +252,14 @@ class Detours:
                 vias.pop(0)
             way = (vias[0] if vias else postures[joints]) - q[joints]
             longest = float(np.abs(way).max())
-            # Half the deceleration that the limiter has: it is to have some in hand at the end.
+            # Brake with half of the limiter's deceleration, which leaves it a reserve at the end.
             brake = np.inf if vias else np.sqrt(self._config.acceleration * longest)
             target[joints] = q[joints] + way * min(1.0, min(self._config.detour_speed, brake) * dt / max(longest, 1e-9))
             self.active[arm] = bool(vias) or longest > ARRIVED
         return self._slow_hands(q, target, body, dt)
 
     def _slow_hands(self, q: np.ndarray, target: np.ndarray, body: np.ndarray, dt: float) -> np.ndarray:
-        """Shorter steps of the arms on a detour where a hand would be faster than it may be."""
+        """Shorten the steps of arms on a detour whose hand would exceed its speed limit."""
         start = self._descent.forward(q, body).copy()
         travel = lengths(self._descent.forward(target, body) - start)
         part = np.minimum(1.0, self._config.hand_speed * dt / np.maximum(travel, 1e-9))

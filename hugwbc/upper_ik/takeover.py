@@ -14,14 +14,14 @@ from hugwbc.upper_ik.limiter import JointLimiter
 
 @dataclasses.dataclass(frozen=True)
 class TakeoverConfig:
-    """Pace of the hand-over.
+    """Settings of the hand-over.
 
     Attributes:
-        take_time: of the blend from the arms' own position to the external targets [s].
-        return_time: of the blend back [s].
-        speed_fraction: of the joint velocity limits that the arm command never exceeds.
+        take_time: time of the blend from the arms' own position to the external targets [s].
+        return_time: time of the blend back [s].
+        speed_fraction: share of the joint velocity limits that the arm command never exceeds.
         acceleration: highest acceleration of the arm command [rad/s^2].
-        stale_time: how long the last target is held when no new one arrives, before the arms go back [s].
+        stale_time: how long the last target is held without a new one, before the arms go back [s].
     """
 
     take_time: float = 0.5
@@ -41,7 +41,7 @@ class TakeoverConfig:
 
 
 class Phase(enum.Enum):
-    """Who moves the arms."""
+    """The state of the hand-over: who moves the arms."""
 
     RELEASED = "released"  # the controller
     TAKEN = "taken"  # external targets, blended in at first
@@ -49,17 +49,17 @@ class Phase(enum.Enum):
 
 
 class Takeover:
-    """Blends and rate-limits external arm targets: from IK, a motion file or noise.
+    """A blend and rate limit for external arm targets from IK, a motion file or noise.
 
-    The stream of arm commands that it puts out starts at the position that the caller names, at rest, and keeps within
-    the velocity and acceleration limits, whatever comes in.
+    The stream of arm commands starts at rest at the position that the caller names and keeps within the velocity and
+    acceleration limits, whatever comes in.
 
     Attributes:
         phase: who moves the arms.
         velocity_limit: highest speed of the arm command [rad/s], shape (8,).
         acceleration_limit: its highest acceleration [rad/s^2].
-        held: how many ticks had a target that was not finite or no positive time step; each brought the arms to
-            rest.
+        held: number of ticks with a target that was not finite or a time step that was not positive; in each the arms
+            braked.
     """
 
     def __init__(self, config: TakeoverConfig | None = None) -> None:
@@ -68,7 +68,8 @@ class Takeover:
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
         self.acceleration_limit = self.config.acceleration
-        # Position limits are the safety filter's: soft arms need targets beyond them to carry their weight.
+        # These are the position limits of the safety filter: soft arms need targets beyond the joint limits to carry
+        # their weight.
         reach = robot.torque_limit[arms] / robot.kp[arms]
         self._limiter = JointLimiter(
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
@@ -91,14 +92,14 @@ class Takeover:
         self._limiter.place(self._rest)
 
     def follow(self, q: np.ndarray, dq: np.ndarray, dt: float, start: np.ndarray | None = None) -> UpperBody:
-        """One tick of external control.
+        """Return the arm command for one tick of external control.
 
         Args:
             q: target positions [rad], shape (8,).
-            dq: their velocities [rad/s], shape (8,).
+            dq: target velocities [rad/s], shape (8,).
             dt: time since the last tick [s].
-            start: where the arm command was before a takeover [rad], shape (8,); None: where the last takeover ended,
-                at first the nominal pose. Read only while the arms are released.
+            start: the arm command before a takeover [rad], shape (8,), read only while the arms are released. None
+                starts where the last takeover ended, at first in the nominal pose.
         """
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
@@ -106,15 +107,15 @@ class Takeover:
         return self._advance(q, dq, self.config.take_time, dt)
 
     def blend(self) -> None:
-        """Blend anew from where the arm command is: what it is to follow now is of another origin."""
+        """Restart the blend at the current arm command after the target source changed."""
         if self.phase is Phase.TAKEN:
             self._begin(Phase.TAKEN, None)
 
     def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
-        """One tick of the way back; `UpperBody.none()` once there.
+        """Return the arm command for one tick of the way back; `UpperBody.none()` at its end.
 
         Args:
-            own: the controller's own arm positions, if known, else the arms return to the nominal ones [rad], (8,).
+            own: the controller's own arm positions [rad], shape (8,); None returns to the nominal positions.
             dt: time since the last tick [s].
         """
         goal = self._rest if own is None else own
@@ -127,7 +128,7 @@ class Takeover:
         return self._advance(goal, np.zeros(8), self.config.return_time, dt)
 
     def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
-        """Start a blend from positions (8,), at rest, or from where the arm command is, at its speed."""
+        """Start a blend at rest from positions (8,), or from the current arm command at its speed."""
         self.phase = phase
         if start is not None:
             self._limiter.place(start)
@@ -146,7 +147,7 @@ class Takeover:
             before = smooth_step(self._elapsed / blend_time)
             self._elapsed += dt
             blend = smooth_step(self._elapsed / blend_time)
-            # The blend's own derivative, not the difference of positions: the latter carries the noise of the sensors.
+            # The derivative of the blend instead of a difference of positions, which would carry the sensors' noise.
             dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
             self._limiter.follow(self._from + blend * (goal - self._from), dq, dt)
         else:
