@@ -73,19 +73,12 @@ def main(h: float = -0.1, w: float = 0.5, push: float = 40.0, duration: float = 
         duration: how long to run [s].
         show: show the robot live in the browser.
     """
-<<<<<<< HEAD
-    trace = rollout(Squatter(), Constant(Command(h=h).validate()), Simulation(), duration=duration)
-    fate = f"fell after {trace.survived_s:.2f} s" if trace.fell else "did not fall"
-    print(f"commanded {h:.2f} m, came to {trace.measured[:, 3].min():.2f} m and {fate}")
-    print("it does not balance: that is what the controllers learned and qp do")
-=======
     shove = Force((push, 0.0, 0.0), start=duration / 2.0, duration=0.3)
     source = Constant(Command(h=h, w=w).validate())
     trace = watch(Squatter(), source, Simulation(), duration=duration, forces=[shove], show=show, replay="out/10.html")
     height, waist = trace.measured[-1, 3], trace.measured[-1, 5]
     print(f"commanded {h:.2f} m and {w:.2f} rad, came to {height:.2f} m and {waist:.2f} rad")
     print(f"The robot balanced with its ankles, was pushed with {push:.0f} N and {fate(trace)}.")
->>>>>>> viz-after-runtime
 
 
 if __name__ == "__main__":
