@@ -20,8 +20,8 @@ from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.policy.policy import LearnedController
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -30,7 +30,7 @@ from hugwbc.upper_ik import UpperBodySource
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
 QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
-"""Under which the model-based controller is measured; jumping, it plans forces as well."""
+"""Commands under which `qp` is measured; jumping, it plans forces as well."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +167,7 @@ def environment_speed(count: int, control_steps: int, seed: int = 0, threads: in
 
 @dataclasses.dataclass(frozen=True)
 class QpSpeed:
-    """Speed and reliability of the model-based controller in one gait.
+    """Speed and reliability of `qp` in one gait.
 
     Attributes:
         tick_ms: p50 and p99 of whole calls, from state to joint command [ms].
@@ -183,7 +183,7 @@ class QpSpeed:
 
 
 def qp_speed(command: Command, duration: float) -> QpSpeed:
-    """Time every call of the model-based controller under one command, from a stand in simulation.
+    """Time every call of `qp` under one command, from a stand in simulation.
 
     Args:
         command: to follow.
@@ -219,7 +219,7 @@ def ik_tick(calls: int) -> dict[str, float | None]:
     source = UpperBodySource(gravity_compensation=True)
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
-    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
+    return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))
 
 
 def _times(call: Callable[[int], object], count: int) -> np.ndarray:

@@ -13,7 +13,7 @@ VERBS = {
     "compare": "play one script with each controller and report how they did",
     "evaluate": "run one of the paper's protocols and print the errors beside the paper's",
     "play": "watch a controller live in the browser",
-    "imitate": "give a training its start: a policy that imitates the QP",
+    "imitate": "give a training its start: a policy that imitates qp",
     "distil": "fit one policy to several, each the teacher of a gait",
     "train": "train a policy, or continue a training",
     "export": "write a policy as an ONNX file",

@@ -28,7 +28,7 @@ class BenchOptions:
     threads: int = 1
     """Of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
-    """Simulated time over which the QP is measured, standing, walking and jumping each [s]."""
+    """Simulated time over which qp is measured, standing, walking and jumping each [s]."""
     rollouts: int = 64
     """Robots in a batch of a policy's evaluation, which stand for two simulated seconds."""
     calls: int = 500

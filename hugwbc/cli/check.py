@@ -98,8 +98,8 @@ def _standing() -> str:
 
     trace = rollout(ControllerSpec("qp").build(), Constant(Command(h=-0.1)), Simulation(), duration=2.0)
     if trace.fell or trace.safety.failures:
-        raise CheckError(f"the QP controller fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
-    return f"the QP controller stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
+        raise CheckError(f"qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
+    return f"qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
 
 
 def _policies() -> str:
@@ -142,7 +142,7 @@ CHECKS: dict[str, Callable[[], str]] = {
     "versions": _versions,
     "masses": _masses,
     "models": _agreement,
-    "QP controller": _standing,
+    "controller qp": _standing,
     "policies": _policies,
     "training environment": _environment,
 }

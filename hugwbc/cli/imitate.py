@@ -1,4 +1,4 @@
-"""`hugwbc imitate`: a policy that imitates the whole-body QP, for reinforcement learning to start from."""
+"""`hugwbc imitate`: a policy that imitates the controller `qp`, for reinforcement learning to start from."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ _LINE_SAMPLES = 10_000
 
 def run(words: Sequence[str]) -> int:
     """Parse, imitate, report."""
-    description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' goes on from it."
+    description = "Imitate the controller qp on the student's own states; 'hugwbc train --start-from' goes on from it."
     config = parse(ImitationConfig, words, "imitate", description)
     check_folder(config.out)
     from hugwbc.learned.imitation.imitation import Imitator

@@ -21,7 +21,7 @@ class ReportOptions:
 
     profile: str = "quick"
     """quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two
-    cores hours for a policy, days for the QP."""
+    cores hours for a policy, days for qp."""
     controllers: tuple[str, ...] = ("learned", "qp")
     """Which controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine and
     unitree-h1=motion.pt; the first two are held against each other."""

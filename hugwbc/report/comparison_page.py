@@ -1,4 +1,4 @@
-"""A self-contained page with tables and plots of one or more runs."""
+"""The report of a comparison: a self-contained page with tables and plots of one or more runs."""
 
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -6,16 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import write_whole
 from hugwbc.report import page
-from hugwbc.viz.framing import LABEL_COLOURS, Trace
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
 
 
 def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
-    """One column for each run, one row for each number of its nested summary, named by its path.
+    """Return a table with a column for each run and a row for each number of its summary, named by its path.
 
     Args:
-        title: of the table.
-        summaries: for each run its summary: numbers, or mappings of them to any depth.
+        title: title of the table.
+        summaries: the summary of each run: numbers, or mappings of numbers to any depth.
     """
     flat = {name: dict(_flatten(summary)) for name, summary in summaries.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
@@ -39,14 +40,14 @@ def report_html(
     subtitle: str = "",
     links: Mapping[str, str] | None = None,
 ) -> str:
-    """The page; needs no network.
+    """Return the page, which loads nothing.
 
     Args:
-        title: of the page.
-        traces: 1 to 4 runs, plotted in the colours of `LABEL_COLOURS`.
-        tables: above the plots.
+        title: title of the page.
+        traces: one to four runs, plotted in the colours of `LABEL_COLOURS`.
+        tables: tables above the plots.
         subtitle: a sentence below the title.
-        links: text and address of other pages, such as the replay beside this one.
+        links: texts and addresses of other pages, such as the replay of the same runs.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -75,7 +76,7 @@ def write_report(
     subtitle: str = "",
     links: Mapping[str, str] | None = None,
 ) -> None:
-    """Write `report_html` to a file."""
+    """Write the page of `report_html` to a file."""
     write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
 
 

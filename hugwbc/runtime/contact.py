@@ -6,8 +6,8 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
     r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
 
-Both feet share the residual by least squares. Each sole is a narrow line: it transmits a force and the moments about its
-lateral and its vertical axis.
+Both feet share the residual by least squares. Each sole is a narrow line: it transmits a force and the moments about
+its lateral and its vertical axis.
 """
 
 import dataclasses

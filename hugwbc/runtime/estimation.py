@@ -8,8 +8,8 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import joint_columns, pinocchio_model
-from hugwbc.runtime.contact import ContactObserver, ContactParams
 from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.runtime.contact import ContactObserver, ContactParams
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
@@ -17,26 +17,26 @@ _MOTION = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _SIZE = _MOTION + 6  # and the biases
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 _GYRO_BIAS, _ACCELEROMETER_BIAS = slice(_MOTION, _MOTION + 3), slice(_MOTION + 3, _SIZE)
-# [rad], [rad/s], [rad/s^2], [m/s^2]; no sensor of a robot measures as far, a broken one may say anything.
+# [rad], [rad/s], [rad/s^2], [m/s^2]; larger readings come from broken sensors.
 LARGEST_READING = 1e4
-_LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
+_LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is integrated for this time only
 _SAME_TIME = 1e-6  # [s]
-_PLANS = 256  # that are kept, from half a second of ticks
+_PLANS = 256  # plans that are kept: half a second of control periods
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
 
 @dataclasses.dataclass(frozen=True)
 class EstimatorParams:
-    """Standard deviations of what the filters believe, and the contact threshold."""
+    """Standard deviations that the filters assume, and settings of the contact observer."""
 
     gyro: float = 0.01
-    """Of a reading [rad/s]."""
+    """Standard deviation of a gyro reading [rad/s]."""
     accelerometer: float = 0.1
-    """Of a reading [m/s^2]."""
+    """Standard deviation of an accelerometer reading [m/s^2]."""
     encoder: float = 0.005
-    """Of a joint position [rad]."""
+    """Standard deviation of a measured joint position [rad]."""
     joint_velocity: float = 0.3
-    """Of a joint velocity [rad/s]."""
+    """Standard deviation of a measured joint velocity [rad/s]."""
     foot_slip: float = 0.3
     """Velocity of a standing foot [m/s]: it slips, and rolls about its centre line."""
     foot_model: float = 0.004
@@ -58,15 +58,15 @@ class EstimatorParams:
     leg_acceleration: float = 100.0
     """Typical acceleration of a leg joint [rad/s^2]."""
     waist_acceleration: float = 20.0
-    """Of the waist joint [rad/s^2]."""
+    """Typical acceleration of the waist joint [rad/s^2]."""
     arm_acceleration: float = 50.0
-    """Of an arm joint [rad/s^2]."""
+    """Typical acceleration of an arm joint [rad/s^2]."""
     unplanned: float = 0.15
-    """Share of these by which a joint departs from what a controller plans for it."""
+    """Share of these accelerations by which a joint departs from a controller's plan."""
 
 
 class JointFilter:
-    """Kalman filter of every joint's position and velocity, driven by an acceleration, unknown or planned.
+    """A Kalman filter of the position and velocity of every joint, driven by an unknown or planned acceleration.
 
     Attributes:
         q, dq: estimates [rad], [rad/s], shape (19,).
@@ -93,7 +93,7 @@ class JointFilter:
             q: reading [rad], shape (19,).
             dq: reading [rad/s], shape (19,).
             dt: since the last reading [s].
-            planned: accelerations that a controller has planned for that time [rad/s^2], shape (19,).
+            planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
         """
         drive = self._acceleration * dt**2
         predicted_q, predicted_dq = self.q + dt * self.dq, self.dq
@@ -104,7 +104,7 @@ class JointFilter:
         qv = self._qv + dt * (self._vv + 0.5 * drive)
         vv = self._vv + drive
         error_q, error_v = q - predicted_q, dq - predicted_dq
-        # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S.
+        # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S of each joint.
         sq, sv = qq + self._noise[0], vv + self._noise[1]
         inverse = 1.0 / (sq * sv - qv**2)
         gain_qq, gain_qv = (qq * sv - qv**2) * inverse, qv * self._noise[0] * inverse
@@ -204,14 +204,14 @@ class StateEstimator:
     def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
         """Return the estimate at a new reading.
 
-        Everything but the time, the age and the IMU's raw readings is replaced. A reading that lacks the IMU or the joint
-        torques, is not finite, or is beyond `LARGEST_READING`, is passed on as it is.
+        Everything but the time, the age and the IMU's raw readings is replaced. A reading that lacks the IMU or the
+        joint torques, is not finite, or is beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
-            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept until
-                the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of another
-                shape.
+            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept
+                until the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of
+                another shape.
         """
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
         if gyro is None or accelerometer is None or torque is None or not state.is_finite:

@@ -214,7 +214,9 @@ class Simulation:
 
     def _reading(self) -> Reading:
         d = self.data
-        return Reading(float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer, self._torque)
+        return Reading(
+            float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer, self._torque
+        )
 
     def state(self) -> RobotState:
         """Return the true state, with position, velocity and foot forces."""
@@ -275,4 +277,3 @@ class Simulation:
         floor, torso = self.model.geom("floor").id, self.model.geom("torso_link").id
         contacts = self.data.contact.geom
         return bool(np.any(np.all(np.sort(contacts, axis=1) == sorted((floor, torso)), axis=1)))
-

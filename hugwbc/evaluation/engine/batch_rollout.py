@@ -4,12 +4,12 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.batch_record import BatchRecord
 from hugwbc.robot import load_robot
@@ -26,30 +26,6 @@ if TYPE_CHECKING:
 _ANY_STATE = RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
 _MOST, _MEMORY, _SAMPLE = 2048, 2**28, 1000  # robots; bytes of all records; bytes of one sample of one robot
 _ROUNDING = 1e-9  # [s], of sums of time steps
-
-
-class Rows(Protocol):
-    """A controller of many robots, as `hugwbc.learned.policy.policy_rows.PolicyRows`."""
-
-    kp: np.ndarray
-    kd: np.ndarray
-    phase: np.ndarray
-
-    def reset(self) -> None:
-        """Forget the past of all robots."""
-        ...
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Drop all robots but some, shape (n,), bool."""
-        ...
-
-    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Take the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
-        ...
-
-    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
-        """Joint position targets, shape (n, 19), for commands (n, 8), gaits (n,) and external control (n,)."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +48,7 @@ class Episode:
 def fits(controller: object, conditions: Conditions) -> bool:
     """Whether rollouts of a controller under some conditions can share a batch: a policy, exact sensors, a plane."""
     exact = not conditions.noise and not conditions.latency
-    return callable(getattr(controller, "for_many", None)) and conditions.is_level and exact
+    return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:
@@ -85,7 +61,7 @@ def most_robots(duration: float) -> int:
 
 
 def rollouts(
-    controller: Any,  # noqa: ANN401  a controller with the member for_many
+    controller: HasBatch,
     episodes: Sequence[Episode],
     *,
     duration: float,
@@ -119,14 +95,14 @@ def rollouts(
 class _BatchRun:
     """The state of all episodes under way: `rows` are the robots that are still up, in the order of the policy's."""
 
-    def __init__(self, controller: Any, episodes: Sequence[Episode], duration: float, threads: int) -> None:  # noqa: ANN401
+    def __init__(self, controller: HasBatch, episodes: Sequence[Episode], duration: float, threads: int) -> None:
         self.episodes, self.duration, self.period = episodes, duration, controller.period
         self.timestep = episodes[0].conditions.timestep
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(), len(episodes)
         self.filters = [SafetyFilter(controller) for _ in episodes]
-        self.policy: Rows = controller.for_many(count)
+        self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: episode.source for row, episode in enumerate(episodes) if isinstance(episode.source, FollowingSource)
         }
@@ -225,11 +201,12 @@ class _BatchRun:
         arms = np.zeros((2, rows.size, 8))  # position and velocity targets
         for place, row in enumerate(rows.tolist()):
             episode, upper_body = self.episodes[row], UpperBody.none()
-            if episode.arms is not None:
-                upper_body = episode.arms.update(_ANY_STATE, None, self.period)
             if row in self._following:
                 self._following[row].follow(self._state(row))
-            command, upper_body = self.filters[row].admit(episode.source.command_at(t), upper_body)
+            command = episode.source.command_at(t)
+            if episode.arms is not None:
+                upper_body, command = episode.arms.update(_ANY_STATE, None, command, self.period)
+            command, upper_body = self.filters[row].admit(command, upper_body)
             commands[place], gaits[place] = command.array(), int(command.gait)
             arms[:, place] = upper_body.q, upper_body.dq
         moved = self.moved[rows]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from hugwbc.commands import Command
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, HasBatch
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.batch_rollout import Episode, fits, rollouts
 from hugwbc.evaluation.engine.plans import EpisodePlan
@@ -123,6 +123,7 @@ def _run_batch(
     controller: Controller, job: Job[Row], episodes: list[tuple[int, EpisodePlan]]
 ) -> tuple[list[tuple[int, Run]], list[tuple[int, EpisodePlan]]]:
     """Episodes in one batch; runs by index, and what has to run alone."""
+    assert isinstance(controller, HasBatch)  # `joins_batch` holds for each episode
     members = []
     for index, plan in episodes:
         conditions = plan.conditions or job.conditions
