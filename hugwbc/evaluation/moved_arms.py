@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from hugwbc.controller import UpperBody
-from hugwbc.learned.env.arm_targets import ArmTargets
+from hugwbc.learned.env.arm_intervention import ArmTargets
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import MOTION_FPS

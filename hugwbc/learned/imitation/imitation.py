@@ -11,7 +11,6 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.gait import Gait
 from hugwbc.learned.config import ImitationConfig
 from hugwbc.learned.env.curriculum import Curriculum
-from hugwbc.learned.env.env_starts import recorded
 from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.imitation.dagger import Dagger, Report
@@ -135,7 +134,7 @@ class Imitator(Dagger[ImitationConfig]):
         sample = torch.rand(self.env.count, generator=self._generator) < _RECORDED
         rows = (sample & self._taught & (self._agreed >= _AGREED)).nonzero().squeeze(1)
         if rows.numel():
-            self._starts.add(recorded(self.env, rows))
+            self._starts.add(self.env.recorded(rows))
 
     def _hand_over(self) -> None:
         """Follow how long robots and teachers have been in the commanded gait; change drivers within the episode."""

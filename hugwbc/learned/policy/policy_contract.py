@@ -14,14 +14,12 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
+from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
 from hugwbc.learned.policy import networks
 from hugwbc.learned.policy import observations as obs
 from hugwbc.robot import load_robot
 
 CONTRACT_VERSION = 1
-PERIOD = 0.02  # [s], the paper's control period
-ACTION_SCALE = 0.25  # [rad] of joint target per unit of action
-WAIST_RATE = 2.0  # [rad/s], at which the waist's joint target follows the commanded w
 # What a policy may have of its own, with the valid range of every number; the rest must be this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}

@@ -7,7 +7,6 @@ import torch
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, EnvConfig
-from hugwbc.learned.env.env_starts import recorded
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import (
     COLUMNS,
@@ -85,7 +84,7 @@ def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> Non
     env = HumanoidEnv(config, seed=0, threads=1)
     robots = torch.arange(20)
     env.begin_episodes(robots)
-    again = recorded(env, robots[env.gait >= Gait.HOPPING_LEFT])
+    again = env.recorded(robots[env.gait >= Gait.HOPPING_LEFT])
     columns = RecordedStarts({name: value.clone() for name, value in again.items()}, starts_file).columns
     source = env.starts.columns if env.starts else {}
     row = (columns["qpos"][:, None, 7:] == source["qpos"][:, 7:]).all(-1).int().argmax(1)
