@@ -1,4 +1,4 @@
-"""Every number of training, imitation and distillation, each with its meaning; all of them are flags of the verbs."""
+"""Every number of training, imitation and distillation, with its meaning; each is a flag of its verb."""
 
 from hugwbc.learned.config.environment import (
     CommandConfig,
