@@ -90,6 +90,7 @@ class SpeedGrid:
 
     def update(self) -> None:
         """Raise the weights of passed cells and of their eight neighbours, equally in all processes."""
+        # A command just outside of the open cells cannot pass: the neighbours of a passed cell open with it.
         counts = distributed.total(self.passed)
         spread = torch.nn.functional.conv2d(counts[:, None], torch.ones(1, 1, 3, 3), padding=1)[:, 0]
         self.weight = (self.weight + STEP * spread).clamp(max=1.0)
@@ -169,6 +170,7 @@ class Curriculum:
             terrain_mastered: whether the level of the terrain allows noise and speed to move.
         """
         self.iteration += 1
+        # The running rewards start at zero, and the policy has only begun to learn.
         if self.iteration <= self.config.warm_up_iterations:
             self.gates = dict.fromkeys(("penalty", "alpha", "speed"), f"warm-up until {self.config.warm_up_iterations}")
             return
@@ -196,6 +198,7 @@ class Curriculum:
         short = [
             f"{n} velocity reward {values[n]:.2f} < {thresholds[n]:.2f}" for n in values if values[n] < thresholds[n]
         ]
+        # Between the two bounds alpha rests: without this dead band it would rise and fall at every decision.
         if not short:
             self.alpha = min(1.0, self.alpha + self.config.alpha_step)
             self.gates["alpha"] = "open"

@@ -91,7 +91,8 @@ def feet_slip(t: Transition, body: Body) -> torch.Tensor:
 
 
 def _upper_mask(t: Transition, body: Body) -> torch.Tensor:
-    """1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    """Return 1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    # What intervened arms do is not the choice of the policy: penalising it would only add noise to the reward.
     mask = torch.ones_like(t.action)
     mask[:, body.arms] = (~t.intervention).to(mask.dtype)[:, None]
     return mask
@@ -139,6 +140,10 @@ def termination(t: Transition, body: Body) -> torch.Tensor:
 
 
 # Terms of our own ----------------------------------------------------------------------------------------------------
+#
+# A squared exponential is flat near zero error and again far from it. exp(-|e| / s) ("precision") keeps its slope near
+# zero, where small errors are to vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
+# Errors are bounded so that a single stumble does not outweigh the rest of an episode.
 
 
 def alive(t: Transition, body: Body) -> torch.Tensor:

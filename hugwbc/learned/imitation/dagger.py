@@ -64,6 +64,7 @@ class Memory:
             weight: weight of each joint in the loss, shape (n, 19).
         """
         capacity = len(self._columns["action"])
+        # The oldest labels, of states that earlier drivers visited, are overwritten first.
         rows = (self._next + torch.arange(len(action))) % capacity
         values = (observation.history, observation.command, observation.estimate, action, weight)
         for column, value in zip(self._columns.values(), values, strict=True):
@@ -115,6 +116,7 @@ class Dagger(abc.ABC, Generic[Config]):
         self.config = config
         self.network = network
         self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
+        # Nobody updates the curriculum here: its levels stay as they are set.
         self.env.curriculum.alpha = config.noise_level
         self.env.curriculum.max_speed = config.max_speed
         self.samples = 0
@@ -172,6 +174,7 @@ class Dagger(abc.ABC, Generic[Config]):
         return action
 
     def _exploration(self) -> torch.Tensor:
+        # Noise pushes the robots off the path of their driver; the labels there show the way back.
         noise = torch.randn((self.env.count, ACTION_SIZE), generator=self._generator)
         return noise * self.config.exploration
 
@@ -184,6 +187,7 @@ class Dagger(abc.ABC, Generic[Config]):
         for _ in range(c.updates):
             batch = self.memory.sample(c.batch)
             mean, estimate = actor(batch["history"], batch["command"])
+            # A joint has weight 0 where its label means nothing, such as arms that follow external targets.
             l_imitation = (batch["weight"] * self.loss(mean, batch["action"])).mean()
             l_estimation = (estimate - batch["estimate"]).square().mean()
             self._optimiser.zero_grad()

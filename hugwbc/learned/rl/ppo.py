@@ -165,6 +165,7 @@ class PPO:
         for field in dataclasses.fields(observation):
             getattr(r, field.name)[t] = getattr(observation, field.name)
         mean, _ = self.network.actor(r.history[t], r.command[t])
+        # Drawn on the CPU, so that a run on a GPU explores with the same numbers.
         noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
         action = mean + noise * self.network.log_std.exp()
         r.action[t], r.mean[t] = action, mean
@@ -205,6 +206,7 @@ class PPO:
             last_value = self._value(last.critic.to(self.device))
             advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
+        # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]
         batch["advantage"] = distributed.standardised(advantage.flatten())
         old_log_std = self.network.log_std.detach().clone()
@@ -254,6 +256,7 @@ class PPO:
 
         with torch.no_grad():
             kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
+        # The KL is that of all processes, so that their learning rates, and with them their networks, stay equal.
         # While the critic learns alone the policy does not move: a KL of zero says nothing about the rate.
         if network.log_std.requires_grad:
             self._adapt_learning_rate(kl)
@@ -295,6 +298,7 @@ class PPO:
             for group in self.optimiser.param_groups
         ]
         values = (loss, *norms)
+        # If one process skips the step, all must: their networks are equal.
         finite = not distributed.anywhere(not all(bool(torch.isfinite(value)) for value in values))
         if finite:
             self.optimiser.step()

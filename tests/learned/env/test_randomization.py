@@ -45,7 +45,7 @@ def weight(simulation: BatchSimulation) -> float:
 
 
 def slide(simulation: BatchSimulation) -> float:
-    """How far the soles go within 0.1 s of a push by 1 m/s, a mean over robots [m]."""
+    """Return how far the soles slide within 0.1 s of a push by 1 m/s, as a mean over robots [m]."""
     simulation.step(10)
     simulation.qvel[:, 0] = 1.0
     start = simulation.sole_position()[:, :, 0].copy()
@@ -170,7 +170,7 @@ NOMINAL = load_robot().nominal
 
 
 class Recorder:
-    """Stands in for a simulation: notes the target that acts in every physics step."""
+    """A stand-in for a simulation that records the target of every physics step."""
 
     def __init__(self, count: int) -> None:
         self.ctrl = np.zeros((count, 1))

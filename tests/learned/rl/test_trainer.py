@@ -139,7 +139,7 @@ def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -
 
 
 def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
-    """Without the values that stand for the time after a time-out."""
+    """The bootstrapped values that follow a time-out are not part of it."""
     trainer = Trainer(config(tmp_path, 1))
     got, step = [], trainer.env.step
 
