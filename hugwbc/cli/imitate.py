@@ -10,9 +10,7 @@ _LINE_SAMPLES = 10_000
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, imitate, report."""
-    description = (
-        "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' continues it."
-    )
+    description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' continues it."
     config = parse(ImitationConfig, words, "imitate", description)
     check_folder(config.out)
     from hugwbc.learned.imitation import Imitator

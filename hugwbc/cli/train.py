@@ -12,9 +12,7 @@ LINE_INTERVAL = 10.0  # [s] between two lines of figures
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    description = (
-        "Train a policy. Ctrl-C saves and stops; --resume continues. Every setting is an option."
-    )
+    description = "Train a policy. Ctrl-C saves and stops; --resume continues. Every setting is an option."
     config = parse(TrainConfig, words, "train", description)
     check_folder(config.out)
     from hugwbc.learned.rl import train

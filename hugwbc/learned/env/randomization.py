@@ -124,7 +124,7 @@ class Latency:
 
     def reset(self, robots: np.ndarray, target: np.ndarray) -> None:
         """Fill the past of robots (indices) with one target [rad], shape (k, 19)."""
-        self.targets[:, robots] = torch.from_numpy(target)
+        self.targets[:, robots] = torch.from_numpy(target).to(self.targets.dtype)
 
     def step(self, simulation: BatchSimulation) -> np.ndarray:
         """Advance the physics by a control step; `simulation.ctrl` holds the newest target.

@@ -6,7 +6,7 @@ import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
-from hugwbc.learned.config import CommandConfig, EnvConfig
+from hugwbc.learned.config import CommandConfig, EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import (
     COLUMNS,
@@ -77,6 +77,15 @@ def test_episodes_start_in_recorded_motion_and_others_stand(starts_file: pathlib
     np.testing.assert_allclose(env.held_foot.due.numpy(), np.where(moving, 0.0, 0.5))
     standing = ~moving
     assert not env.actions[:, standing].any() and (env.simulation.ctrl == env.simulation.qpos[:, 7:])[standing].all()
+
+
+def test_recorded_motion_starts_with_action_latency_too(starts_file: pathlib.Path) -> None:
+    late = RandomizationConfig(latency=(0.0, 0.02))
+    config = EnvConfig(count=20, command=HOPPING, starts=starts_file, starts_share=1.0, randomization=late)
+    env = HumanoidEnv(config, seed=0, threads=1)
+    assert env.latency is not None
+    hopping = env.gait >= Gait.HOPPING_LEFT
+    assert torch.equal(env.latency.targets[-1, hopping], torch.from_numpy(env.simulation.ctrl.copy())[hopping])
 
 
 def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> None:
