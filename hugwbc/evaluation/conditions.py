@@ -145,7 +145,7 @@ class Conditions:
         import torch
 
         from hugwbc.evaluation.moved_arms import ArmIntervention
-        from hugwbc.learned.env.arm_targets import make_arm_targets
+        from hugwbc.learned.env.arm_intervention import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
         targets = make_arm_targets(

@@ -5,7 +5,7 @@ import torch
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
-from hugwbc.learned.env.arm_targets import ArmTargets
+from hugwbc.learned.env.arm_intervention import ArmTargets
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import MOTION_FPS
