@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_rollout import Episode, rollouts
+from hugwbc.evaluation.engine import BatchMember, batch_rollout
 from hugwbc.evaluation.metrics import percentiles
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
@@ -104,7 +104,7 @@ def rollout_speed(controller: LearnedController, count: int, seconds: float, tim
     begin = time.process_time()
     rollout(controller, stand, conditions.simulation(seconds, (0,)), duration=seconds)
     middle = time.process_time()
-    rollouts(controller, [Episode(stand, conditions)] * count, duration=seconds)
+    batch_rollout(controller, [BatchMember(stand, conditions)] * count, duration=seconds)
     single, batched = middle - begin, (time.process_time() - middle) / count
     return RolloutSpeed(1e3 * single / seconds, 1e3 * batched / seconds, single / batched, count, timestep)
 

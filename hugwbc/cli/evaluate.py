@@ -11,8 +11,7 @@ from hugwbc.cli.output import check_folder, check_writable, parse, progress, say
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine import DEFAULT_FOLDER, Execution, ResultStore
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 

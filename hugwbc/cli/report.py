@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine import DEFAULT_FOLDER, ResultStore
 from hugwbc.files import write_whole
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.engine.campaign import Cell
+    from hugwbc.evaluation.engine import Cell
     from hugwbc.runtime.controllers import ControllerSpec
 
 
@@ -48,8 +48,7 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, write."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    from hugwbc.evaluation.engine.campaign import run_cells
-    from hugwbc.evaluation.engine.execution import Execution
+    from hugwbc.evaluation.engine import Execution, run_cells
     from hugwbc.report.profiles import profile_cells
     from hugwbc.report.report_page import Report, report_markdown, report_page
     from hugwbc.report.sections import all_figures

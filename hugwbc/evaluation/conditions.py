@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine.identity import file_digest
+from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep

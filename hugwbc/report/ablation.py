@@ -7,7 +7,7 @@ controller that was not trained beside the best of them. Where there is no polic
 from collections.abc import Mapping, Sequence
 
 from hugwbc.commands import COMMAND_UNITS
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.paper import TRAININGS, foot_displacement, intervention_errors
 from hugwbc.gait import Gait

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hugwbc import gait as gaits
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.protocols.contacts import clock_phases
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS
 from hugwbc.gait import Gait

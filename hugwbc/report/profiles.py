@@ -10,7 +10,7 @@ from typing import Any
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation import protocols
-from hugwbc.evaluation.engine.campaign import Cell
+from hugwbc.evaluation.engine import Cell
 from hugwbc.gait import Gait
 from hugwbc.report import ablation
 from hugwbc.runtime.controllers import ControllerSpec

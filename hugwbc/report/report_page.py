@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.tables import Table, markdown_table
 from hugwbc.report import page
 from hugwbc.report.clouds import LEVELS, hand_clouds

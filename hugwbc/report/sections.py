@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, other_controllers
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL

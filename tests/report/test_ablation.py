@@ -1,6 +1,6 @@
 import pytest
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.report.ablation import TRAINED, unmeasured_figures
 from hugwbc.report.figures import comparison_table
 from hugwbc.report.sections import FIGURES, all_figures

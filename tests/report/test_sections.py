@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.report.figures import FALLS
 from hugwbc.report.sections import FIGURES, SECTIONS, all_figures, relative_maps
 

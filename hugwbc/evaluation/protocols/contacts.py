@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc import gait as gaits
 from hugwbc.commands import Command, default_command
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedResult, CountedSettings, Run, run_episodes
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD

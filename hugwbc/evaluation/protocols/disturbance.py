@@ -14,7 +14,7 @@ import numpy as np
 
 from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, GaitSettings, ProtocolResult, Run, run_episodes
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.gait import Gait

@@ -11,7 +11,7 @@ from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import effort_metrics as effort
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,

@@ -14,7 +14,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import INTERVENTIONS
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,

@@ -11,7 +11,7 @@ import numpy as np
 
 from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule
+from hugwbc.evaluation.engine import EpisodePlan, Knot, Schedule
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.protocols.episodes import (

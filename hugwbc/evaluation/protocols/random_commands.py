@@ -12,7 +12,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,

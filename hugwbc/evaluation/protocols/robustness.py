@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,

@@ -12,7 +12,7 @@ import numpy as np
 
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,

@@ -14,8 +14,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.navigation import Tour, Waypoint
+from hugwbc.evaluation.engine import EpisodePlan, Tour, Waypoint
 from hugwbc.evaluation.protocols.episodes import (
     ControllerFactory,
     CountedResult,

@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols import HeatmapConfig, run_heatmap
 from hugwbc.evaluation.protocols import heatmap as module
 from hugwbc.evaluation.protocols.episodes import Run

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols import RampConfig, run_ramp
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.ramp import RampJudge, ramp_schedule
