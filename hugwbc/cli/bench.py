@@ -6,8 +6,9 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from hugwbc.cli.output import check_writable, format_table, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.tables import format_table
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures

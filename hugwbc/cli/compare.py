@@ -5,10 +5,10 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from hugwbc.cli.output import check_folder, check_writable, format_table, hand_rows, parse, progress, say, write_json
+from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.tables import Table
+from hugwbc.evaluation.tables import Table, format_table, hand_rows
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.comparison import Outcome

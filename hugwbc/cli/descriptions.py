@@ -1,6 +1,5 @@
 """What `hugwbc evaluate` prints of each protocol's result."""
 
-from hugwbc.cli.output import format_table, hand_rows
 from hugwbc.evaluation.intervals import wilson_percentage
 from hugwbc.evaluation.paper import ERROR_UNITS
 from hugwbc.evaluation.protocols import (
@@ -21,6 +20,7 @@ from hugwbc.evaluation.protocols import (
 from hugwbc.evaluation.protocols.random_commands import PARTS, Combination
 from hugwbc.evaluation.protocols.robustness import GRID_UNITS, NOMINAL
 from hugwbc.evaluation.protocols.tour import blow_outcomes
+from hugwbc.evaluation.tables import format_table, hand_rows
 
 LISTED_PAIRS = 10
 

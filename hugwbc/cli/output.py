@@ -1,15 +1,14 @@
-"""What the verbs share: options from a dataclass, tables, JSON files and progress."""
+"""What the verbs share: options from a dataclass, JSON files and progress."""
 
 import contextlib
 import json
-import math
 import os
 import pathlib
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, TextIO, TypeVar
 
 import tyro
@@ -26,39 +25,6 @@ Options = TypeVar("Options")
 def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
     """The options of a verb from the words of the command line; exits with code 2 on an unknown or malformed one."""
     return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
-
-
-def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """An aligned table: first column to the left, the others to the right."""
-    cells = [list(header), *([_cell(value) for value in row] for row in rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in cells
-    ]
-    return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
-
-
-def _cell(value: object) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
-
-
-def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, ...]]:
-    """Rows of a table for `evaluation.metrics.HandErrors` as mappings, a column for each."""
-    names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
-    names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
-    rows: list[tuple[Any, ...]] = []
-    for part, name in names.items():
-        errors = (figure[part] for figure in figures)
-        rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
-    return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]
 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:

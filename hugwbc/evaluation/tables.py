@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from hugwbc.errors import ConfigError
 
@@ -79,3 +80,40 @@ def markdown_table(table: Table) -> str:
     lines = [line(table.columns), line(["---", *["---:"] * (len(table.columns) - 1)])]
     lines += [line([text(value) for value in row]) for row in table.rows]
     return "\n".join([f"### {table.title}", "", *lines, *(["", table.note] if table.note else [])])
+
+
+def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Align a table for the terminal: the first column to the left, the others to the right."""
+    cells = [list(header), *([_terminal_cell(value) for value in row] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in cells
+    ]
+    return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def _terminal_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, ...]]:
+    """Return the rows of a table of hand errors.
+
+    Args:
+        figures: `metrics.HandErrors` as mappings, one for each column.
+    """
+    names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
+    names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
+    rows: list[tuple[Any, ...]] = []
+    for part, name in names.items():
+        errors = (figure[part] for figure in figures)
+        rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+    return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]
