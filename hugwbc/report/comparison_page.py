@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import write_whole
 from hugwbc.report import page
-from hugwbc.viz.framing import LABEL_COLOURS, Trace
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
 
 

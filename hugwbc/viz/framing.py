@@ -1,112 +1,18 @@
 """What the pictures need to know of a run, and the colours that tell several runs apart."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
+from hugwbc.runtime.trace import Trace
 
 LANE = 1.5  # [m] between robots shown side by side
 FRAMED_RADIUS = 1.0  # [m] about the point looked at within which robots are well in the picture
 CAMERA_TIME = 1.0  # [s] over which the camera's motion is smoothed
 # Readable on light and on dark ground, and told apart by people who confuse red and green.
 LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
-
-
-class Trace(Protocol):
-    """One run of one controller, T samples; `hugwbc.runtime.rollout.Trace` has these attributes and more."""
-
-    @property
-    def name(self) -> str:
-        """Of the controller."""
-        ...
-
-    @property
-    def time(self) -> np.ndarray:
-        """Of each sample [s], shape (T,)."""
-        ...
-
-    @property
-    def command(self) -> np.ndarray:
-        """The eight commands in the order of COMMAND_NAMES, shape (T, 8)."""
-        ...
-
-    @property
-    def gait(self) -> np.ndarray:
-        """Values of `Gait`, shape (T,)."""
-        ...
-
-    @property
-    def measured(self) -> np.ndarray:
-        """v_x, v_y, omega, h, p, w as executed, shape (T, 6)."""
-        ...
-
-    @property
-    def clearance(self) -> np.ndarray:
-        """Height of both soles above the ground [m], shape (T, 2)."""
-        ...
-
-    @property
-    def phase(self) -> np.ndarray:
-        """Common phase of the gait, NaN where there is none, shape (T,)."""
-        ...
-
-    @property
-    def foot_contact(self) -> np.ndarray:
-        """Whether each foot is on the ground, shape (T, 2), bool."""
-        ...
-
-    @property
-    def foot_force(self) -> np.ndarray:
-        """Ground reaction on each foot [N], shape (T, 2, 3)."""
-        ...
-
-    @property
-    def pressure_centre(self) -> np.ndarray:
-        """Where it acts [m], NaN for a foot in the air, shape (T, 2, 3)."""
-        ...
-
-    @property
-    def foothold(self) -> np.ndarray:
-        """Where each sole is planned to land, x and y [m], NaN where there is no plan, shape (T, 2, 2)."""
-        ...
-
-    @property
-    def touch_downs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times at which the left and the right foot came down [s]."""
-        ...
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26)."""
-        ...
-
-    @property
-    def hand_target_world(self) -> np.ndarray:
-        """Targets of both hands [m], NaN where there is none, shape (T, 2, 3)."""
-        ...
-
-    @property
-    def arm_target(self) -> np.ndarray:
-        """Arm positions that the inverse kinematics wants [rad], NaN where there are none, shape (T, 8)."""
-        ...
-
-    @property
-    def hand_error(self) -> np.ndarray:
-        """Distance of each hand to its target [m], NaN where there is none, shape (T, 2)."""
-        ...
-
-    @property
-    def torque(self) -> np.ndarray:
-        """Joint torques [N*m], shape (T, 19)."""
-        ...
-
-    @property
-    def fell(self) -> bool:
-        """Whether the robot fell."""
-        ...
 
 
 def moment(trace: Trace, sample: int) -> Moment:

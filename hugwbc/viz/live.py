@@ -1,13 +1,22 @@
 """The live page: a robot to drive by sliders, gait buttons, a push, and draggable hand targets. Needs viser."""
 
 import contextlib
+import functools
+import http
 import io
 import ipaddress
+import threading
+import urllib.parse
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
 import trimesh
 import viser
+import websockets.asyncio.server as server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
 
 from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges
@@ -16,7 +25,6 @@ from hugwbc.gait import Gait
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
-from hugwbc.viz.live_guard import guarded
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
 
@@ -26,6 +34,9 @@ PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
 CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
 _NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
           "w": "waist"}  # fmt: skip
+OWN_NAMES = ("127.0.0.1", "localhost", "::1")
+ProcessRequest = Callable[[server.ServerConnection, Request], Response | None]
+_starting = threading.Lock()
 
 
 def check_host(host: str, *, expose: bool) -> str:
@@ -43,6 +54,62 @@ def check_host(host: str, *, expose: bool) -> str:
             f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
         )
     return host
+
+
+def refusal(headers: Headers, *, any_host: bool) -> str | None:
+    """Why a request is not answered; None if it is.
+
+    Args:
+        headers: of the request.
+        any_host: whether the machine may be called by any name.
+    """
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or len(origins) > 1:
+        return "one Host and at most one Origin, please"
+    if not any_host and _hostname(f"//{hosts[0]}") not in OWN_NAMES:
+        return f"this page is at {OWN_NAMES[0]}, not at {hosts[0]}"
+    if origins and origins[0] not in (f"http://{hosts[0]}", f"https://{hosts[0]}"):
+        return f"pages of {origins[0]} may not drive this robot"
+    return None
+
+
+def _hostname(url: str) -> str | None:
+    try:
+        return urllib.parse.urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+@contextlib.contextmanager
+def guarded(*, any_host: bool) -> Iterator[None]:
+    """Within this context, a web socket server that starts answers only what `refusal` does not refuse.
+
+    viser starts its server in its constructor and offers no way to look at requests first, hence the detour.
+
+    Raises:
+        ConfigError: if no server started by way of here, whose requests would then go unchecked.
+    """
+    original, started = server.serve, []
+
+    @functools.wraps(original)
+    def serve(*arguments: Any, process_request: ProcessRequest | None = None, **options: Any) -> server.serve:  # noqa: ANN401  as websockets'
+        def checked(connection: server.ServerConnection, request: Request) -> Response | None:
+            reason = refusal(request.headers, any_host=any_host)
+            if reason is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+            return None if process_request is None else process_request(connection, request)
+
+        started.append(True)
+        return original(*arguments, process_request=checked, **options)
+
+    with _starting:
+        server.serve = serve  # type: ignore[assignment,misc]
+        try:
+            yield
+        finally:
+            server.serve = original  # type: ignore[misc]
+    if not started:
+        raise ConfigError("this version of viser starts its server in another way; install the one of constraints.txt")
 
 
 def page_address(host: str, port: int) -> str:

@@ -12,8 +12,7 @@ from PIL import Image
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
-from hugwbc.viz.marks import UPRIGHT, Mark, Marks
-from hugwbc.viz.overlays import LAYERS, Part, footprint, mark_parts
+from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes
 
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # from the point looked at, in meshcat's camera axes (x, up, -y) [m]

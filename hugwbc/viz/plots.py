@@ -14,7 +14,8 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
-from hugwbc.viz.framing import LABEL_COLOURS, Trace, check_traces
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS, check_traces
 
 TITLES = {
     "v_x": "Forward velocity v_x",

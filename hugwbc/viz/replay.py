@@ -2,6 +2,7 @@
 
 import base64
 import html
+import itertools
 import pathlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
@@ -14,14 +15,15 @@ from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
 from hugwbc.files import write_whole
-from hugwbc.viz.framing import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, moment
-from hugwbc.viz.gait_bar import gait_bar
-from hugwbc.viz.marks import Mark
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, moment
+from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
-from hugwbc.viz.overlays import LAYERS
 
 FPS = 25
 _ROOT = Path(("meshcat",))
+ROW, GAP, LINE = 9.0, 3.0, 3.0  # of a foot, between feet, of the contact within it, in the picture's units
+CONTACT = "#1c2430"
 
 
 class _Command(Protocol):
@@ -138,6 +140,37 @@ def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: i
         name = view.add_footprint(number, view.marks.footprint(trace.qpos[sample], foot))
         shown = np.arange(len(samples)) / fps + trace.time[0] >= time
         yield name, [("visible", "bool", shown.tolist())]
+
+
+def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
+    """An `<svg>` as wide as its container, from `begin` to `end` [s]; two rows for every run, left foot over right."""
+    rows = []
+    for index, trace in enumerate(traces):
+        stance = in_stance(trace.phase, trace.gait, trace.foot_contact)
+        rows.append(f"<g><title>{html.escape(trace.name)}</title>")
+        for foot in range(2):
+            y = (2 * index + foot) * (ROW + GAP)
+            for start, stop, on in _stretches(trace.time, stance[:, foot]):
+                rows.append(_box(start, stop, y, ROW, STANCE if on else SWING))
+            for start, stop, on in _stretches(trace.time, trace.foot_contact[:, foot]):
+                if on:
+                    rows.append(_box(start, stop, y + 0.5 * (ROW - LINE), LINE, CONTACT))
+        y = 2 * index * (ROW + GAP)
+        rows.append(_box(begin - 0.01 * (end - begin), begin, y, 2 * ROW + GAP, LABEL_COLOURS[index]) + "</g>")
+    height = 2 * len(traces) * (ROW + GAP)
+    view = f"{begin - 0.01 * (end - begin):.3f} 0 {1.01 * (end - begin):.3f} {height:g}"
+    return f'<svg viewBox="{view}" preserveAspectRatio="none" style="height:{height:g}px">{"".join(rows)}</svg>'
+
+
+def _stretches(time: np.ndarray, values: np.ndarray) -> Iterator[tuple[float, float, bool]]:
+    """Begin, end and value of every stretch of equal values."""
+    changes = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    for start, stop in itertools.pairwise(changes):
+        yield float(time[start]), float(time[min(stop, len(time) - 1)]), bool(values[start])
+
+
+def _box(start: float, stop: float, y: float, height: float, colour: str) -> str:
+    return f'<rect x="{start:.3f}" y="{y:g}" width="{stop - start:.3f}" height="{height:g}" fill="{colour}"/>'
 
 
 def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, bar: str) -> str:
