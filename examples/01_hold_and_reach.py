@@ -30,8 +30,8 @@ def main(duration: float = 3.0) -> None:
     state = simulation.reset()
     controller.reset(state)
     for _ in range(round(duration / controller.period)):
-        upper_body = source.update(state, targets, controller.period)
-        state = simulation.step(controller.act(state, Command(), upper_body), controller.period)
+        upper_body, command = source.update(state, targets, Command(), controller.period)
+        state = simulation.step(controller.act(state, command, upper_body), controller.period)
 
     solution = source.solution
     assert solution is not None and state.position is not None

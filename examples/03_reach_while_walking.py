@@ -42,8 +42,8 @@ def main(duration: float = 6.0) -> None:
     for tick in range(round(script.duration / controller.period)):
         t = tick * controller.period
         hands = script.hands_at(t)
-        upper_body = source.update(state, hands, controller.period)
-        state = simulation.step(controller.act(state, script.command_at(t), upper_body), controller.period)
+        upper_body, command = source.update(state, hands, script.command_at(t), controller.period)
+        state = simulation.step(controller.act(state, command, upper_body), controller.period)
         if hands is not None and source.takeover.settled:
             assert state.position is not None
             world = np.array([simulation.hand_position(side) for side in ("left", "right")])

@@ -7,9 +7,8 @@ import numpy as np
 import tyro
 
 from hugwbc import Gait
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import rollout
+from hugwbc.runtime import rollout, upper_body_source
 from hugwbc.scripts.hand_paths import Hold
 from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.sim import Simulation

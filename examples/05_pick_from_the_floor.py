@@ -8,9 +8,8 @@ The same targets with and without `whole_body`; the commands that it chooses wou
 import tyro
 
 from hugwbc import Command
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import Constant, rollout
+from hugwbc.runtime import Constant, rollout, upper_body_source
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
 

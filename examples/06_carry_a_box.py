@@ -8,8 +8,7 @@
 import numpy as np
 import tyro
 
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import rollout
+from hugwbc.runtime import rollout, upper_body_source
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation

@@ -9,8 +9,7 @@ import time
 
 import tyro
 
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import ControlLoop
+from hugwbc.runtime import ControlLoop, upper_body_source
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.sim import Simulation
 from hugwbc.viz.live import LivePage

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -121,24 +121,48 @@ class Command:
                 )
         return self
 
-    def clamp(self) -> tuple["Command", tuple[str, ...]]:
-        """The nearest valid command, and a report of what was changed; NaN becomes the default.
+    def clamp(self) -> tuple["Command", tuple["CommandChange", ...]]:
+        """Return the nearest valid command and what was changed; NaN becomes the default.
 
-        Control loops call this instead of `validate`: nothing raises inside a loop.
+        Control loops call this instead of `validate`, because nothing may raise inside a loop.
 
         Returns:
-            The command, and one line for each value that was changed.
+            The command, and one record for each value that was changed.
         """
-        changes: dict[str, float] = {}
-        report: list[str] = []
+        changes = []
         for name, limits in command_ranges(self.gait).items():
             value = getattr(self, name)
             low, high = limits.finishing
             valid = limits.default if math.isnan(value) else min(max(value, low), high)
             if valid != value:
-                changes[name] = valid
-                report.append(f"{name} = {value:g} is outside {low:g} to {high:g}: using {valid:g}")
-        return (dataclasses.replace(self, **changes), tuple(report)) if changes else (self, ())
+                changes.append(CommandChange(name, value, valid, f"is outside {low:g} to {high:g}"))
+        return changed_command(self, changes), tuple(changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class CommandChange:
+    """A command value that was replaced; `str` gives the sentence for people.
+
+    Attributes:
+        name: one of `COMMAND_NAMES`.
+        asked: the value as commanded.
+        used: the value in its place.
+        why: a clause that continues "name = asked", such as "is outside -0.6 to 2".
+    """
+
+    name: str
+    asked: float
+    used: float
+    why: str
+
+    def __str__(self) -> str:
+        """Return the sentence, with the unit-free value used to three digits."""
+        return f"{self.name} = {self.asked:g} {self.why}: using {self.used:.3g}"
+
+
+def changed_command(command: Command, changes: Sequence[CommandChange]) -> Command:
+    """Return the command with the changes applied; the same object if there are none."""
+    return dataclasses.replace(command, **{change.name: change.used for change in changes}) if changes else command
 
 
 def default_command(gait: Gait) -> Command:

@@ -219,7 +219,7 @@ def ik_tick(calls: int) -> dict[str, float | None]:
     source = UpperBodySource(gravity_compensation=True)
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
-    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
+    return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))
 
 
 def _times(call: Callable[[int], object], count: int) -> np.ndarray:

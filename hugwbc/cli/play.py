@@ -11,12 +11,10 @@ import numpy as np
 from hugwbc.cli.output import parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.gait import Gait
-from hugwbc.runtime import Constant, ControlLoop
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import CommandSource
+from hugwbc.runtime.loop import CommandSource, Constant, ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation

@@ -8,11 +8,11 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.loop import upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.sim import Simulation, noisy_simulation
-from hugwbc.upper_ik import UpperBodySource
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,14 +55,6 @@ def summarise(trace: Trace) -> Outcome:
         footsteps=sum(times.size for times in trace.touch_downs),
         safety=dataclasses.asdict(trace.safety),
     )
-
-
-def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Hand IK for a controller: with gravity compensation for those that drive the arms by position alone.
-
-    A controller whose torques carry the arms says so by an attribute `carries_arms` that is true.
-    """
-    return UpperBodySource(gravity_compensation=not getattr(controller, "carries_arms", False))
 
 
 def check_names(controllers: Sequence[Controller]) -> None:

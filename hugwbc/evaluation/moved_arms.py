@@ -3,6 +3,7 @@
 import numpy as np
 import torch
 
+from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.learned.env.arm_targets import ArmTargets
 from hugwbc.robot import load_robot
@@ -42,9 +43,14 @@ class ArmIntervention:
         self._elapsed = _PERIOD
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
-        """Arm targets at the end of the next `dt` seconds; state, hands and the last command do not matter."""
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the arm targets at the end of the next `dt` seconds, and the command; the rest does not matter."""
         self._elapsed += dt
         while self._elapsed > _PERIOD + 1e-9:
             self._elapsed -= _PERIOD
@@ -53,7 +59,7 @@ class ArmIntervention:
             self.postures.append(self._end)
         ratio = self._elapsed / _PERIOD
         speed = (self._end - self._begin) / _PERIOD
-        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed)
+        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed), command
 
     def error(self, trace: Trace, settle: float) -> float:
         """Mean distance of the arm joints to the targets of a run after `settle` [s], in rad; NaN if it was shorter."""

@@ -88,7 +88,8 @@ class CommandFilter:
         """
         if command is not self._given:
             self._given = command
-            self._valid = command.clamp()
+            valid, changes = command.clamp()
+            self._valid = valid, tuple(map(str, changes))
         elif self._reached == (stepping, running, waiting, stray):
             return self._result
         before = self._state

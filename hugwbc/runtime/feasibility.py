@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-from hugwbc.commands import Command
+from hugwbc.commands import Command, CommandChange, changed_command
 from hugwbc.gait import Gait
 
 
@@ -27,7 +27,7 @@ class FeasibilityLimits:
     """Semi-axes of the velocities that go together: forward, backward, to either side [m/s]."""
 
 
-def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple[Command, tuple[str, ...]]:
+def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple[Command, tuple[CommandChange, ...]]:
     """The nearest command that the legs allow, and a report of what was changed.
 
     The first of these has its way over the next: v_x, then v_y within the ellipse of speeds that go together; omega;
@@ -60,14 +60,12 @@ def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple
         "f": (f, f"at {speed:.2g} m/s, whose steps would be too long"),
         "l": (l, f"with h = {command.h:g} m and f = {f:.3g} Hz"),
     }
-    changed = {name: value for name, (value, _) in reasons.items() if value != getattr(command, name)}
-    if not changed:
-        return command, ()
-    report = tuple(
-        f"{name} = {getattr(command, name):g} is not possible {reasons[name][1]}: using {value:.3g}"
-        for name, value in changed.items()
+    changes = tuple(
+        CommandChange(name, asked, used, f"is not possible {why}")
+        for name, (used, why) in reasons.items()
+        if used != (asked := getattr(command, name))
     )
-    return dataclasses.replace(command, **changed), report
+    return changed_command(command, changes), changes
 
 
 def _within(value: float, bound: float) -> float:

@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import CommandSource, ControlLoop, UpperBodySource, foot_contacts
+from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop, foot_contacts
 from hugwbc.runtime.moment import MOMENT_FIELDS
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.sim import Disturber, Force, Simulation
@@ -19,7 +19,7 @@ def rollout(
     controller: Controller,
     source: CommandSource,
     simulation: Simulation,
-    upper_body: UpperBodySource | None = None,
+    upper_body: ArmSource | None = None,
     *,
     duration: float,
     estimator: StateEstimator | None = None,

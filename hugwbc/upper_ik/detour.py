@@ -1,18 +1,180 @@
-"""Ways of an arm to another posture, in joint space and past the body, where the straight way is a dead end."""
+"""Looking ahead: where the direct way to a hand target ends, and a detour to a posture that brings the hand nearer.
 
+Descent stops where joint limits or the body block the way, above all after earlier targets have wound up the arm. A
+second, virtual pair of arms (`Scout`) goes ahead of the real one in larger steps, and then starts again from postures
+all over the workspace (`PostureTable`). If one of them brings the hand nearer, the real arm goes there (`Detours`).
+"""
+
+import dataclasses
+import functools
 import itertools
 
 import numpy as np
 
+from hugwbc import rotations
+from hugwbc.robot import load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent, lengths
-from hugwbc.upper_ik.postures import SEEDS
+from hugwbc.upper_ik.descent import Descent, Goal, lengths
+
+# Left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward.
+POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
+MIRROR = np.array([1.0, -1.0, -1.0, 1.0])
+SEEDS = np.stack((POSTURES, POSTURES * MIRROR))  # of both arms
+COUNT = 2000
+TRAVEL_COST = 0.02  # [m/rad], what a posture that is farther to go to must bring a hand nearer
+APART = 0.8  # [rad], of postures that are worth to be tried both
+
+STARTS = 3  # from other postures, after the one from where the arm is
+STEPS = 4  # in a tick
+STEP_TIME = 0.02  # [s]
+SETTLED = 0.003  # [m]; a hand that gets no nearer than that in one tick has arrived
+MOVED = 0.05  # [m]; a target that moved as far is worth another search
 
 ARRIVED = 0.02  # [rad]; end of a detour
 CORNER = 0.15  # [rad]; as near to a posture on its way, an arm turns to the next one: it cannot turn on the spot
 PROBE = 0.2  # [rad] between two looks ahead
 # By way of none or one of the known postures.
 WAYS = [way for count in range(2) for way in itertools.permutations(range(SEEDS.shape[1]), count)]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PostureTable:
+    """Postures of the left arm that touch nothing, and where they put its hand.
+
+    Attributes:
+        q: joint positions [rad], shape (n, 4).
+        hands: positions in the frame of the waist's turning part [m], shape (n, 3).
+    """
+
+    q: np.ndarray
+    hands: np.ndarray
+
+    def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
+        """Postures from which to search for one that puts a hand to a point, the most promising first.
+
+        Args:
+            arm: 0 for the left, 1 for the right one.
+            point: where the hand should be, in the pelvis frame [m], shape (3,).
+            waist: angle of the waist [rad].
+            q: where the arm is [rad], shape (4,): of postures alike near the point, the nearest to it is best.
+            count: how many postures, each of another kind.
+
+        Returns:
+            Joint positions [rad], shape (count, 4).
+        """
+        mirror = MIRROR if arm else np.ones(4)
+        local = rotations.rotation_z(-waist) @ point * ([1.0, -1.0, 1.0] if arm else [1.0, 1.0, 1.0])
+        cost = lengths(self.hands - local) + TRAVEL_COST * np.abs(self.q - q * mirror).max(axis=1)
+        found = []
+        for _ in range(count):
+            found.append(self.q[cost.argmin()])
+            cost = np.where(np.abs(self.q - found[-1]).max(axis=1) < APART, np.inf, cost)
+        return np.array(found) * mirror
+
+
+@functools.lru_cache(maxsize=1)
+def posture_table() -> PostureTable:
+    """Random postures within the limits, the same in every process; takes some 60 ms once."""
+    robot = load_robot()
+    descent = Descent(ArmIKConfig())
+    rng = np.random.default_rng(0)
+    postures, hands = [], []
+    q = robot.nominal[robot.arms].copy()
+    while len(postures) < COUNT:
+        q[:4] = rng.uniform(descent.lower[:4], descent.upper[:4])
+        hand = descent.forward(q, robot.nominal)[0]
+        if descent.clearance()[0] > descent.config.collision_margin:
+            postures.append(q[:4].copy())
+            hands.append(hand)
+    return PostureTable(np.array(postures), np.array(hands))
+
+
+class Scout:
+    """Virtual arms that search from posture to posture, each arm for itself, and then stay with the best they found.
+
+    Attributes:
+        q: their joint positions [rad], shape (8,).
+        residual: of both hands [m], shape (2,).
+        direct: where the direct way will end: distance from the target [m], shape (2,), infinite while not known.
+        done: whether each arm's search is over, shape (2,), bool: a target was reached, or all postures were tried.
+    """
+
+    def __init__(self, config: ArmIKConfig) -> None:
+        # Nothing moves that could break: large steps.
+        self._descent = Descent(
+            dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
+        )
+        self._postures = posture_table()  # now: the first time it takes as long as many ticks of a control loop
+        self._starts: list[list[np.ndarray]] = [[], []]
+        self._searching = np.zeros(2, dtype=bool)
+        self._goal = np.zeros((2, 3))
+        self._best = np.zeros((2, 4))
+        self._best_residual = np.full(2, np.inf)
+        self._settled = np.zeros(2, dtype=bool)
+        self._waist = load_robot().waist
+        self.q = load_robot().nominal[load_robot().arms].copy()
+        self.residual = np.full(2, np.inf)
+        self.direct = np.full(2, np.inf)
+        self.done = np.zeros(2, dtype=bool)
+
+    def reset(self, q: np.ndarray) -> None:
+        """Forget both arms' searches, and be where the real arms are: positions (8,) [rad]."""
+        for arm in range(2):
+            self.rest(arm)
+        self.q = q.copy()
+
+    def rest(self, arm: int) -> None:
+        """Forget an arm's search: the next one begins with where the arm then is."""
+        self._searching[arm] = self.done[arm] = False
+
+    def search(self, arm: int, goal: np.ndarray, q: np.ndarray, body: np.ndarray) -> None:
+        """Begin an arm's search, or go on to its next start if it has settled; a target that moved starts over.
+
+        Args:
+            arm: 0 for the left, 1 for the right one.
+            goal: targets [m], shape (2, 3).
+            q: where the real arms are [rad], shape (8,).
+            body: joint positions of the robot [rad], shape (19,).
+        """
+        if self.done[arm] and np.linalg.norm(goal[arm] - self._goal[arm]) > MOVED:
+            self.rest(arm)
+        joints = slice(4 * arm, 4 * arm + 4)
+        if self.done[arm]:
+            return
+        if not self._searching[arm]:
+            self._begin(arm, goal[arm])
+            self.q[joints] = q[joints]
+        elif self._settled[arm]:
+            self._go_on(arm, joints, q, float(body[self._waist]))
+
+    def _begin(self, arm: int, point: np.ndarray) -> None:
+        self._searching[arm] = True
+        self._goal[arm] = point
+        self._best_residual[arm] = self.direct[arm] = np.inf
+
+    def _go_on(self, arm: int, joints: slice, q: np.ndarray, waist: float) -> None:
+        if self._best_residual[arm] == np.inf:
+            self.direct[arm] = self.residual[arm]
+            starts = self._postures.candidates(arm, self._goal[arm], waist, q[joints], STARTS)
+            self._starts[arm] = list(starts)
+        if self.residual[arm] < self._best_residual[arm]:
+            self._best[arm], self._best_residual[arm] = self.q[joints], self.residual[arm]
+        self.done[arm] = self._best_residual[arm] <= self._descent.config.tolerance or not self._starts[arm]
+        self.q[joints] = self._best[arm] if self.done[arm] else self._starts[arm].pop(0)
+
+    def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
+        """Let both arms descend towards the targets (2, 3) [m], on a body (19,) [rad]: fast while they search.
+
+        Raises:
+            RuntimeError: if placo cannot solve it.
+        """
+        steps = STEPS if np.any(self._searching & ~self.done) else 1
+        self._descent.place(self.q, body)
+        before = np.linalg.norm(goal - self._descent.hands, axis=1)
+        self._descent.descend(Goal(goal), STEP_TIME, steps)
+        self.q = self._descent.q
+        self.residual = self._descent.residual
+        self._settled = (before - self.residual < SETTLED) | (self.residual <= self._descent.config.tolerance)
 
 
 class Detours:

@@ -12,9 +12,8 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
-from hugwbc.upper_ik.detour import Detours
+from hugwbc.upper_ik.detour import MOVED, Detours, Scout
 from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.scout import MOVED, Scout
 
 FAR = 0.1  # [m]; a hand that is as far from its target looks ahead whether the direct way will bring it there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do

@@ -1,4 +1,4 @@
-"""Handing the arms over to external targets and back without a jump, and the source that runs IK behind it."""
+"""Handing the arms over to external targets and back without a jump."""
 
 import dataclasses
 import enum
@@ -9,13 +9,7 @@ from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
-from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
-from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
 from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.solver import ArmIK, IKSolution
-from hugwbc.upper_ik.watch import TargetWatch
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,94 +153,3 @@ class Takeover:
             self.held += 1
             self._limiter.stop(dt)
         return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool))
-
-
-class UpperBodySource:
-    """Hand targets in, external arm control out: what a control loop calls once in every tick.
-
-    Attributes:
-        ik: the solver, with its counts of rejected targets and failures.
-        takeover: the hand-over, with its phase.
-        watch: on the stream of targets, with the counts of what was not usable.
-        solution: the solver's last answer, or None while the arms are released or follow joint targets.
-    """
-
-    def __init__(
-        self,
-        *,
-        gravity_compensation: bool,
-        ik: ArmIKConfig | None = None,
-        takeover: TakeoverConfig | None = None,
-    ) -> None:
-        """Build the solver.
-
-        Args:
-            gravity_compensation: True where PD alone drives the arms (the learned controller), so that they reach
-                their targets against their weight, and are damped; False where feed-forward torque does (the QP).
-            ik: settings of the solver.
-            takeover: settings of the hand-over.
-        """
-        self.ik = ArmIK(ik)
-        self.takeover = Takeover(takeover)
-        self.watch = TargetWatch(self.takeover.config.stale_time)
-        self.solution: IKSolution | None = None
-        self._own: np.ndarray | None = None
-        self._by_joints = False
-        self._gravity = GravityCompensation() if gravity_compensation else None
-        self._damping = ArmDamping() if gravity_compensation else None
-
-    def reset(self) -> None:
-        """Release the arms at once, for a new episode."""
-        self.takeover.reset()
-        self.watch.reset()
-        self.solution = None
-        self._own = None
-
-    def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
-        """External control of the arms for this tick. Never raises on bad numbers: holds, counts.
-
-        A stream of targets that dries up, or brings nothing usable any more, gives the arms back after `stale_time`.
-
-        Args:
-            state: of the robot now.
-            hands: the targets that arrived last, of the hands or of the arm joints; None gives the arms back to the
-                controller.
-            dt: time since the last tick [s].
-            commanded: the arm part of the last joint command, shape (8,) [rad], if known. A takeover starts there, and
-                the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
-                measured arms (plus what they sag, under gravity compensation) and a hand-back ends in the nominal pose.
-        """
-        if hands is None:
-            self.watch.forget()
-        else:
-            hands = self.watch.admit(hands, state.time, dt)
-        if hands is None:
-            self.solution = None
-            return self.takeover.release(self._own, dt)
-        by_joints = hands.joints is not None
-        if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
-            self.ik.reset(state.q[self.ik.robot.arms])
-            self.takeover.blend()
-        self._by_joints = by_joints
-        start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
-        if hands.joints is None:
-            self.solution = self.ik.solve(hands, state, dt)
-            q, dq = self.solution.q, self.solution.dq
-        else:
-            self.solution = None
-            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
-        target = self._compensated(q, state)
-        if self._damping is not None:
-            target = target + self._damping(dq, state)
-        return self.takeover.follow(target, dq, dt, start)
-
-    def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
-        """Where the arm command is before a takeover; remembered for the hand-back if the caller knows it."""
-        known = commanded is not None and np.all(np.isfinite(commanded))
-        self._own = np.array(commanded, dtype=float) if known else None
-        return self._compensated(self.ik.q, state) if self._own is None else self._own
-
-    def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
-        return q if self._gravity is None else self._gravity(q, state)

@@ -10,7 +10,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
-from hugwbc.upper_ik.postures import SEEDS
+from hugwbc.upper_ik.detour import SEEDS
 
 TOLERANCE = 0.03  # [m]
 SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle

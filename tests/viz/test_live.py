@@ -14,9 +14,8 @@ from websockets.datastructures import Headers
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import ControlLoop
+from hugwbc.runtime import ControlLoop, upper_body_source
 from hugwbc.sim import Simulation
 from hugwbc.viz.live import (
     CAMERA,

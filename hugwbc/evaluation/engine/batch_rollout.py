@@ -4,13 +4,13 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
@@ -26,36 +26,6 @@ if TYPE_CHECKING:
 _ANY_STATE = RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
 _MOST, _MEMORY, _SAMPLE = 2048, 2**28, 1000  # robots; bytes of all records; bytes of one sample of one robot
 _ROUNDING = 1e-9  # [s], of sums of time steps
-
-
-class Rows(Protocol):
-    """A controller of many robots, such as `hugwbc.learned.policy.policy_rows.PolicyRows`."""
-
-    kp: np.ndarray
-    kd: np.ndarray
-    phase: np.ndarray
-
-    def reset(self) -> None:
-        """Forget the past of all robots."""
-        ...
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Keep the robots that are marked True, shape (n,), bool, and drop the others."""
-        ...
-
-    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Take the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
-        ...
-
-    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
-        """Return joint position targets, shape (n, 19).
-
-        Args:
-            command: the eight numbers of each robot's command, shape (n, 8).
-            gait: gait of each robot, shape (n,).
-            indicator: whether something else moves the arms, shape (n,).
-        """
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,7 +48,7 @@ class BatchMember:
 def fits(controller: object, conditions: Conditions) -> bool:
     """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
     exact = not conditions.noise and not conditions.latency
-    return callable(getattr(controller, "for_many", None)) and conditions.is_level and exact
+    return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:
@@ -91,7 +61,7 @@ def most_robots(duration: float) -> int:
 
 
 def batch_rollout(
-    controller: Any,  # noqa: ANN401  a controller with the member for_many
+    controller: HasBatch,
     members: Sequence[BatchMember],
     *,
     duration: float,
@@ -130,14 +100,14 @@ class _BatchRun:
     `rows` are the indices of the robots that are still up, in the order of the policy's rows.
     """
 
-    def __init__(self, controller: Any, members: Sequence[BatchMember], duration: float, threads: int) -> None:  # noqa: ANN401
+    def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
         self.members, self.duration, self.period = members, duration, controller.period
         self.timestep = members[0].conditions.timestep
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(), len(members)
         self.filters = [SafetyFilter(controller) for _ in members]
-        self.policy: Rows = controller.for_many(count)
+        self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
         }
@@ -240,11 +210,12 @@ class _BatchRun:
         arms = np.zeros((2, rows.size, 8))  # position and velocity targets
         for place, row in enumerate(rows.tolist()):
             member, upper_body = self.members[row], UpperBody.none()
-            if member.arms is not None:
-                upper_body = member.arms.update(_ANY_STATE, None, self.period)
             if row in self._following:
                 self._following[row].follow(self._state(row))
-            command, upper_body = self.filters[row].admit(member.source.command_at(t), upper_body)
+            command = member.source.command_at(t)
+            if member.arms is not None:
+                upper_body, command = member.arms.update(_ANY_STATE, None, command, self.period)
+            command, upper_body = self.filters[row].admit(command, upper_body)
             commands[place], gaits[place] = command.array(), int(command.gait)
             arms[:, place] = upper_body.q, upper_body.dq
         moved = self.moved[rows]

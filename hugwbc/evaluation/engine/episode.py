@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hugwbc.commands import Command
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, HasBatch
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.batch_rollout import BatchMember, batch_rollout, fits, most_robots
@@ -299,6 +299,7 @@ def _run_batch(
     controller: Controller, job: Job[Row], episodes: list[tuple[int, EpisodePlan]]
 ) -> tuple[list[tuple[int, Run]], list[tuple[int, EpisodePlan]]]:
     """Run episodes in one batch; return the runs by index, and the episodes that have to run alone."""
+    assert isinstance(controller, HasBatch)  # `joins_batch` holds for each episode
     members = []
     for index, plan in episodes:
         conditions = plan.conditions or job.conditions

@@ -10,12 +10,11 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, known, mean
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import UpperBodySource
+from hugwbc.runtime.loop import ArmSource, upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.scripts.hand_paths import Line
@@ -133,7 +132,7 @@ class HandsResult:
 class _Recording:
     """Around an upper-body source: keeps what its inverse kinematics wanted, and what it commanded."""
 
-    def __init__(self, source: UpperBodySource) -> None:
+    def __init__(self, source: ArmSource) -> None:
         self._source = source
         self.wanted: list[np.ndarray] = []
         self.commanded: list[np.ndarray] = []
@@ -148,14 +147,19 @@ class _Recording:
         self._source.reset()
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
         """The source's."""
-        body = self._source.update(state, hands, dt, commanded)
+        body, command = self._source.update(state, hands, command, dt, commanded)
         nothing = np.full(8, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
-        return body
+        return body, command
 
     def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
         """Rows at the times of a trace, shape (samples, 8)."""
