@@ -47,7 +47,9 @@ def run(words: Sequence[str]) -> int:
 
 def _describe(figures: BenchFigures) -> str:
     environment, training = figures.environment, figures.training
-    rows = [(f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()]
+    rows: list[tuple[object, ...]] = [
+        (f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()
+    ]
     for name, tick in (("policy", figures.policy_tick_ms), ("ik", figures.ik_tick_ms)):
         rows.append((name, tick["p50"], tick["p99"], "", ""))
     unsolved = ", ".join(f"{gait} {speed.unsolved:.2%}" for gait, speed in figures.qp.items())
