@@ -131,7 +131,7 @@ class _Progress:
 
 
 def _place(cell: Cell, store: ResultStore | None) -> tuple[pathlib.Path | None, dict[str, Any]]:
-    """Return the file of a cell's result and its identity; nothing without a store. A fresh store renames an old file."""
+    """Return the file of a result and its identity; nothing without a store. A fresh store renames an old file."""
     if store is None:
         return None, {}
     identity = cell.identity()
