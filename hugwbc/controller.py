@@ -1,4 +1,4 @@
-"""The message to the joints, the external upper body, and the interface that every controller implements."""
+"""The message to the joints, external control of the arms, and the interface that every controller implements."""
 
 import dataclasses
 from typing import Protocol, runtime_checkable
@@ -13,9 +13,9 @@ from hugwbc.state import RobotState
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JointCommand:
-    """What a joint receives: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
+    """A command to all joints: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
 
-    The same five vectors as a Unitree robot's low-level command; each of shape (19,), in the robot's joint order.
+    It holds the five vectors of a Unitree robot's low-level command, each of shape (19,), in the robot's joint order.
 
     Attributes:
         q: position targets [rad].
@@ -33,7 +33,7 @@ class JointCommand:
 
     @classmethod
     def position(cls, robot: Robot, q: np.ndarray) -> "JointCommand":
-        """Hold joint positions with the robot's nominal gains and no feed-forward."""
+        """Build a command that holds positions with the robot's nominal gains and without feed-forward torque."""
         zero = np.zeros_like(robot.kp)
         return cls(q=q, dq=zero, kp=robot.kp, kd=robot.kd, tau=zero)
 
@@ -45,12 +45,12 @@ class JointCommand:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class UpperBody:
-    """External control of the arms: from IK, a motion file or noise. `UpperBody.none()` leaves them to the controller.
+    """External control of the arms by IK, a motion file or noise; `UpperBody.none()` leaves them to the controller.
 
     Attributes:
-        q: targets of the eight arm joints (order of `Robot.arms`) [rad], shape (8,).
-        dq: their velocities [rad/s], shape (8,).
-        mask: which of the eight are taken over, shape (8,), bool.
+        q: position targets of the eight arm joints, in the order of `Robot.arms` [rad], shape (8,).
+        dq: velocity targets [rad/s], shape (8,).
+        mask: which of the eight joints are taken over, shape (8,), bool.
     """
 
     q: np.ndarray
@@ -59,12 +59,12 @@ class UpperBody:
 
     @classmethod
     def none(cls) -> "UpperBody":
-        """No external control."""
+        """Return no external control."""
         return cls(np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
 
     @classmethod
     def targets(cls, q: np.ndarray, dq: np.ndarray | None = None) -> "UpperBody":
-        """Take over both arms.
+        """Build targets that take over both arms.
 
         Raises:
             TargetError: if the targets are not eight finite numbers.
@@ -196,9 +196,9 @@ class HasBatch(Controller, Protocol):
 
 
 def override_arms(joint_command: JointCommand, upper_body: UpperBody, robot: Robot) -> JointCommand:
-    """The command with the arm joints under external control set to their targets, at the robot's nominal arm gains.
+    """Return the command with the externally controlled arm joints set to their targets at the robot's nominal gains.
 
-    For controllers that, like the learned one, do not place external arm targets in their own output.
+    Controllers that do not place external arm targets in their own output, such as the learned one, call this.
     """
     if not upper_body.indicator:
         return joint_command

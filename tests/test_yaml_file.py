@@ -26,9 +26,9 @@ def test_scalars(reader, method, text, value):
     ("method", "text", "message"),
     [
         ("text", "[a]", "here should be a text"),
-        ("number", "a", "'a' is no number"),
-        ("integer", "2.5", "2.5 is no whole number"),
-        ("integer", "inf", "inf is no whole number"),
+        ("number", "a", "'a' is not a number"),
+        ("integer", "2.5", "2.5 is not a whole number"),
+        ("integer", "inf", "inf is not a whole number"),
         ("truth", "yes", "'yes' is neither true nor false"),
         ("nodes", "[]", "at least one entry"),
     ],

@@ -20,8 +20,8 @@ from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.policy.policy import LearnedController
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState

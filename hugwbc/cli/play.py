@@ -14,8 +14,9 @@ from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import CommandSource, Constant, ControlLoop, upper_body_source
+from hugwbc.runtime.loop import ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets

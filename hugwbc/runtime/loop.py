@@ -1,8 +1,7 @@
 """The control loop of one robot in simulation: sensors, arms, controller behind the safety filter, joints."""
 
-import dataclasses
 import time
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +12,8 @@ from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.scripts.command_source import Constant as Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -57,43 +58,6 @@ def upper_body_source(controller: Controller) -> UpperBodySource:
     """Return the hand IK for a controller, with gravity compensation unless the controller carries the arms itself."""
     carries = isinstance(controller, CarriesArms) and controller.carries_arms
     return UpperBodySource(gravity_compensation=not carries)
-
-
-class CommandSource(Protocol):
-    """An object that gives commands and hand targets over time: a `hugwbc.scripts.Script`, or a `Constant`."""
-
-    def command_at(self, t: float) -> Command:
-        """Return the command at time t [s]."""
-        ...
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the hand targets at time t [s]; None leaves the arms to the controller."""
-        ...
-
-
-@runtime_checkable
-class FollowingSource(CommandSource, Protocol):
-    """A command source whose commands depend on where the robot is."""
-
-    def follow(self, state: RobotState) -> None:
-        """Take the true state, before each `command_at`."""
-        ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Constant:
-    """The same command and hand targets at all times; without targets the controller moves the arms."""
-
-    command: Command
-    hands: HandTargets | None = None
-
-    def command_at(self, t: float) -> Command:
-        """Return the command."""
-        return self.command
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the hand targets."""
-        return self.hands
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:

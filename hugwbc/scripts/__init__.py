@@ -1,5 +1,6 @@
 """What a robot is asked to do over time: command scripts, hand paths, arm motions, and the shipped scripts (*.yaml)."""
 
+from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
 from hugwbc.scripts.hand_paths import Circle, Grid, HandPath, Hold, Line, Swing, Wander
 from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion, load_motions
 from hugwbc.scripts.recorded_path import read_path
@@ -10,6 +11,9 @@ __all__ = [
     "SCRIPT_NAMES",
     "ArmMotion",
     "Circle",
+    "CommandSource",
+    "Constant",
+    "FollowingSource",
     "Grid",
     "HandMotion",
     "HandPath",

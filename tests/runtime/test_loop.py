@@ -11,8 +11,9 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import Constant, ControlLoop, substeps_of, upper_body_source, world_targets
+from hugwbc.runtime.loop import ControlLoop, substeps_of, upper_body_source, world_targets
 from hugwbc.runtime.safety import target_limits
+from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets

@@ -13,9 +13,10 @@ from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
+from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
+from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.state import RobotState

@@ -15,7 +15,7 @@ from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.gait import Gait
-from hugwbc.runtime.loop import CommandSource, Constant
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim.forces import Force
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
