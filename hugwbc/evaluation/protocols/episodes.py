@@ -1,4 +1,4 @@
-"""What the protocols share: settings, and episodes by plan whose results are stored as they are done."""
+"""What the protocols share: settings, results, and planned episodes that are stored as they finish."""
 
 import dataclasses
 import functools
@@ -35,7 +35,7 @@ from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.engine.store import ResultStore, plain
 from hugwbc.gait import Gait
 
-_WORTHWHILE = 64  # robots in a batch, beyond which each costs hardly less
+_WORTHWHILE = 64  # robots in a batch; with more of them, the cost of each hardly falls
 
 __all__ = [
     "ControllerFactory",
@@ -55,14 +55,14 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeSettings:
-    """Settings of any protocol.
+    """Settings of every protocol.
 
     Attributes:
-        seed: of the sampled commands, the ground, the sensors' noise and the arms.
-        duration: of an episode [s].
+        seed: seed of the sampled commands, the ground, the sensors' noise and the arms.
+        duration: length of an episode [s].
         settle: start of an episode that is left out of the errors [s].
         conditions: physics, ground, robot, sensors and arms.
-        execution: in which processes the episodes run, and where results are stored; changes no result.
+        execution: where the episodes run and where their results are stored; it does not affect any result.
     """
 
     seed: int = 0
@@ -83,14 +83,14 @@ class EpisodeSettings:
 
 @dataclasses.dataclass(frozen=True)
 class GaitSettings(EpisodeSettings):
-    """Settings of a protocol of one gait, beside those of any.
+    """Settings of a protocol that runs one gait, in addition to `EpisodeSettings`.
 
     Attributes:
-        gait: of all episodes.
-        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
+        gait: gait of all episodes.
+        both_legs: whether to alternate with the mirrored gait, hopping on the left and on the right leg in turn.
     """
 
-    gait: Gait
+    gait: Gait = Gait.WALKING
     both_legs: bool = False
 
     def __post_init__(self) -> None:
@@ -105,16 +105,16 @@ class GaitSettings(EpisodeSettings):
 
     @property
     def alternating(self) -> tuple[Gait, Gait]:
-        """The gaits that take turns: twice the same one without `both_legs`."""
+        """The two gaits that take turns; the same one twice without `both_legs`."""
         return self.gait, self.gait.mirrored() if self.both_legs else self.gait
 
 
 @dataclasses.dataclass(frozen=True)
 class CountedSettings(GaitSettings):
-    """Settings of a protocol of a chosen number of episodes, beside those of any of one gait.
+    """Settings of a protocol with a given number of episodes, in addition to `GaitSettings`.
 
     Attributes:
-        episodes: how many.
+        episodes: number of episodes.
     """
 
     episodes: int = 1
@@ -127,19 +127,19 @@ class CountedSettings(GaitSettings):
 
     @property
     def least(self) -> tuple[int, str]:
-        """The fewest episodes with which every figure has one, and why so many."""
+        """The fewest episodes that give every figure at least one, and the reason in words."""
         return 1, ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ProtocolResult(Generic[Row]):
-    """Outcome of a protocol: who did what, and the episodes; a protocol adds what follows from them.
+    """Result of a protocol: settings and episodes, to which each protocol adds its summary.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
+        controller: name of the controller.
+        gait: label of the gait; "hopping" for both legs.
+        seed, duration, settle, conditions: as in the settings.
+        rows: one row for each episode.
     """
 
     controller: str
@@ -152,13 +152,13 @@ class ProtocolResult(Generic[Row]):
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[Row], **own: Any) -> Self:  # noqa: ANN401
-        """The result of some episodes.
+        """Build the result of some episodes.
 
         Args:
-            factory: of the controller that ran them.
-            config: their settings.
-            rows: the episodes.
-            own: the fields that the protocol adds.
+            factory: makes the controller that ran them.
+            config: settings of the episodes.
+            rows: one row for each episode.
+            own: fields that the protocol adds.
         """
         return cls(
             controller=factory().name,
@@ -182,11 +182,11 @@ FallingRow = TypeVar("FallingRow", bound=_Falling)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CountedResult(ProtocolResult[FallingRow]):
-    """Outcome of a protocol whose episodes are counted together, beside that of any.
+    """Result of a protocol that counts the falls of all episodes together, in addition to `ProtocolResult`.
 
     Attributes:
-        episodes: how many.
-        falls: in how many the robot fell.
+        episodes: number of episodes.
+        falls: number of episodes in which the robot fell.
     """
 
     episodes: int
@@ -194,7 +194,7 @@ class CountedResult(ProtocolResult[FallingRow]):
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[FallingRow], **own: Any) -> Self:  # noqa: ANN401
-        """The result of some episodes; arguments as of `ProtocolResult.of`."""
+        """Build the result of some episodes; arguments as in `ProtocolResult.of`."""
         return super().of(factory, config, rows, episodes=len(rows), falls=sum(row.fell for row in rows), **own)
 
 
@@ -205,14 +205,15 @@ def run_episodes(
     settings: EpisodeSettings,
     on_episode: Callable[[Row], None] | None = None,
 ) -> list[Row]:
-    """Run every episode and keep what `judge` makes of it.
+    """Run every episode that is not stored yet, and return the rows that `judge` makes of all of them.
 
     Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        plans: one per episode.
-        judge: called with the index and the run of every episode; with more than one worker it must be picklable.
-        settings: of the episodes.
-        on_episode: called with every result, in order.
+        factory: makes the controller; it must be picklable if there is more than one worker.
+        plans: one plan for each episode.
+        judge: called with the index and the run of every episode; it must be picklable if there is more than one
+            worker.
+        settings: settings of the episodes.
+        on_episode: called with every row, in order.
     """
     cell = None if settings.execution.store is None else _Cell(settings.execution.store, factory, judge, settings)
     rows: dict[int, Row] = {} if cell is None else cell.stored(plans)
@@ -239,7 +240,7 @@ def run_episodes(
 def _jobs(
     factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
 ) -> list[Job[Row]]:
-    """Batches of the episodes that can share one, and the others one by one."""
+    """Group the episodes that can share a batch into batches, and leave the others single."""
     if not episodes:
         return []
     make = functools.partial(
@@ -256,7 +257,10 @@ def _jobs(
 
 
 def _batch_size(count: int, settings: EpisodeSettings) -> int:
-    """Robots in a batch: few enough for all workers to have one and for some to finish early, as many as then pays."""
+    """Return the number of robots in a batch.
+
+    Batches are small enough for all workers to have one and for some to finish early, and no smaller.
+    """
     parallel = settings.execution.parallel
     worthwhile = max(_WORTHWHILE, math.ceil(count / (4 * parallel)))
     return max(1, min(most_robots(settings.duration), math.ceil(count / parallel), worthwhile))
@@ -286,14 +290,14 @@ class _Cell(Generic[Row]):
         )
 
     def stored(self, plans: Sequence[EpisodePlan]) -> dict[int, Row]:
-        """The rows that are there, by index."""
+        """Return the stored rows by index."""
         keys = {index: _key(index, plan) for index, plan in enumerate(plans)}
         rows = {index: self._restore(self._file[key]) for index, key in keys.items() if key in self._file}
         self._store.restored += len(rows)
         return rows
 
     def keep(self, index: int, plan: EpisodePlan, row: Row) -> None:
-        """Add a row."""
+        """Store a row."""
         self._file.add(_key(index, plan), plain(row))
 
     def _restore(self, stored: Any) -> Row:  # noqa: ANN401  whatever JSON holds
@@ -305,18 +309,18 @@ def _key(index: int, plan: EpisodePlan) -> str:
 
 
 def _frozen(value: Any) -> Any:  # noqa: ANN401  whatever JSON holds
-    """JSON with tuples for its lists: rows are frozen, and have none."""
+    """Replace lists by tuples: rows are frozen dataclasses, which hold tuples."""
     if isinstance(value, dict):
         return {key: _frozen(item) for key, item in value.items()}
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def known(value: float) -> float | None:
-    """The value, None if it is not finite."""
+    """Return the value, or None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """Mean of the values that are known, None if there is none."""
+    """Return the mean of the known values, or None if there are none."""
     found = [value for value in values if value is not None]
     return float(np.mean(found)) if found else None
