@@ -8,7 +8,7 @@ from typing import Any
 
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.identity import code_identity, digest, to_json
+from hugwbc.evaluation.engine.identity import code_identity, digest, judge_module, to_json
 from hugwbc.evaluation.engine.store import ResultStore, set_aside
 from hugwbc.files import finite_json, write_whole
 from hugwbc.runtime.controllers import ControllerSpec
@@ -47,7 +47,7 @@ class Cell:
             "protocol": self.protocol,
             "config": to_json(self.config),
             "controller": controller,
-            **code_identity([self.run.__module__, *controller["modules"]]),
+            **code_identity([judge_module(self.run), *controller["modules"]]),
         }
 
 

@@ -88,8 +88,9 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
 
 
 def judge_module(judge: object) -> str:
-    """Return the module of a function, of the function in a partial, or of an object's class."""
+    """Return the module of a function, of the function in a partial, or of the class of an object or of a method's."""
     inner = judge.func if isinstance(judge, functools.partial) else judge
+    inner = inner.__self__ if inspect.ismethod(inner) else inner
     return inner.__module__ if inspect.isfunction(inner) else type(inner).__module__
 
 

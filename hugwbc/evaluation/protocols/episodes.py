@@ -1,4 +1,4 @@
-"""What the protocols share: settings, and episodes by plan whose results are stored as they are done."""
+"""What the protocols share: settings and results."""
 
 import dataclasses
 import math
@@ -30,14 +30,14 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class GaitSettings(EpisodeSettings):
-    """Settings of a protocol of one gait, beside those of any.
+    """Settings of a protocol that runs one gait, in addition to `EpisodeSettings`.
 
     Attributes:
-        gait: of all episodes.
-        both_legs: alternate with the mirrored gait: hopping on the left and on the right leg.
+        gait: gait of all episodes.
+        both_legs: whether to alternate with the mirrored gait, hopping on the left and on the right leg in turn.
     """
 
-    gait: Gait
+    gait: Gait = Gait.WALKING
     both_legs: bool = False
 
     def __post_init__(self) -> None:
@@ -52,16 +52,16 @@ class GaitSettings(EpisodeSettings):
 
     @property
     def alternating(self) -> tuple[Gait, Gait]:
-        """The gaits that take turns: twice the same one without `both_legs`."""
+        """The two gaits that take turns; the same one twice without `both_legs`."""
         return self.gait, self.gait.mirrored() if self.both_legs else self.gait
 
 
 @dataclasses.dataclass(frozen=True)
 class CountedSettings(GaitSettings):
-    """Settings of a protocol of a chosen number of episodes, beside those of any of one gait.
+    """Settings of a protocol with a given number of episodes, in addition to `GaitSettings`.
 
     Attributes:
-        episodes: how many.
+        episodes: number of episodes.
     """
 
     episodes: int = 1
@@ -74,19 +74,19 @@ class CountedSettings(GaitSettings):
 
     @property
     def least(self) -> tuple[int, str]:
-        """The fewest episodes with which every figure has one, and why so many."""
+        """The fewest episodes that give every figure at least one, and the reason in words."""
         return 1, ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ProtocolResult(Generic[Row]):
-    """Outcome of a protocol: who did what, and the episodes; a protocol adds what follows from them.
+    """Result of a protocol: settings and episodes, to which each protocol adds its summary.
 
     Attributes:
-        controller: name.
-        gait: label; "hopping" for both legs.
-        seed, duration, settle, conditions: as configured.
-        rows: the episodes.
+        controller: name of the controller.
+        gait: label of the gait; "hopping" for both legs.
+        seed, duration, settle, conditions: as in the settings.
+        rows: one row for each episode.
     """
 
     controller: str
@@ -99,13 +99,13 @@ class ProtocolResult(Generic[Row]):
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[Row], **own: Any) -> Self:  # noqa: ANN401
-        """The result of some episodes.
+        """Build the result of some episodes.
 
         Args:
-            factory: of the controller that ran them.
-            config: their settings.
-            rows: the episodes.
-            own: the fields that the protocol adds.
+            factory: makes the controller that ran them.
+            config: settings of the episodes.
+            rows: one row for each episode.
+            own: fields that the protocol adds.
         """
         return cls(
             controller=factory().name,
@@ -129,11 +129,11 @@ FallingRow = TypeVar("FallingRow", bound=_Falling)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CountedResult(ProtocolResult[FallingRow]):
-    """Outcome of a protocol whose episodes are counted together, beside that of any.
+    """Result of a protocol that counts the falls of all episodes together, in addition to `ProtocolResult`.
 
     Attributes:
-        episodes: how many.
-        falls: in how many the robot fell.
+        episodes: number of episodes.
+        falls: number of episodes in which the robot fell.
     """
 
     episodes: int
@@ -141,16 +141,16 @@ class CountedResult(ProtocolResult[FallingRow]):
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[FallingRow], **own: Any) -> Self:  # noqa: ANN401
-        """The result of some episodes; arguments as of `ProtocolResult.of`."""
+        """Build the result of some episodes; arguments as in `ProtocolResult.of`."""
         return super().of(factory, config, rows, episodes=len(rows), falls=sum(row.fell for row in rows), **own)
 
 
 def known(value: float) -> float | None:
-    """The value, None if it is not finite."""
+    """Return the value, or None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """Mean of the values that are known, None if there is none."""
+    """Return the mean of the known values, or None if there are none."""
     found = [value for value in values if value is not None]
     return float(np.mean(found)) if found else None

@@ -1,9 +1,10 @@
 import csv
 import io
 
-from hugwbc.evaluation.intervals import Estimate
 from hugwbc.report.figures import Figure
 from hugwbc.report.written import COLUMNS, figures_csv
+
+from hugwbc.evaluation.intervals import Estimate
 
 
 def test_every_figure_is_a_line_with_its_source():

@@ -1,8 +1,8 @@
 import pytest
+from hugwbc.report.figures import Figure, Verdict, against, comparison_table, times
 
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import Marked
-from hugwbc.report.figures import Figure, Verdict, against, comparison_table, times
 
 
 def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
