@@ -36,11 +36,12 @@ class Conditions:
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
         noise: whether the sensors have a real robot's noise and latency and the state is estimated from them.
-        intervention: one of `INTERVENTIONS`, what moves the arms during the whole episode.
-        motions: folder of motion files for the motion intervention; None for generated motions.
+        intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
+            (motion files).
+        motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
         payload: mass added to the torso [kg].
         friction: friction coefficient between robot and ground; None for that of the robot description.
-        latency: age of the sensor readings [s]; None for no latency, or with `noise` for a real robot's.
+        latency: age of the sensor readings [s]; None for no latency, or for a real robot's if there is noise.
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
 
