@@ -12,7 +12,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine.episode import controller_of
 from hugwbc.evaluation.engine.execution import Execution
 from hugwbc.evaluation.engine.store import ResultStore
-from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities
+from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesConfig, SmallVelocitiesProtocol
 from hugwbc.runtime.controllers import ControllerSpec
 
 
@@ -81,7 +81,7 @@ def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
     distributed = pytest.importorskip("distributed")
     factory = ControllerSpec("qp").build
     settings = {"episodes": 12, "duration": 0.6, "settle": 0.3, "conditions": Conditions()}
-    alone = run_small_velocities(factory, SmallVelocitiesConfig(Gait.WALKING, **settings))
+    alone = SmallVelocitiesProtocol().run(factory, SmallVelocitiesConfig(Gait.WALKING, **settings))
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "host": "127.0.0.1"}
     killed = []
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
@@ -94,7 +94,7 @@ def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
                     os.kill(killed[0], signal.SIGKILL)
 
             config = SmallVelocitiesConfig(Gait.WALKING, **settings, execution=execution)
-            shared = run_small_velocities(factory, config, kill_one)
+            shared = SmallVelocitiesProtocol().run(factory, config, kill_one)
     assert killed and shared == alone
     (path,) = tmp_path.iterdir()
     assert len(path.read_text().splitlines()) == 1 + 12
