@@ -27,8 +27,8 @@ _GAITS = f"{', '.join(gait.label for gait in Gait)}, or {BOTH_LEGS}, which hops 
 # Help for options whose field's docstring is written for readers of the code.
 _HELP = {
     "gait": f"Gait: {_GAITS}.",
-    "intervention": "What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (files).",
-    "motions": "Folder of motion files (.npz) for --intervention motion; generated motions without one.",
+    "intervention": "What moves the arms: none, noise (uniform targets every 1.8 s) or motion (motion files).",
+    "motions": "Folder of motion files (.npz) that move the arms; without one, motions are generated.",
 }
 AnyProtocol = Protocol[Any, Any, Any]
 
@@ -155,7 +155,7 @@ def _named(name: str) -> AnyProtocol:
 
 
 def _formerly_named(words: list[str], index: int) -> tuple[AnyProtocol, list[str]]:
-    """Read the form `--protocol NAME` of release 0.1, to be removed in the one after the next."""
+    """Read the former form `--protocol NAME`, which is kept for one release."""
     _, equals, name = words[index].partition("=")
     if not equals and index + 1 == len(words):
         raise ConfigError(f"--protocol has no name; give the name as the first word. Valid: {', '.join(PROTOCOLS)}")
