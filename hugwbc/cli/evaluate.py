@@ -23,6 +23,12 @@ from hugwbc.runtime.controllers import ControllerSpec
 DEFAULT = "single-command"
 BOTH_LEGS = "hopping"
 _GAITS = f"{', '.join(gait.label for gait in Gait)}, or {BOTH_LEGS}, which hops on the left and the right leg in turn"
+# Help for options whose field's docstring is written for readers of the code.
+_HELP = {
+    "gait": f"Gait: {_GAITS}.",
+    "intervention": "What moves the arms: none, noise (uniform targets every 1.8 s) or motion (motion files).",
+    "motions": "Folder of motion files (.npz) that move the arms; without one, motions are generated.",
+}
 AnyProtocol = Protocol[Any, Any, Any]
 
 
@@ -31,10 +37,10 @@ class ControllerOptions:
     """Which controller is evaluated.
 
     Attributes:
-        controller: learned, qp, hold (a baseline that only holds its pose), the name of a plug-in, or the path of a
-            policy or of a contract for a policy of others (docs/evaluation.md).
-        policy: name of a shipped policy or path of a policy for the learned controller; path of a network for a policy
-            of others.
+        controller: name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in; or the
+            path of a policy, or of a contract for somebody else's policy (docs/evaluation.md).
+        policy: name of a shipped policy or path of a policy for the learned controller; path of a network for
+            somebody else's policy.
     """
 
     controller: str = "learned"
@@ -148,7 +154,7 @@ def _named(name: str) -> AnyProtocol:
 
 
 def _formerly_named(words: list[str], index: int) -> tuple[AnyProtocol, list[str]]:
-    """Read the form `--protocol NAME` of release 0.1, to be removed in the one after the next."""
+    """Read the former form `--protocol NAME`, which is kept for one release."""
     _, equals, name = words[index].partition("=")
     if not equals and index + 1 == len(words):
         raise ConfigError(f"--protocol has no name; give the name as the first word. Valid: {', '.join(PROTOCOLS)}")
@@ -194,12 +200,13 @@ def _parse(protocol: AnyProtocol, words: Sequence[str]) -> dict[str, Any]:
 
 
 def _options(protocol: AnyProtocol) -> Iterator[_Option]:
+    """Yield the options of a protocol in the order of its help: its own before those that all have."""
     yield from _from_fields(ControllerOptions)
-    for option in sorted(_from_fields(protocol.settings), key=lambda option: option.name in _names(GaitSettings)):
-        if option.name == "gait":
-            yield dataclasses.replace(option, type=str, default=option.default.label, help=f"Gait: {_GAITS}.")
-        elif option.name != "both_legs":
-            yield option
+    options = {option.name: option for option in _from_fields(protocol.settings)}
+    gait = options.pop("gait")
+    del options["both_legs"]  # part of the option for the gait
+    yield dataclasses.replace(gait, type=str, default=gait.default.label)
+    yield from sorted(options.values(), key=lambda option: option.name in _names(GaitSettings))
     yield from (option for option in _from_fields(Conditions) if option.name not in protocol.fixed)
     yield from _from_fields(ExecutionOptions) if protocol.stores_episodes else ()
     yield from _from_fields(OutputOptions)
@@ -210,7 +217,8 @@ def _from_fields(cls: type[Any]) -> Iterator[_Option]:
     types, texts = typing.get_type_hints(cls), _field_texts(cls)
     for field in dataclasses.fields(cls):
         if field.default is not dataclasses.MISSING:
-            yield _Option(field.name, types[field.name], field.default, _sentence(texts.get(field.name, "")))
+            text = _HELP.get(field.name) or _sentence(texts.get(field.name, "").replace("`", ""))
+            yield _Option(field.name, types[field.name], field.default, text)
 
 
 def _names(cls: type[Any]) -> set[str]:

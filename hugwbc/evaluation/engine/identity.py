@@ -88,10 +88,9 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
 
 
 def judge_module(judge: object) -> str:
-    """Return the module of a function, of the function in a partial, or of the class of an object or of a method's."""
+    """The module of a function, of the function in a partial, or of an object's class."""
     inner = judge.func if isinstance(judge, functools.partial) else judge
-    inner = inner.__self__ if inspect.ismethod(inner) else inner
-    return inner.__module__ if inspect.isfunction(inner) else type(inner).__module__
+    return inner.__module__ if inspect.isfunction(inner) else type(getattr(inner, "__self__", inner)).__module__
 
 
 def row_type(judge: object) -> type[Any]:

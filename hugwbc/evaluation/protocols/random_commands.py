@@ -91,10 +91,17 @@ def sample_episodes(config: RandomCommandsConfig) -> list[Command]:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Judge:
+class RandomCommandsJudge:
+    """Judge of the tracking errors.
+
+    Attributes:
+        settle: start of the episode that is left out [s].
+    """
+
     settle: float
 
     def __call__(self, index: int, run: Run) -> RandomEpisode:
+        """Return the row of one episode."""
         errors = metrics.tracking_errors(run.trace, self.settle)
         return RandomEpisode(
             gait=run.command.gait.label,
@@ -141,9 +148,9 @@ class RandomCommandsProtocol(PlannedProtocol[RandomCommandsConfig, RandomEpisode
         """Return an episode for each drawn command."""
         return [EpisodePlan(command) for command in sample_episodes(settings)]
 
-    def judge(self, settings: RandomCommandsConfig) -> _Judge:
+    def judge(self, settings: RandomCommandsConfig) -> RandomCommandsJudge:
         """Return the judge of the tracking errors."""
-        return _Judge(settings.settle)
+        return RandomCommandsJudge(settings.settle)
 
     def summarise(self, settings: RandomCommandsConfig, rows: Sequence[RandomEpisode]) -> dict[str, Any]:
         """Return the rate of falls, and where in the space they are."""

@@ -93,10 +93,17 @@ def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Judge:
+class SmallVelocitiesJudge:
+    """Judge of the executed fraction of the commanded velocity.
+
+    Attributes:
+        settle: start of the episode that is left out [s].
+    """
+
     settle: float
 
     def __call__(self, index: int, run: Run) -> SmallVelocityEpisode:
+        """Return the row of one episode."""
         trace, name = run.trace, "v_x" if run.command.v_x else "v_y"
         commanded = float(getattr(run.command, name))
         measured = trace.measured[trace.time >= self.settle, MEASURED_NAMES.index(name)]
@@ -122,9 +129,9 @@ class SmallVelocitiesProtocol(PlannedProtocol[SmallVelocitiesConfig, SmallVeloci
         """Return an episode for each sampled velocity."""
         return [EpisodePlan(command) for command in sample_episodes(settings)]
 
-    def judge(self, settings: SmallVelocitiesConfig) -> _Judge:
+    def judge(self, settings: SmallVelocitiesConfig) -> SmallVelocitiesJudge:
         """Return the judge of the executed fraction."""
-        return _Judge(settings.settle)
+        return SmallVelocitiesJudge(settings.settle)
 
     def summarise(self, settings: SmallVelocitiesConfig, rows: Sequence[SmallVelocityEpisode]) -> dict[str, Any]:
         """Return the mean executed fraction of each direction."""

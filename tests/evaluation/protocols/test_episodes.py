@@ -43,7 +43,7 @@ def test_a_result_says_what_its_settings_were_and_counts_falls():
 
 @pytest.mark.slow
 def test_a_killed_process_loses_only_what_was_under_way(tmp_path):
-    words = ["evaluate", "--controller", "qp", "--protocol", "small-velocities", "--episodes", "8", "--duration", "2"]
+    words = ["evaluate", "small-velocities", "--controller", "qp", "--episodes", "8", "--duration", "2"]
 
     def start(folder: str) -> subprocess.Popen:
         places = ["--results", str(tmp_path / folder), "--json", str(tmp_path / f"{folder}.json")]
