@@ -1,6 +1,6 @@
 """The identity of a result: everything that determines it, as JSON.
 
-A stored result is read again only if its identity equals the identity of what is asked for now.
+A stored result counts only for a request with the same identity.
 """
 
 import ast
@@ -88,7 +88,7 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
 
 
 def judge_module(judge: object) -> str:
-    """The module of a function, of the function in a partial, or of an object's class."""
+    """Return the module of a function, of the function in a partial, or of the class of an object or of a method's."""
     inner = judge.func if isinstance(judge, functools.partial) else judge
     return inner.__module__ if inspect.isfunction(inner) else type(getattr(inner, "__self__", inner)).__module__
 

@@ -1,4 +1,4 @@
-"""Episodes by plan: each with its own seed and conditions, whatever runs beside it, and its controller made once."""
+"""Episodes by plan have their own seed and conditions, are stored and resumed, and share controllers and batches."""
 
 import dataclasses
 import functools
