@@ -3,8 +3,9 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from hugwbc.evaluation.figures import Figure, Verdict, against
 from hugwbc.evaluation.tables import Table
-from hugwbc.report.figures import Figure, Verdict, against, times
+from hugwbc.report.figure_tables import times
 
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
 _MOST_NAMED = 4  # quantities in one sentence
