@@ -71,7 +71,7 @@ class BenchFigures:
     Attributes:
         environment: speed of the training environment.
         training: speed of training.
-        qp: speed of the model-based controller, by gait.
+        qp: speed of `qp`, by gait.
         evaluation: speed of a policy's evaluation, for each time step.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
         ik: the inverse kinematics solvers, by name.

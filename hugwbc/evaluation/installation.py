@@ -101,7 +101,7 @@ def check_agreement() -> str:
 
 
 def check_standing() -> str:
-    """Check that the model-based controller stands and squats for two seconds."""
+    """Check that `qp` stands and squats for two seconds."""
     from hugwbc.commands import Command
     from hugwbc.runtime import Constant, rollout
     from hugwbc.runtime.controllers import ControllerSpec

@@ -89,6 +89,7 @@ def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float,
     Returns:
         The offset [cycles] that agrees best with the contacts, and the fraction of samples in which it does.
     """
+    # A foot should be on the ground in the first half of its homogenised cycle.
     stance = [clock_phases(gait, frequency, offset, len(contact)) < 0.5 for offset in _OFFSETS]
     agreement = [float(np.mean(expected == contact)) for expected in stance]
     best = int(np.argmax(agreement))
@@ -132,7 +133,7 @@ class ContactsProtocol(PlannedProtocol[ContactsConfig, ContactsEpisode, Contacts
     report_title = "Contacts"
     report_text = (
         "When each foot is on the ground (bars) and the clock of the commanded gait (curves: high in stance). The "
-        "clock is shifted in time to where it agrees best: a controller starts it when it is ready."
+        "clock is shifted in time to where it agrees best, as every controller starts it when it is ready."
     )
 
     def plans(self, settings: ContactsConfig) -> list[EpisodePlan]:
@@ -163,7 +164,7 @@ class ContactsProtocol(PlannedProtocol[ContactsConfig, ContactsEpisode, Contacts
         return [ContactsConfig(gait) for gait in Gait]
 
     def full(self) -> list[ContactsConfig]:
-        """Return one episode of every gait, of which more would show the same."""
+        """Return one episode of every gait; more would show the same."""
         return self.quick()
 
     def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:

@@ -126,6 +126,7 @@ def disturbance_plan(config: DisturbanceConfig, kind: str, direction: int, force
         force: magnitude of the force [N].
         draw: number of the rollout; the same number gives the same robot and the same start of the force.
     """
+    # The draws depend on the rollout's number alone, so that every force is tried on the same robots.
     rng = np.random.default_rng((config.seed, draw))
     conditions = config.conditions.of_a_drawn_robot(rng)
     angle = math.radians(direction)
@@ -163,8 +164,8 @@ class DisturbanceProtocol(Protocol[DisturbanceConfig, DisturbanceEpisode, Distur
     report_title = "Disturbance tolerance"
     report_text = (
         "Largest force at the torso of a standing robot with at least 98 % survival, from its front (0°) to its left "
-        "(90°), found by bisection; the interval is the bracket in which the search ended. The paper prints a figure "
-        "without numbers."
+        "(90°), found by bisection; the interval is the bracket in which the search ended. The paper's figure has "
+        "no numbers."
     )
 
     def run(
@@ -176,6 +177,7 @@ class DisturbanceProtocol(Protocol[DisturbanceConfig, DisturbanceEpisode, Distur
         """Search all directions and kinds side by side, so that they fill the workers; arguments as in `Protocol`."""
         searches = {(kind, direction): settings.search() for kind in KINDS for direction in DIRECTIONS}
         rows: list[DisturbanceEpisode] = []
+        # Each round runs the next rollouts of every search that is still open.
         while open_ones := {key: search for key, search in searches.items() if not search.done}:
             plans = [
                 disturbance_plan(settings, *key, search.load, draw)

@@ -82,8 +82,8 @@ class FootDisplacementProtocol(MovedArmsProtocol[FootDisplacementConfig, FootDis
     result = FootDisplacementResult
     report_title = "Foot displacement"
     report_text = (
-        "Length of both feet's paths of a robot that is to stand for 20 s; episodes with a fall are left out of the "
-        "length and counted."
+        "Summed path length of both feet of a robot that should stand for 20 s. Episodes with a fall are left out of "
+        "the length and counted."
     )
 
     def summarise(self, settings: FootDisplacementConfig, rows: Sequence[InterventionEpisode]) -> dict[str, Any]:

@@ -155,6 +155,7 @@ def reachable_targets(count: int, rng: np.random.Generator) -> np.ndarray:
         pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])
         targets = HandTargets(pair[0], pair[1])
+        # 100 steps of 20 ms let the inverse kinematics converge from the nominal posture.
         solutions = [ik.solve(targets, state, 0.02) for _ in range(100)]
         if np.all(solutions[-1].residual < REACHED):
             pairs.append(pair)

@@ -187,6 +187,7 @@ def orthogonality(
     for heat in maps:
         for tracked, against in ((heat.first, heat.second), (heat.second, heat.first)):
             matrix = heat.errors[tracked]
+            # One line for each value of `against`: the columns of the map if that is its second command.
             lines = list(zip(*matrix, strict=True)) if tracked == heat.first else list(matrix)
             yield _orthogonal_range(config, tracked, against, single[tracked], lines)
 
@@ -260,7 +261,7 @@ class HeatmapProtocol(PlannedProtocol[HeatmapConfig, HeatmapEpisode, HeatmapResu
         "Every pair of commands over the ranges of both. Maps: the error of one command (rows) against another one "
         "(columns), both rising to the right and up, relative to its error when it is scanned alone; crosses are "
         "falls. Table: the part of the other commands' ranges, about their defaults, in which the error stays within "
-        "1.5 times that; the paper shows maps, and has no such number."
+        "1.5 times that; the paper shows maps without such a number."
     )
 
     def plans(self, settings: HeatmapConfig) -> list[EpisodePlan]:

@@ -123,6 +123,7 @@ def intervention_plans(config: GaitSettings, samples: int) -> list[EpisodePlan]:
         config: settings of the episodes.
         samples: number of episodes of each intervention.
     """
+    # The same draw under every intervention: ground and sensor noise are the same as well.
     return [
         EpisodePlan(
             command,
@@ -146,7 +147,7 @@ def missing_trainings(measured: Sequence[Measured]) -> list[str]:
 
 
 def paper_alone(table: str, values: Mapping[str, float], units: Mapping[str, str], training: str) -> list[Figure]:
-    """Return figures of the paper that nothing measured stands beside.
+    """Return figures of the paper to which no measured figure corresponds.
 
     Args:
         table: title of their table.
@@ -191,10 +192,10 @@ class InterventionProtocol(MovedArmsProtocol[InterventionConfig, InterventionRes
     result = InterventionResult
     report_title = "Intervention"
     report_text = (
-        "The same while the arms are moved from outside. A policy stands beside the paper's that was trained with the "
-        "same: noise, motions or nothing; a controller that was not trained beside the one trained with noise. Where "
-        "there is no policy of ours, the paper's figures stand alone. The paper's motions are recorded from people, "
-        "ours are generated or given."
+        "The same single commands while the arms are moved from outside. A policy is compared with the paper's policy "
+        "of the same training (noise, motions or nothing), and an untrained controller with the one trained with "
+        "noise. Where we have no policy, the paper's figures stand alone. The paper's motions are recorded from "
+        "people, ours are generated or given."
     )
 
     def summarise(self, settings: InterventionConfig, rows: Sequence[InterventionEpisode]) -> dict[str, Any]:

@@ -73,7 +73,7 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
         return ()
 
     def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
-        """Return the report's figures of one result, given as JSON, with the paper's beside them."""
+        """Return the report's figures of one result, given as JSON, with the paper's values."""
         return []
 
     def published(self, measured: Sequence[Measured]) -> list[Figure]:

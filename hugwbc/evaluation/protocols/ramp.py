@@ -149,8 +149,8 @@ class RampProtocol(PlannedProtocol[RampConfig, RampEpisode, RampResult]):
     fixed = frozenset({"payload", "friction", "gain"})  # drawn for every run
     report_title = "Ramp"
     report_text = (
-        "p and w go from minimum to maximum, every run on a robot with other friction, payload and gains. The paper's "
-        "figures are of its real robot, ours of simulation."
+        "p and w go from minimum to maximum. Every run has a robot with other friction, payload and gains. The paper's "
+        "figures are from its real robot, ours from simulation."
     )
 
     def plans(self, settings: RampConfig) -> list[EpisodePlan]:

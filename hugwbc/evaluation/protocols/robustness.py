@@ -166,8 +166,8 @@ class RobustnessProtocol(PlannedProtocol[RobustnessConfig, RobustnessEpisode, Ro
     result = RobustnessResult
     report_title = "Robustness"
     report_text = (
-        "One thing at a time differs from the robot that the controllers know. Errors are relative to the unchanged "
-        "robot's on the same commands, without the episodes with a fall, which are counted."
+        "One factor at a time differs from the robot that the controllers know. Errors are relative to those of the "
+        "unchanged robot on the same commands. Episodes with a fall are left out of them and counted."
     )
 
     def plans(self, settings: RobustnessConfig) -> list[EpisodePlan]:

@@ -123,6 +123,7 @@ def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, C
     for position, name in enumerate(names):
         count = share + (position < rest)
         low, high = command_ranges(config.gait)[name].finishing
+        # One uniform sample in each of `count` equal parts of the range.
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
         for index, value in enumerate(values):
             samples.append(
@@ -185,9 +186,9 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
     result = SingleCommandResult
     report_title = "Single commands"
     report_text = (
-        "One command is sampled over its range, the others are at their defaults. Foot commands (f, l) are judged "
-        "over complete gait cycles, the others over control steps. HOVER and ExBody are as the paper prints them, not "
-        "run here."
+        "One command is sampled over its range while the others stay at their defaults. Foot commands (f, l) are "
+        "judged over complete gait cycles, the others over control steps. The figures of HOVER and ExBody are the "
+        "paper's; they were not run here."
     )
 
     def plans(self, settings: SingleCommandConfig) -> list[EpisodePlan]:

@@ -128,6 +128,7 @@ def tour_plan(config: TourConfig, number: int) -> EpisodePlan:
         place = place + rng.uniform(*_LENGTH) * np.array([math.cos(bearing), math.sin(bearing)])
         yaw = float(rotations.wrap_angle(yaw + rng.uniform(-_TURN, _TURN)))
         waypoints.append(Waypoint(float(place[0]), float(place[1]), yaw))
+        # The blow comes at 0.2 to 0.7 of its leg, which leaves 1.5 s of a 60 s tour to recover before the waypoint.
         start, force, angle = leg * (index + rng.uniform(0.2, 0.7)), rng.uniform(), rng.uniform(-math.pi, math.pi)
         vector = strongest_blow(config) * force * np.array([math.cos(angle), math.sin(angle)])
         blows.append(Force((*vector.tolist(), 0.0), start, BLOW_TIME, str(rng.choice(STRUCK))))
