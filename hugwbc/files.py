@@ -1,5 +1,6 @@
-"""Files that are written completely or not at all, and numbers that JSON can hold."""
+"""Files that are written completely or not at all, their digests, and numbers that JSON can hold."""
 
+import hashlib
 import math
 import os
 import pathlib
@@ -35,6 +36,11 @@ def write_whole(path: pathlib.Path, content: bytes | str) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def file_digest(path: pathlib.Path) -> str:
+    """Return 32 hexadecimal digits of the SHA-256 of a file's bytes."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

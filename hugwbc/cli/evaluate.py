@@ -1,248 +1,277 @@
-"""`hugwbc evaluate`: one of the protocols, for any controller, on level or rough ground, arms free or moved."""
+"""`hugwbc evaluate PROTOCOL`: one protocol with one controller; each protocol is a subcommand with its own options."""
 
 import dataclasses
-import functools
+import inspect
 import pathlib
-from collections.abc import Callable, Sequence
-from typing import Any
+import re
+import sys
+import typing
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
-from hugwbc.cli import descriptions
+import tyro
+
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation import protocols
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine import DEFAULT_FOLDER, Execution, ResultStore
+from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
+from hugwbc.evaluation.protocols.episodes import GaitSettings
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 
-_SIZES = ("episodes", "samples", "points", "rollouts")  # options that say how many episodes there are
+DEFAULT = "single-command"
+BOTH_LEGS = "hopping"
+_GAITS = f"{', '.join(gait.label for gait in Gait)}, or {BOTH_LEGS}, which hops on the left and the right leg in turn"
+# Help for options whose field's docstring is written for readers of the code.
+_HELP = {
+    "gait": f"Gait: {_GAITS}.",
+    "intervention": "What moves the arms: none, noise (uniform targets every 1.8 s) or motion (motion files).",
+    "motions": "Folder of motion files (.npz) that move the arms; without one, motions are generated.",
+}
+AnyProtocol = Protocol[Any, Any, Any]
 
 
 @dataclasses.dataclass(frozen=True)
-class EvaluateOptions:
-    """Run a protocol and print the errors beside the paper's figures, or where the robot falls."""
-
-    controller: str = "learned"
-    """learned, qp, hold (the baseline that only holds its pose), a plug-in's name, or the path of a policy or
-    of a contract for somebody else's (docs/evaluation.md)."""
-    policy: str | None = None
-    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
-    gait: str | None = None
-    """standing, walking, jumping, hopping_left, hopping_right, or hopping: left and right leg in turn. By default
-    walking, and standing where the protocol is about it."""
-    protocol: str = "single-command"
-    """Which experiment (docs/evaluation.md):
-    single-command: each command over its range, alone.
-    random-commands: all commands at once; where it falls.
-    small-velocities: which part of 0.1 to 0.3 m/s is walked.
-    hands: from one reachable target to the next.
-    intervention: arms moved by noise, motions, nothing.
-    foot-displacement: of a stand with the arms so moved.
-    contacts: of the feet, against the gait's clock.
-    ramp: p and w from minimum to maximum.
-    disturbance: the largest force that a stand survives.
-    heatmap: errors over each pair of commands.
-    robustness: payload, friction, latency, motors, ground.
-    tour: 12 waypoints, arms moved, a blow on each leg.
-    effort: cost of transport, limits, time of a tick."""
-    v_x: float = 0.5
-    """Forward velocity in the hands and contacts protocols, for gaits that move [m/s]."""
-    blow: float | None = None
-    """The strongest in the tour protocol, on a G1 [N]; 0 for none."""
-    training: str | None = None
-    """Which of the paper's policies stands beside in the protocols of intervention: that trained with noise,
-    motion or none; by default as the policy's own file says, and noise without one."""
-    intervention: str = "none"
-    """What moves the arms in every episode: none, noise (uniform targets every 1.8 s) or motion (motion files)."""
-    motions: pathlib.Path | None = None
-    """Folder of motion files (.npz) for --intervention motion; without one, generated motions."""
-    terrain_roughness: float = 0.0
-    """Half-width of the random height of the ground [m], such as 0.02; 0 for a plane."""
-    slope: float = 0.0
-    """Angle at which the ground rises along the robot's first heading [rad], such as 0.087."""
-    episodes: int | None = None
-    """Episodes in all, in some protocols of each kind; by default the protocol's."""
-    samples: int | None = None
-    """Episodes of each value in the robustness protocol."""
-    points: int | None = None
-    """Values of each command in the heatmap protocol."""
-    rollouts: int | None = None
-    """Of each force in the disturbance protocol; the paper's figure has 4096."""
-    seed: int = 0
-    """Of the sampled commands, the ground and the arms."""
-    duration: float | None = None
-    """Length of an episode [s]; by default the protocol's, 10 in most."""
-    settle: float | None = None
-    """Start of an episode that is left out of the errors [s]; by default 1, and 2 in the hands protocol."""
-    timestep: float = 0.002
-    """Of the physics [s]; 0.005, the training's, is faster and enough for the learned controller."""
-    noise: bool = False
-    """Give the sensors a real robot's noise and latency, and estimate the state from them."""
-    workers: int = 1
-    """Processes that share the episodes; the hands protocol runs in one."""
-    cluster: str | None = None
-    """Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers share the episodes instead."""
-    results: pathlib.Path | None = DEFAULT_FOLDER
-    """Folder where finished episodes are kept, and read from when they are asked for again; None keeps none, nor does
-    the hands protocol."""
-    fresh: bool = False
-    """Run all episodes anew; the files of earlier results are kept under other names."""
-    json: pathlib.Path | None = None
-    """Write the result to this file; without a path, to standard output."""
-
-    def conditions(self) -> Conditions:
-        """The conditions of all episodes."""
-        return Conditions(
-            timestep=self.timestep,
-            terrain_roughness=self.terrain_roughness,
-            slope=self.slope,
-            noise=self.noise,
-            intervention=self.intervention,
-            motions=None if self.motions is None else str(self.motions),
-        )
-
-    @functools.cached_property
-    def execution(self) -> Execution:
-        """Where the episodes run, and where their results are kept."""
-        store = None if self.results is None else ResultStore(self.results, fresh=self.fresh)
-        return Execution(self.workers, cluster=self.cluster, store=store)
-
-    def given(self, *names: str) -> dict[str, Any]:
-        """Options by name, without those that are left to the protocol."""
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-
-    def refuse_other_sizes(self, own: Sequence[str]) -> None:
-        """Refuse a number of episodes that the protocol has no use for.
-
-        Raises:
-            ConfigError: naming it and the protocol's own.
-        """
-        for name in _SIZES:
-            if name not in own and getattr(self, name) is not None:
-                sizes = " and ".join(f"--{size}" for size in own if size in _SIZES) or "none: its size is fixed"
-                raise ConfigError(f"--{name} means nothing to the {self.protocol} protocol; it takes {sizes}")
-
-    def settings(self) -> dict[str, Any]:
-        """Settings of any protocol."""
-        own = {"conditions": self.conditions(), "execution": self.execution}
-        return {**self.given("seed", "duration", "settle"), **own}
-
-
-@dataclasses.dataclass(frozen=True)
-class _Protocol:
-    """How to run a protocol from the command line.
+class ControllerOptions:
+    """Which controller is evaluated.
 
     Attributes:
-        config: makes its settings from the options.
-        run: called with the controller's factory, the settings, and what to call after each episode.
-        describe: the result as text.
+        controller: name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in; or the
+            path of a policy, or of a contract for somebody else's policy (docs/evaluation.md).
+        policy: name of a shipped policy or path of a policy for the learned controller; path of a network for
+            somebody else's policy.
     """
 
-    config: Callable[[EvaluateOptions], Any]
-    run: Callable[..., Any]
-    describe: Callable[[Any], str]
+    controller: str = "learned"
+    policy: str | None = None
 
 
-def _one_gait(config: type[Any], *names: str, default: Gait = Gait.WALKING) -> Callable[[EvaluateOptions], Any]:
-    """Settings of a protocol of one gait, or of hopping on both legs; `names` of the options of its own."""
+@dataclasses.dataclass(frozen=True)
+class ExecutionOptions:
+    """Where episodes run and where their results are stored.
 
-    def build(options: EvaluateOptions) -> Any:  # noqa: ANN401  each protocol has its own type
-        options.refuse_other_sizes(names)
-        both_legs = options.gait == "hopping"
-        gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(options.gait or default.label)
-        return config(gait, both_legs=both_legs, **options.given(*names), **options.settings())
+    Attributes:
+        workers: number of processes that share the episodes.
+        cluster: address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers run the episodes instead.
+        results: folder in which finished episodes are stored; those already stored are not run again. None stores none.
+        fresh: run all episodes again; the files of earlier results are kept under other names.
+    """
 
-    return build
-
-
-def _hands(options: EvaluateOptions) -> protocols.HandsConfig:
-    options.refuse_other_sizes(["episodes"])
-    given = {"--workers": options.workers != 1, "--cluster": options.cluster is not None, "--fresh": options.fresh}
-    if any(given.values()):
-        names = ", ".join(name for name, there in given.items() if there)
-        raise ConfigError(f"the hands protocol runs in one process and keeps no episodes; leave out {names}")
-    return protocols.HandsConfig(
-        gait=Gait.parse(options.gait or "walking"),
-        conditions=options.conditions(),
-        **options.given("v_x", "episodes", "seed", "duration", "settle"),
-    )
+    workers: int = 1
+    cluster: str | None = None
+    results: pathlib.Path | None = DEFAULT_FOLDER
+    fresh: bool = False
 
 
-_PROTOCOLS = {
-    "single-command": _Protocol(
-        _one_gait(protocols.SingleCommandConfig, "episodes"),
-        protocols.run_single_command,
-        descriptions.describe_single,
-    ),
-    "random-commands": _Protocol(
-        _one_gait(protocols.RandomCommandsConfig, "episodes"),
-        protocols.run_random_commands,
-        descriptions.describe_random,
-    ),
-    "small-velocities": _Protocol(
-        _one_gait(protocols.SmallVelocitiesConfig, "episodes"),
-        protocols.run_small_velocities,
-        descriptions.describe_small,
-    ),
-    "intervention": _Protocol(
-        _one_gait(protocols.InterventionConfig, "episodes", "training"),
-        protocols.run_intervention,
-        descriptions.describe_intervention,
-    ),
-    "foot-displacement": _Protocol(
-        _one_gait(protocols.FootDisplacementConfig, "episodes", "training", default=Gait.STANDING),
-        protocols.run_foot_displacement,
-        descriptions.describe_foot_displacement,
-    ),
-    "contacts": _Protocol(
-        _one_gait(protocols.ContactsConfig, "episodes", "v_x"), protocols.run_contacts, descriptions.describe_contacts
-    ),
-    "ramp": _Protocol(_one_gait(protocols.RampConfig, "episodes"), protocols.run_ramp, descriptions.describe_ramp),
-    "disturbance": _Protocol(
-        _one_gait(protocols.DisturbanceConfig, "rollouts", default=Gait.STANDING),
-        protocols.run_disturbance,
-        descriptions.describe_disturbance,
-    ),
-    "heatmap": _Protocol(
-        _one_gait(protocols.HeatmapConfig, "points"), protocols.run_heatmap, descriptions.describe_heatmap
-    ),
-    "robustness": _Protocol(
-        _one_gait(protocols.RobustnessConfig, "samples"), protocols.run_robustness, descriptions.describe_robustness
-    ),
-    "tour": _Protocol(
-        _one_gait(protocols.TourConfig, "episodes", "blow"), protocols.run_tour, descriptions.describe_tour
-    ),
-    "effort": _Protocol(_one_gait(protocols.EffortConfig), protocols.run_effort, descriptions.describe_effort),
-    "hands": _Protocol(_hands, protocols.run_hands, descriptions.describe_hands),
-}
+@dataclasses.dataclass(frozen=True)
+class OutputOptions:
+    """Where the result goes, apart from the terminal.
+
+    Attributes:
+        json: file to write the result to; without a path, it goes to standard output.
+    """
+
+    json: pathlib.Path | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Option:
+    """An option of the command line, from a field of a dataclass.
+
+    Attributes:
+        name: name of the field.
+        type: type of its value.
+        default: its value if it is not given.
+        help: what it means, a sentence.
+    """
+
+    name: str
+    type: Any
+    default: Any
+    help: str
+
+    @property
+    def field(self) -> tuple[str, Any, Any]:
+        """The option as a field for `dataclasses.make_dataclass`."""
+        return (
+            self.name,
+            Annotated[self.type, tyro.conf.arg(help=self.help)],
+            dataclasses.field(default=self.default),
+        )
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, run, print, write."""
-    options = parse(EvaluateOptions, words, "evaluate", EvaluateOptions.__doc__)
-    if options.protocol not in _PROTOCOLS:
-        raise UnknownNameError("protocol", options.protocol, _PROTOCOLS)
-    protocol, spec = _PROTOCOLS[options.protocol], ControllerSpec(options.controller, options.policy)
-    if options.training is None and options.protocol in ("intervention", "foot-displacement"):
-        options = dataclasses.replace(options, training=spec.training)
-    config = protocol.config(options)
-    if options.results is not None and options.protocol != "hands":  # which keeps no episodes
-        check_folder(options.results)
-    check_writable(options.json)
-    done = 0
-    with progress(f"{options.controller}, {options.protocol}: {config.episodes} episodes") as advance:
+    """Parse, run the protocol, print and write its result."""
+    protocol, words = _protocol(words)
+    options = _parse(protocol, words)
+    spec = ControllerSpec(options["controller"], options["policy"])
+    execution = _execution(protocol, options)
+    settings = protocol.for_training(_settings(protocol, options, execution), spec.training)
+    if execution.store is not None:
+        check_folder(options["results"])
+    check_writable(options["json"])
+    with progress(f"{options['controller']}, {protocol.name}: {settings.episodes} episodes") as advance, execution:
+        done = 0
 
         def on_episode(_: object) -> None:
             nonlocal done
             done += 1
-            read = 0 if options.execution.store is None else options.execution.store.restored
-            advance(*(min(count / config.episodes, 1.0) for count in (done, min(done, read))))
+            read = 0 if execution.store is None else execution.store.restored
+            advance(*(min(count / settings.episodes, 1.0) for count in (done, min(done, read))))
 
-        with options.execution:
-            result = protocol.run(spec.build, config, on_episode)
-    say(protocol.describe(result), options.json)
+        result = protocol.run(spec.build, settings, on_episode)
+    say(protocol.describe(result), options["json"])
     content = dataclasses.asdict(result)
     rows = content.pop("rows")
-    write_json(options.json, {**content, "rows": rows})  # the summary before what may be thousands of lines
+    write_json(options["json"], {**content, "rows": rows})  # the summary before what may be thousands of lines
     return 0
+
+
+def _protocol(words: Sequence[str]) -> tuple[AnyProtocol, list[str]]:
+    """Take the protocol from the words; returns the remaining ones.
+
+    Raises:
+        UnknownNameError: if there is no such protocol.
+        SystemExit: after printing the list of protocols, if that is what was asked for.
+    """
+    words = list(words)
+    if words and not words[0].startswith("-"):
+        return _named(words[0]), words[1:]
+    formerly = next((i for i, word in enumerate(words) if word.partition("=")[0] == "--protocol"), None)
+    if formerly is not None:
+        return _formerly_named(words, formerly)
+    if {"-h", "--help"} & set(words):
+        print(_usage())
+        raise SystemExit(0)
+    return PROTOCOLS[DEFAULT], words
+
+
+def _named(name: str) -> AnyProtocol:
+    if name not in PROTOCOLS:
+        raise UnknownNameError("protocol", name, PROTOCOLS)
+    return PROTOCOLS[name]
+
+
+def _formerly_named(words: list[str], index: int) -> tuple[AnyProtocol, list[str]]:
+    """Read the former form `--protocol NAME`, which is kept for one release."""
+    _, equals, name = words[index].partition("=")
+    if not equals and index + 1 == len(words):
+        raise ConfigError(f"--protocol has no name; give the name as the first word. Valid: {', '.join(PROTOCOLS)}")
+    protocol = _named(name if equals else words[index + 1])
+    rest = words[:index] + words[index + (1 if equals else 2) :]
+    if not protocol.stores_episodes and "--results" in rest:  # was accepted, and ignored
+        start = rest.index("--results")
+        del rest[start : start + 2]
+    print(
+        f"hugwbc: `--protocol {protocol.name}` will be removed; write `hugwbc evaluate {protocol.name} ...`",
+        file=sys.stderr,
+    )
+    return protocol, rest
+
+
+def _usage() -> str:
+    width = max(map(len, PROTOCOLS))
+    lines = [f"  {name:<{width}}  {protocol.summary}" for name, protocol in PROTOCOLS.items()]
+    return "\n".join(
+        [
+            "usage: hugwbc evaluate PROTOCOL [OPTIONS]",
+            "",
+            "Run a protocol with one controller, and print its figures together with the paper's.",
+            "",
+            *lines,
+            "",
+            f"`hugwbc evaluate PROTOCOL --help` lists the options of a protocol. Without PROTOCOL, {DEFAULT} runs.",
+        ]
+    )
+
+
+def _parse(protocol: AnyProtocol, words: Sequence[str]) -> dict[str, Any]:
+    """Return the values of all options of a protocol, by name.
+
+    Raises:
+        ConfigError: if an option belongs to other protocols only.
+    """
+    options = list(_options(protocol))
+    _refuse_foreign(protocol, words, {option.name for option in options})
+    parser = dataclasses.make_dataclass("Options", [option.field for option in options], frozen=True)
+    parsed = parse(parser, words, f"evaluate {protocol.name}", _sentence(protocol.summary))
+    return {option.name: getattr(parsed, option.name) for option in options}
+
+
+def _options(protocol: AnyProtocol) -> Iterator[_Option]:
+    """Yield the options of a protocol in the order of its help: its own before those that all have."""
+    yield from _from_fields(ControllerOptions)
+    options = {option.name: option for option in _from_fields(protocol.settings)}
+    gait = options.pop("gait")
+    del options["both_legs"]  # part of the option for the gait
+    yield dataclasses.replace(gait, type=str, default=gait.default.label)
+    yield from sorted(options.values(), key=lambda option: option.name in _names(GaitSettings))
+    yield from (option for option in _from_fields(Conditions) if option.name not in protocol.fixed)
+    yield from _from_fields(ExecutionOptions) if protocol.stores_episodes else ()
+    yield from _from_fields(OutputOptions)
+
+
+def _from_fields(cls: type[Any]) -> Iterator[_Option]:
+    """Make options of the fields that have a plain default; their docstring entries are the help."""
+    types, texts = typing.get_type_hints(cls), _field_texts(cls)
+    for field in dataclasses.fields(cls):
+        if field.default is not dataclasses.MISSING:
+            text = _HELP.get(field.name) or _sentence(texts.get(field.name, "").replace("`", ""))
+            yield _Option(field.name, types[field.name], field.default, text)
+
+
+def _names(cls: type[Any]) -> set[str]:
+    return {field.name for field in dataclasses.fields(cls)}
+
+
+def _field_texts(cls: type[Any]) -> dict[str, str]:
+    """Return what the docstrings of a class and its bases say about each attribute."""
+    texts: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        _, _, section = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")
+        for names, text in re.findall(r"^ {4}(\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", section, re.MULTILINE):
+            texts |= dict.fromkeys(names.split(", "), " ".join(text.split()))
+    return texts
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+
+
+def _refuse_foreign(protocol: AnyProtocol, words: Sequence[str], known: set[str]) -> None:
+    """Refuse options that only other protocols have; all others that are unknown are left to the parser.
+
+    Raises:
+        ConfigError: if there is such an option.
+    """
+    foreign = {option.name for other in PROTOCOLS.values() for option in _options(other)} - known
+    for word in words:
+        name = word.partition("=")[0].removeprefix("--").replace("-", "_")
+        if word.startswith("--") and name in foreign:
+            own = [f for f in dataclasses.fields(protocol.settings) if f.name not in _names(GaitSettings)]
+            takes = ", ".join(f"--{field.name.replace('_', '-')}" for field in own)
+            raise ConfigError(
+                f"--{name.replace('_', '-')} means nothing to the {protocol.name} protocol; it takes {takes} and what "
+                f"`hugwbc evaluate {protocol.name} --help` lists"
+            )
+
+
+def _execution(protocol: AnyProtocol, options: dict[str, Any]) -> Execution:
+    if not protocol.stores_episodes:
+        return Execution()
+    store = None if options["results"] is None else ResultStore(options["results"], fresh=options["fresh"])
+    return Execution(options["workers"], cluster=options["cluster"], store=store)
+
+
+def _settings(protocol: AnyProtocol, options: dict[str, Any], execution: Execution) -> Any:  # noqa: ANN401  each has its own type
+    """Build the settings of a protocol from the options.
+
+    Raises:
+        ConfigError: if a value is out of range.
+    """
+    given = {name: value for name, value in options.items() if name in _names(protocol.settings)}
+    both_legs = options["gait"] == BOTH_LEGS
+    given |= {"gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options["gait"]), "both_legs": both_legs}
+    conditions = Conditions(**{name: value for name, value in options.items() if name in _names(Conditions)})
+    return protocol.settings(**given, conditions=conditions, execution=execution)

@@ -1,8 +1,9 @@
-"""Tables of figures with marks, as pages, Markdown and terminals show them."""
+"""Tables of figures with marks, and their forms for Markdown and the terminal."""
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from hugwbc.errors import ConfigError
 
@@ -11,12 +12,12 @@ MARKS = ("", "worse", "unclear", "published")
 
 @dataclasses.dataclass(frozen=True)
 class Marked:
-    """A cell that is marked, in words and by its style.
+    """A cell that is marked by a word and by its style.
 
     Attributes:
-        text: of the cell, the mark's word included.
-        mark: one of `MARKS`: worse than what it is held against; worse, but within the uncertainty; printed elsewhere
-            and not measured here.
+        text: text of the cell, including the word.
+        mark: one of `MARKS`: worse than the reference; worse, but within the uncertainty; published and not measured
+            here.
     """
 
     text: str
@@ -37,8 +38,8 @@ class Table:
     Attributes:
         title: heading above it.
         columns: heading of each column; the first column holds the row's name.
-        rows: the cells; text as it is, numbers to three significant digits, None and NaN as a dash.
-        note: a sentence below it.
+        rows: the cells: text, numbers (shown to three significant digits), or None and NaN (shown as a dash).
+        note: a sentence below the table.
     """
 
     title: str
@@ -51,12 +52,12 @@ class Table:
             if len(row) != len(self.columns):
                 raise ConfigError(
                     f"table '{self.title}' has {len(self.columns)} columns, a row of it {len(row)} cells: {list(row)}; "
-                    "give as many"
+                    "give one cell for each column"
                 )
 
 
 def cell_text(value: Cell) -> str:
-    """A cell as text: numbers to three significant digits, None and NaN as a dash."""
+    """Return a cell as text: numbers to three significant digits, None and NaN as a dash."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if isinstance(value, Marked):
@@ -67,7 +68,7 @@ def cell_text(value: Cell) -> str:
 
 
 def markdown_table(table: Table) -> str:
-    """The table with its title and note as Markdown; cells that are worse are bold."""
+    """Return the table with its title and note as Markdown; cells marked as worse are bold."""
 
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
@@ -79,3 +80,40 @@ def markdown_table(table: Table) -> str:
     lines = [line(table.columns), line(["---", *["---:"] * (len(table.columns) - 1)])]
     lines += [line([text(value) for value in row]) for row in table.rows]
     return "\n".join([f"### {table.title}", "", *lines, *(["", table.note] if table.note else [])])
+
+
+def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Align a table for the terminal: the first column to the left, the others to the right."""
+    cells = [list(header), *([_terminal_cell(value) for value in row] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in cells
+    ]
+    return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def _terminal_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, ...]]:
+    """Return the rows of a table of hand errors.
+
+    Args:
+        figures: `metrics.HandErrors` as mappings, one for each column.
+    """
+    names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
+    names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
+    rows: list[tuple[Any, ...]] = []
+    for part, name in names.items():
+        errors = (figure[part] for figure in figures)
+        rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+    return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]

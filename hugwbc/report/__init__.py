@@ -1,1 +1,1 @@
-"""What a report says: figures with their uncertainty beside the paper's, conclusions computed from them, exports."""
+"""Reports: figures with their uncertainty and the paper's, conclusions computed from them, pages and exports."""

@@ -1,30 +1,33 @@
-"""Where the training's noise takes the hands, by the level of its curriculum."""
+"""Hand positions under the training's noise, by level of its curriculum."""
 
 import numpy as np
 import torch
 
 from hugwbc.evaluation.conditions import NOISE_INTERVAL
 from hugwbc.kinematics import Kinematics
-from hugwbc.learned.env.arm_targets import NoiseTargets
+from hugwbc.learned.env.arm_intervention import NoiseTargets
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
-LEVELS = (0.25, 0.5, 0.75, 1.0)  # of alpha
+LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the curriculum's alpha
 SAMPLES = 400
 
 
 def hand_clouds(level: float, samples: int = SAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of both hands in the pelvis frame [m], each of shape (samples, 3), under noise of a curriculum level.
+    """Sample hand positions under the noise of a curriculum level.
 
-    The arms follow alpha noise + (1 - alpha) policy, the paper's blend; the nominal posture stands for the policy.
+    The arms follow alpha * noise + (1 - alpha) * policy, the paper's blend; the nominal posture stands for the policy.
 
     Args:
         level: the paper's alpha, in [0, 1].
-        samples: how many robots' postures.
-        seed: of the noise.
+        samples: number of postures.
+        seed: seed of the noise.
+
+    Returns:
+        Positions of the left and the right hand in the pelvis frame [m], each of shape (samples, 3).
     """
     source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(seed))
-    # The robots' targets are spread over the interval: after two of them the start at nominal is forgotten.
+    # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.
     for _ in range(2 * NOISE_INTERVAL):
         source.step()
     robot, kinematics = load_robot(), Kinematics()

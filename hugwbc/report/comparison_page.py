@@ -1,14 +1,17 @@
 """The report of a comparison: a self-contained page with tables and plots of one or more runs."""
 
+import json
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from hugwbc.evaluation.tables import Cell, Table
-from hugwbc.files import write_whole
+from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
 from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
+from hugwbc.viz.replay import write_replay
 
 
 def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
@@ -78,6 +81,38 @@ def write_report(
 ) -> None:
     """Write the page of `report_html` to a file."""
     write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
+
+
+def write_comparison(
+    folder: pathlib.Path, summary: Mapping[str, Any], figures: Table, traces: Sequence[Trace]
+) -> list[pathlib.Path]:
+    """Write summary.json, report.html and replay.html of a comparison and return their paths.
+
+    Args:
+        folder: folder of the files.
+        summary: `evaluation.comparison.comparison_summary`.
+        figures: `evaluation.comparison.figure_table`.
+        traces: 1 to 4 runs.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    title = f"hugwbc compare: {summary['script']}"
+    write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
+    safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
+    counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}
+    write_replay(folder / "replay.html", traces, title=title)
+    write_report(
+        folder / "report.html",
+        title,
+        traces,
+        [figures, summary_table("Safety filter", counters)],
+        subtitle=f"Sensors with noise, seed {summary['seed']}."
+        if summary["noise"]
+        else "Exact sensors, nothing random.",
+        links={"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"},
+    )
+    return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
 
 
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:

@@ -1,23 +1,30 @@
-"""Sentences that follow from the figures: none of them is typed in."""
+"""Sentences and tables that are computed from the figures; none of them is written by hand."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from hugwbc.evaluation.figures import Figure, Verdict, against
 from hugwbc.evaluation.tables import Table
-from hugwbc.report.figures import Figure, Verdict, against, times
+from hugwbc.report.figure_tables import times
 
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
-_MOST_NAMED = 4  # quantities in one sentence
+_MOST_NAMED = 4  # quantities named in one sentence
 
 
 def conclusions(figures: Sequence[Figure], first: str, second: str) -> list[str]:
-    """What the figures say of two controllers against the paper, and against each other."""
+    """Return sentences that compare two controllers with the paper, and with each other.
+
+    Args:
+        figures: figures of all tables.
+        first: label of one controller.
+        second: label of the other one; the same label for a report on a single controller.
+    """
     lines = [line for name in dict.fromkeys((first, second)) for line in _overall(figures, name)]
     return lines if first == second else lines + _total_duel(figures, first, second)
 
 
 def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
-    """A controller against the paper, over all tables that have the paper's figures."""
+    """Compare a controller with the paper over all tables that have the paper's figures."""
     compared = [f for f in figures if f.controller == controller and f.verdict is not Verdict.NONE]
     if not compared:
         return []
@@ -41,7 +48,7 @@ def _ratio(figure: Figure) -> float:
 
 
 def _pairs(figures: Iterable[Figure], first: str, second: str) -> list[tuple[Figure, Verdict]]:
-    """The figures of the first controller that the second one has as well, and how they compare."""
+    """Return the first controller's figures that the second one has as well, and how they compare."""
     others = {(f.table, f.quantity): f for f in figures if f.controller == second}
     mine = [f for f in figures if f.controller == first and (f.table, f.quantity) in others]
     pairs = [(figure, against(figure, others[figure.table, figure.quantity])) for figure in mine]
@@ -49,7 +56,7 @@ def _pairs(figures: Iterable[Figure], first: str, second: str) -> list[tuple[Fig
 
 
 def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
-    """For each table in which figures of the two are, those in which one is better, and how many are not told apart."""
+    """Return a table that lists, for each table of figures, where each of two controllers is clearly better."""
     rows = []
     for table in dict.fromkeys(figure.table for figure in figures):
         pairs = _pairs([figure for figure in figures if figure.table == table], first, second)

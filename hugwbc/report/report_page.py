@@ -1,19 +1,23 @@
-"""The report's page: figures, conclusions and pictures of results, put together."""
+"""The report: figures, conclusions and pictures of all results, as a page, Markdown and CSV."""
 
 import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
+from hugwbc.evaluation.protocols.protocol import Measured
 from hugwbc.evaluation.tables import Table, markdown_table
+from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.report.clouds import LEVELS, hand_clouds
 from hugwbc.report.conclusions import conclusions, duel_table
-from hugwbc.report.figures import Figure, comparison_table
-from hugwbc.report.pictures import PICTURES
-from hugwbc.report.sections import FIGURES, SECTIONS, Section
+from hugwbc.report.figure_tables import comparison_table, figures_csv
+from hugwbc.report.pictures import colours_controllers, draw
 from hugwbc.report.training_curve import read_training, smoothed
-from hugwbc.viz import charts as pictures
+from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
 
 TITLE = "Whole-body control of the Unitree H1: learned and model-based controllers"
@@ -22,6 +26,7 @@ LEGEND = (
     "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
     "interval."
 )
+SECTIONS = tuple(protocol for protocol in PROTOCOLS.values() if protocol.report_title)
 _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "Reward": (("reward",), "a step"),
     "Episode length": (("episode_length",), "steps"),
@@ -30,16 +35,35 @@ _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 
 
+def measured_by(protocol: Protocol[Any, Any, Any], results: Sequence[CellResult]) -> list[Measured]:
+    """Return the results of one protocol, with the controllers' labels."""
+    return [(entry.controller, entry.result) for entry in results if entry.protocol == protocol.name]
+
+
+def all_figures(results: Sequence[CellResult]) -> list[Figure]:
+    """Return the figures of all results, in the order of the sections.
+
+    The figures that only the paper has come last, after all that belong to a controller.
+    """
+    figures = []
+    for protocol in SECTIONS:
+        measured = measured_by(protocol, results)
+        for controller, result in measured:
+            figures += protocol.figures(controller, result)
+        figures += protocol.published(measured)
+    return sorted(figures, key=lambda figure: not figure.controller)
+
+
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """What the page is made of.
+    """The content of a report.
 
     Attributes:
-        figures: of all tables.
-        results: the protocols' results.
-        controllers: labels, at least one; conclusions compare the first two.
-        notes: how it was made, and what to be careful about.
-        training: record of the learned policy's training; None without one.
+        figures: figures of all tables.
+        results: results of the protocols.
+        controllers: labels, at least one; the conclusions compare the first two.
+        notes: sentences on how the report was made and what it lacks.
+        training: record of the learned policy's training; None if there is none.
     """
 
     figures: Sequence[Figure]
@@ -49,11 +73,11 @@ class Report:
     training: pathlib.Path | None = None
 
     def conclusions(self) -> list[str]:
-        """Sentences computed from the figures."""
+        """Return sentences computed from the figures."""
         return conclusions(self.figures, *self._pair) or ["There is nothing to compare with."]
 
     def duel(self) -> Table:
-        """The first two controllers against each other."""
+        """Return the table of the first controller against the second one."""
         return duel_table(self.figures, *self._pair)
 
     @property
@@ -61,29 +85,40 @@ class Report:
         first, second = (*self.controllers, *self.controllers)[:2]
         return first, second
 
-    def tables(self, section: Section) -> list[Table]:
-        """The tables of a section."""
-        mine = [m for m in self.results if m.protocol in section.protocols]
-        titles = dict.fromkeys(figure.table for result in mine for figure in FIGURES[result.protocol](result))
+    def tables(self, protocol: Protocol[Any, Any, Any]) -> list[Table]:
+        """Return the tables of a protocol's section."""
+        measured = measured_by(protocol, self.results)
+        titles = dict.fromkeys(figure.table for entry in measured for figure in protocol.figures(*entry))
         return [comparison_table([f for f in self.figures if f.table == title]) for title in titles]
+
+    def write(self, folder: pathlib.Path) -> list[pathlib.Path]:
+        """Write the page, the Markdown and the CSV to a folder, and return their paths."""
+        contents = {
+            "report.html": report_page(self),
+            "report.md": report_markdown(self),
+            "figures.csv": figures_csv(self.figures),
+        }
+        for name, content in contents.items():
+            write_whole(folder / name, content)
+        return [folder / name for name in contents]
 
 
 def report_markdown(report: Report) -> str:
-    """The report without its pictures."""
+    """Return the report as Markdown, without pictures."""
     lines = [f"# {TITLE}", "", *(f"- {note}" for note in report.notes), "", "## Conclusions", ""]
     lines += [*(f"- {line}" for line in report.conclusions()), ""]
     lines += [markdown_table(report.duel())] if len(report.controllers) > 1 else []
-    for section in SECTIONS:
-        tables = report.tables(section)
+    for protocol in SECTIONS:
+        tables = report.tables(protocol)
         if tables:
-            lines += ["", f"## {section.title}", "", section.text]
+            lines += ["", f"## {protocol.report_title}", "", protocol.report_text]
             lines += [f"\n{markdown_table(table)}" for table in tables]
     return "\n".join([*lines, "", LEGEND, ""])
 
 
 def report_page(report: Report) -> str:
-    """The page, with everything that it needs in it."""
-    parts = [(section.title, _section(report, section)) for section in SECTIONS]
+    """Return the report as a page that loads nothing else."""
+    parts = [(protocol.report_title, _section(report, protocol)) for protocol in SECTIONS]
     parts += [("Noise of the intervention", _clouds()), ("Training", _training(report.training))]
     parts = [(title, html) for title, html in parts if html]
     titles = ["Conclusions", *(title for title, _ in parts)]
@@ -100,13 +135,14 @@ def report_page(report: Report) -> str:
     return page.page_html(TITLE, body)
 
 
-def _section(report: Report, section: Section) -> str:
-    tables = report.tables(section)
+def _section(report: Report, protocol: Protocol[Any, Any, Any]) -> str:
+    tables = report.tables(protocol)
     if not tables:
         return ""
-    drawn = [panel for name in section.protocols if name in PICTURES for panel in PICTURES[name](report)]
-    key = page.legend(report.controllers, LABEL_COLOURS) if drawn and "heatmap" not in section.protocols else ""
-    html = [page.paragraph(section.text), *(page.table_html(table, 3) for table in tables), key]
+    pictures = protocol.pictures(measured_by(protocol, report.results), report.controllers)
+    drawn = [draw(picture, report.controllers) for picture in pictures]
+    key = page.legend(report.controllers, LABEL_COLOURS) if any(map(colours_controllers, pictures)) else ""
+    html = [page.paragraph(protocol.report_text), *(page.table_html(table, 3) for table in tables), key]
     return "\n".join([*html, page.pictures(drawn) if drawn else ""])
 
 
@@ -115,8 +151,8 @@ def _clouds() -> str:
         "Positions of the hands under the noise of the training's intervention, seen from behind, by the level of its "
         "curriculum: the arms follow level × noise + (1 - level) × policy; the nominal posture stands for the policy."
     )
-    drawn = [pictures.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
-    return f"{text}\n{page.legend(pictures.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
+    drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
+    return f"{text}\n{page.legend(charts.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
 
 
 def _training(path: pathlib.Path | None) -> str:
@@ -128,6 +164,6 @@ def _training(path: pathlib.Path | None) -> str:
         series = {name.split("/")[-1]: (steps, smoothed(record[name])) for name in names if name in record}
         if series:
             labels = ("million steps of the environment", unit)
-            parts.append(pictures.curves(title, series, labels, named=len(series) > 1))
+            parts.append(charts.curves(title, series, labels, named=len(series) > 1))
     text = page.paragraph("Running means over nine records of the policy's training, as it wrote them.")
     return f"{text}\n{page.pictures(parts)}"

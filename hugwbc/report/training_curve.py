@@ -1,4 +1,4 @@
-"""The record of a policy's training, as a run leaves it beside the policy."""
+"""The record of a policy's training, which a training run writes next to the policy."""
 
 import csv
 import pathlib
@@ -11,13 +11,13 @@ TRAINING_FILE = "training.csv"
 
 
 def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Columns of a training record by name, NaN where a cell is empty.
+    """Read the columns of a training record by name, with NaN for empty cells.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
-        ConfigError: if it cannot be read, holds what is no number, or lacks the column of steps.
+        ConfigError: if the file cannot be read, has a cell that is not a number, or lacks the column of steps.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -33,7 +33,7 @@ def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 
 def smoothed(values: np.ndarray, window: int = 9) -> np.ndarray:
-    """Running mean over `window` values, fewer at the ends; what is not known is left out."""
+    """Return the running mean over `window` values, fewer at the ends; values that are not finite are left out."""
     known = np.isfinite(values)
     kernel = np.ones(min(window, len(values)))
     total = np.convolve(np.where(known, values, 0.0), kernel, mode="same")

@@ -3,7 +3,7 @@
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.scene import Ground
-from hugwbc.sim.sensors import EXACT, PROFILES, ROBOT, SensorProfile, sensor_profile
+from hugwbc.sim.sensors import SensorProfile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
 from hugwbc.sim.variation import Variation

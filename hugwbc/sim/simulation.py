@@ -214,9 +214,8 @@ class Simulation:
 
     def _reading(self) -> Reading:
         d = self.data
-        return Reading(
-            float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer, self._torque
-        )
+        state = (float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy())
+        return Reading(*state, self._accelerometer, self._torque)
 
     def state(self) -> RobotState:
         """Return the true state, with position, velocity and foot forces."""

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import subprocess
 import sys
@@ -5,22 +6,25 @@ import sys
 import pytest
 
 from hugwbc import cli
-from hugwbc.cli import main
+from hugwbc.cli import evaluate, main
 from hugwbc.evaluation.paper import ERROR_NAMES
+from hugwbc.evaluation.protocols import PROTOCOLS
 
 LEFT, RIGHT = ("--left-hand",), ("--right-hand", "0.3", "-0.2", "0.1")
 BAD_INPUT = {
     "verb": (["evaluat"], "unknown verb 'evaluat'. Did you mean 'evaluate'?"),
     "gait": (["evaluate", "--controller", "hold", "--gait", "waking"], "gait 'waking'. Did you mean 'walking'?"),
     "controller": (["evaluate", "--controller", "qpp"], "unknown controller 'qpp'. Did you mean 'qp'?"),
-    "protocol": (["evaluate", "--protocol", "single"], "unknown protocol 'single'"),
+    "protocol": (["evaluate", "single"], "unknown protocol 'single'"),
+    "former protocol": (["evaluate", "--seed", "3", "--protocol=single"], "unknown protocol 'single'"),
+    "no protocol": (["evaluate", "--seed", "3", "--protocol"], "give the name as the first word"),
     "intervention": (["evaluate", "--controller", "hold", "--intervention", "nois"], "Did you mean 'noise'?"),
     "motions": (["evaluate", "--controller", "hold", "--intervention", "motion", "--motions", "no"], "no motion files"),
     "roughness": (["evaluate", "--controller", "hold", "--terrain-roughness", "1"], "give a height from 0 to 0.5 m"),
     "long way": (["evaluate", "--controller", "hold", "--slope", "0.05", "--duration", "600"], "give up to 200 s"),
     "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "give 8 or more: one per command"),
-    "size": (["evaluate", "--controller", "hold", "--protocol", "heatmap", "--episodes", "3"], "it takes --points"),
-    "no size": (["evaluate", "--protocol", "effort", "--rollouts", "3"], "none: its size is fixed"),
+    "size": (["evaluate", "heatmap", "--controller", "hold", "--episodes", "3"], "it takes --points"),
+    "no size": (["evaluate", "effort", "--rollouts=3"], "means nothing to the effort protocol; it takes --speeds"),
     "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
     "no time step": (["evaluate", "--timestep", "0", "--episodes", "9"], "time step is 0.0 s; give a value above"),
     "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
@@ -50,11 +54,11 @@ BAD_INPUT = {
     "runs of a report": (["report", "--controllers", *(f"learned={name}" for name in "abcde")], "give 1 to 4"),
     "port of no page": (["play", "--controller", "hold", "--port", "99"], "--port is for the live page; add --live"),
     "host of no page": (["play", "--headless", "--host", "::1", "--expose"], "--host, --expose is for the live page"),
-    "fast contacts": (["evaluate", "--controller", "hold", "--protocol", "contacts", "--v-x", "9"], "v_x = 9 m/s"),
-    "short walk": (["evaluate", "--protocol", "hands", "--duration", "1.9", "--settle", "1"], "give more than 2 s"),
-    "fast hands": (["evaluate", "--protocol", "hands", "--v-x", "9"], "command v_x = 9 m/s is out of range"),
+    "fast contacts": (["evaluate", "contacts", "--controller", "hold", "--v-x", "9"], "v_x = 9 m/s"),
+    "short walk": (["evaluate", "hands", "--duration", "1.9", "--settle", "1"], "give more than 2 s"),
+    "fast hands": (["evaluate", "hands", "--v-x", "9"], "command v_x = 9 m/s is out of range"),
     "cluster": (["evaluate", "--cluster", "nowhere", "--episodes", "8"], "give host and port, such as tcp://127.0.0.1:8786"),
-    "workers of the hands": (["evaluate", "--protocol", "hands", "--workers", "2"], "leave out --workers"),
+    "workers of the hands": (["evaluate", "hands", "--workers", "2"], "--workers means nothing to the hands protocol"),
     "benchmark of too few targets": (["bench", "--ik-targets", "1"], "ik_targets is 1; give 2 or more"),
     "benchmark of a wide grid": (["bench", "--spacing", "3"], "spacing is 3.0 m; give a distance above 0, up to 2 m"),
     "benchmark size": (["bench", "--count", "0"], "give a value above 0"),
@@ -106,6 +110,38 @@ def test_every_verb_explains_itself(verb, capsys):
         main([verb, "--help"])
     assert info.value.code == 0
     assert f"hugwbc {verb}" in capsys.readouterr().out
+
+
+def test_evaluate_lists_its_protocols(capsys):
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    text = capsys.readouterr().out
+    assert all(f"  {name}  " in text and protocol.summary in text for name, protocol in PROTOCOLS.items())
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_every_protocol_explains_its_own_options(name, capsys):
+    with pytest.raises(SystemExit) as info:
+        main(["evaluate", name, "--help"])
+    assert info.value.code == 0
+    text = capsys.readouterr().out
+    assert f"hugwbc evaluate {name}" in text and "--controller" in text and "--gait" in text
+    fields = {field.name for field in dataclasses.fields(PROTOCOLS[name].settings)}
+    for option in ("episodes", "points", "rollouts", "samples", "blow", "training", "speeds", "v_x"):
+        assert (f"--{option.replace('_', '-')} " in text) == (option in fields)
+    assert ("--workers" in text) == (name != "hands")
+    assert all(option.help.endswith(".") for option in evaluate._options(PROTOCOLS[name]))
+
+
+def test_the_former_form_of_protocols_still_works_with_a_hint(tmp_path, capsys):
+    words = ["--gait", "standing", "--controller", "hold", "--duration", "0.4", "--settle", "0.1", "--episodes", "1"]
+    former = [*words, "--protocol", "hands", "--results", str(tmp_path / "kept")]
+    assert main(["evaluate", *former]) == 0
+    printed = capsys.readouterr()
+    assert "write `hugwbc evaluate hands ...`" in printed.err and not (tmp_path / "kept").exists()
+    assert main(["evaluate", "hands", *words]) == 0
+    again = capsys.readouterr()
+    assert again.out == printed.out and "write `hugwbc" not in again.err
 
 
 def test_the_module_runs_and_loads_nothing_heavy_for_help():
@@ -160,7 +196,7 @@ def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
 
 
 def test_random_commands_list_where_the_robot_falls(capsys):
-    words = ["evaluate", "--controller", "hold", "--protocol", "random-commands", "--intervention", "noise"]
+    words = ["evaluate", "random-commands", "--controller", "hold", "--intervention", "noise"]
     rough = ["--terrain-roughness", "0.02", "--timestep", "0.005"]
     assert main([*words, *rough, "--episodes", "4", "--duration", "6"]) == 0
     printed = capsys.readouterr().out
@@ -169,7 +205,7 @@ def test_random_commands_list_where_the_robot_falls(capsys):
 
 
 def test_small_velocities_show_which_part_is_executed(capsys):
-    words = ["evaluate", "--controller", "hold", "--protocol", "small-velocities", "--timestep", "0.005"]
+    words = ["evaluate", "small-velocities", "--controller", "hold", "--timestep", "0.005"]
     assert main([*words, "--episodes", "4", "--duration", "0.6", "--settle", "0.4"]) == 0
     printed = capsys.readouterr().out
     assert "executed part" in printed and "backward" in printed and "falls: 0 of 4 episodes" in printed
@@ -244,7 +280,7 @@ def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(cap
     [
         ["compare", "--script", "loco", "--out", "new", "--json", "other/out.json"],
         ["compare", "--controllers", "holt", "--out", "new"],
-        ["evaluate", "--protocol", "single", "--json", "new/out.json"],
+        ["evaluate", "single", "--json", "new/out.json"],
         ["evaluate", "--controller", "hold", "--episodes", "3", "--json", "new/out.json"],
         ["report", "--workers", "0", "--out", "new"],
         ["bench", "--calls", "0", "--json", "new/out.json"],

@@ -10,18 +10,6 @@ from hugwbc.cli import output
 from hugwbc.errors import ConfigError
 
 
-def test_a_table_is_aligned_and_shows_what_is_missing():
-    text = output.format_table(("error", "qp"), [("E_h", 0.0274), ("E_vx_high", None), ("fell", True), ("n", 12)])
-    assert text.splitlines() == [
-        "error         qp",
-        "----------------",
-        "E_h        0.027",
-        "E_vx_high      -",
-        "fell         yes",
-        "n             12",
-    ]
-
-
 def test_json_has_null_where_there_is_no_number(tmp_path):
     path = tmp_path / "a" / "b.json"
     output.write_json(path, {"x": float("nan"), "y": [1.0, float("inf")], "z": (True, None)})

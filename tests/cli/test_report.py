@@ -10,7 +10,7 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.policy import policy_dir
-from hugwbc.report.sections import SECTIONS
+from hugwbc.report.report_page import SECTIONS
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 
@@ -18,12 +18,11 @@ WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 @pytest.fixture
 def short(monkeypatch):
     """A profile of one short cell."""
-    from hugwbc.evaluation import protocols
+    from hugwbc.evaluation.protocols.contacts import ContactsConfig
     from hugwbc.report import profiles
 
     def cells(settings):
-        config = protocols.ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2, **settings)
-        yield "contacts", config, protocols.run_contacts
+        yield "contacts", ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2, **settings)
 
     monkeypatch.setitem(profiles.PROFILES, "quick", cells)
 
@@ -48,14 +47,13 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
 
 
 def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_path, short, monkeypatch):
-    from hugwbc.evaluation import protocols
+    from hugwbc.evaluation.protocols.intervention import InterventionConfig
     from hugwbc.learned.policy import checkpoint
     from hugwbc.learned.policy.policy import policy_file
     from hugwbc.report import profiles
 
     def cells(settings):
-        config = protocols.InterventionConfig(Gait.STANDING, episodes=9, duration=0.2, settle=0.1, **settings)
-        yield "intervention", config, protocols.run_intervention
+        yield "intervention", InterventionConfig(Gait.STANDING, episodes=9, duration=0.2, settle=0.1, **settings)
 
     monkeypatch.setitem(profiles.PROFILES, "quick", cells)
     tensors, metadata = checkpoint.load_file(policy_file(), "policy")
@@ -73,13 +71,12 @@ def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_
 
 
 def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, short, monkeypatch):
-    from hugwbc.evaluation import protocols
     from hugwbc.evaluation.engine import episode
+    from hugwbc.evaluation.protocols.ramp import RampConfig
     from hugwbc.report import profiles
 
     def cells(settings):
-        config = protocols.RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0, **settings)
-        yield "ramp", config, protocols.run_ramp
+        yield "ramp", RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0, **settings)
 
     monkeypatch.setitem(profiles.PROFILES, "quick", cells)
     whole, calls = episode.rollout, []
@@ -113,7 +110,7 @@ LENGTHS = {"disturbance": (0.1, 2.0), "ramp": (3.0, 3.2)}
 full = profiles.PROFILES["full"]
 
 def reduced(settings):
-    for name, config, run in full(settings):
+    for name, config in full(settings):
         names = {field.name for field in dataclasses.fields(config)}
         sizes = {size: value for size, value in SIZES.items() if size in names}
         if "episodes" in names:
@@ -121,7 +118,7 @@ def reduced(settings):
         settle, duration = LENGTHS.get(name, (0.1, 0.3))
         changes = dict(sizes, settle=settle, duration=duration, conditions=Conditions(timestep=0.005))
         if name != "effort":
-            yield name, dataclasses.replace(config, **changes), run
+            yield name, dataclasses.replace(config, **changes)
 
 profiles.PROFILES["full"] = reduced
 sys.exit(main(sys.argv[1:]))
@@ -161,7 +158,7 @@ def test_the_quick_profile_from_end_to_end(tmp_path):
     words = ["report", "--controllers", "hold", "--workers", "1", "--out", str(out)]
     assert main([*words, "--results", str(tmp_path / "results")]) == 0
     page = (out / "report.html").read_text()
-    assert all(f">{section.title}</h2>" in page for section in SECTIONS)
+    assert all(f">{section.report_title}</h2>" in page for section in SECTIONS)
     assert page.count("<figure>") > 20 and "nan" not in page.lower().split("<svg")[0]
 
 

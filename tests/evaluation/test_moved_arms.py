@@ -4,7 +4,7 @@ import torch
 
 from hugwbc import Command, Gait, load_robot
 from hugwbc.evaluation.moved_arms import ArmIntervention
-from hugwbc.learned.env.arm_targets import MotionTargets, NoiseTargets
+from hugwbc.learned.env.arm_intervention import MotionTargets, NoiseTargets
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.scripts.motion import ArmMotion

@@ -1,7 +1,7 @@
 import pytest
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.tables import Marked, Table, cell_text, markdown_table
+from hugwbc.evaluation.tables import Marked, Table, cell_text, format_table, markdown_table
 
 
 @pytest.mark.parametrize(
@@ -27,3 +27,15 @@ def test_bad_tables_are_refused():
         Table("T", ("a", "b"), [("only one",)])
     with pytest.raises(ConfigError, match="marked 'bad'; valid: worse, unclear, published"):
         Marked("1", "bad")
+
+
+def test_a_table_is_aligned_and_shows_what_is_missing():
+    text = format_table(("error", "qp"), [("E_h", 0.0274), ("E_vx_high", None), ("fell", True), ("n", 12)])
+    assert text.splitlines() == [
+        "error         qp",
+        "----------------",
+        "E_h        0.027",
+        "E_vx_high      -",
+        "fell         yes",
+        "n             12",
+    ]

@@ -1,6 +1,6 @@
+from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.report.conclusions import conclusions, duel_table
-from hugwbc.report.figures import Figure
 
 
 def figure(controller, quantity, value, paper=None, table="Walking"):

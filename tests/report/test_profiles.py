@@ -5,7 +5,7 @@ from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy import save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.report.profiles import profile_cells
-from hugwbc.report.sections import FIGURES
+from hugwbc.report.report_page import SECTIONS
 from hugwbc.runtime.controllers import ControllerSpec
 
 SPECS = [ControllerSpec("learned"), ControllerSpec("qp")]
@@ -14,7 +14,7 @@ SPECS = [ControllerSpec("learned"), ControllerSpec("qp")]
 @pytest.mark.parametrize("profile", ["quick", "full"])
 def test_a_profile_has_every_protocol_of_the_report_for_every_controller(profile):
     cells = profile_cells(profile, SPECS, seed=3)
-    assert {cell.protocol for cell in cells} == set(FIGURES)
+    assert {cell.protocol for cell in cells} == {protocol.name for protocol in SECTIONS}
     assert [cell.spec for cell in cells] == SPECS * (len(cells) // 2)
     assert {cell.config.seed for cell in cells} == {3}
 

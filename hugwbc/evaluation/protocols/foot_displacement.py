@@ -1,36 +1,44 @@
 """The paper's table of foot displacement: how far the feet of a standing robot travel while its arms are moved.
 
-An episode of 20 s, in which h, p or w is commanded and the others are at their defaults. The displacement is the length
-of both feet's paths, added up; a robot that has to step to stay up has a long one. What feet that stand firm creep in
-MuJoCo is in it, and told apart as well (`metrics.foot_creep`). Episodes in which the robot fell would have short paths:
-they are left out, and counted.
+In an episode of 20 s, one of h, p and w is commanded and the others are at their defaults. The displacement is the
+summed path length of both feet; a robot that has to step to stay up has a long one. Feet that stand firmly still creep
+a little in MuJoCo. That creep is part of the displacement and is also given separately (`metrics.foot_creep`). Episodes
+with a fall would have short paths: they are left out, and counted.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.paper import foot_displacement
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, ProtocolResult, mean, run_episodes
+from hugwbc.evaluation.protocols.episodes import ProtocolResult, mean
 from hugwbc.evaluation.protocols.intervention import (
+    ARMS,
+    TRAINED,
     InterventionConfig,
     InterventionEpisode,
-    InterventionJudge,
+    MovedArmsProtocol,
     by_intervention,
-    intervention_plans,
+    missing_trainings,
+    paper_alone,
 )
+from hugwbc.evaluation.protocols.protocol import Measured, beside_paper, failure_lines, four_decimals
 from hugwbc.evaluation.protocols.single_command import sampled_commands
+from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 
 
 @dataclasses.dataclass(frozen=True)
 class FootDisplacementConfig(InterventionConfig):
-    """Settings of the protocol: those of the tracking errors under intervention.
+    """Settings of the foot-displacement protocol, in addition to `InterventionConfig`.
 
     Attributes:
-        gait: standing, nothing else.
-        episodes: in all, split evenly over the interventions, and each share over h, p and w.
-        duration: of an episode: the paper's 20 s, and the settling time [s].
+        gait: standing; other gaits are refused.
+        episodes: number of episodes in all, split evenly over the interventions, and each share over h, p and w.
+        duration: length of an episode [s]: the paper's 20 s, and the settling time.
     """
 
     gait: Gait = Gait.STANDING
@@ -46,14 +54,14 @@ class FootDisplacementConfig(InterventionConfig):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FootDisplacementResult(ProtocolResult[InterventionEpisode]):
-    """Outcome of the protocol, beside what any has; the tables are by intervention, then by command.
+    """Result of the foot-displacement protocol; its tables are by intervention, then by command.
 
     Attributes:
-        training: how the paper's policy in `paper` was trained.
-        episodes: how many of each intervention.
-        falls: in how many of them the robot fell.
-        displacement: mean length of both feet's paths in the episodes without a fall [m].
-        creep: the part of it that is creep of feet that stand firm [m].
+        training: training of the paper's policy in `paper`.
+        episodes: number of episodes of each intervention.
+        falls: number of these in which the robot fell.
+        displacement: mean summed path length of both feet in the episodes without a fall [m].
+        creep: part of the displacement that is creep of firmly standing feet [m].
         paper: the paper's displacement [m].
     """
 
@@ -65,37 +73,90 @@ class FootDisplacementResult(ProtocolResult[InterventionEpisode]):
     paper: dict[str, dict[str, float]]
 
 
-def run_foot_displacement(
-    factory: ControllerFactory,
-    config: FootDisplacementConfig,
-    on_episode: Callable[[InterventionEpisode], None] | None = None,
-) -> FootDisplacementResult:
-    """Run the protocol.
+class FootDisplacementProtocol(MovedArmsProtocol[FootDisplacementConfig, FootDisplacementResult]):
+    """The paper's foot displacement of a standing robot with the arms under external control."""
 
-    Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        config: settings.
-        on_episode: called with every finished episode, in order.
-    """
-    plans = intervention_plans(config, config.samples)
-    rows = run_episodes(factory, plans, InterventionJudge(config.settle), config, on_episode)
-    parts = by_intervention(rows)
-    return FootDisplacementResult.of(
-        factory,
-        config,
-        rows,
-        training=config.training,
-        episodes=config.samples,
-        falls={kind: sum(row.fell for row in part) for kind, part in parts.items()},
-        displacement={kind: _means(part, "foot_travel") for kind, part in parts.items()},
-        creep={kind: _means(part, "foot_creep") for kind, part in parts.items()},
-        paper={kind: dict(foot_displacement(kind, config.training)) for kind in parts},
+    name = "foot-displacement"
+    summary = "path length of the feet of a standing robot while its arms are moved"
+    settings = FootDisplacementConfig
+    result = FootDisplacementResult
+    report_title = "Foot displacement"
+    report_text = (
+        "Summed path length of both feet of a robot that should stand for 20 s. Episodes with a fall are left out of "
+        "the length and counted."
     )
 
+    def summarise(self, settings: FootDisplacementConfig, rows: Sequence[InterventionEpisode]) -> dict[str, Any]:
+        """Return falls, displacement and creep of each intervention, with the paper's displacement."""
+        parts = by_intervention(rows)
+        return {
+            "training": settings.papers_training,
+            "episodes": settings.samples,
+            "falls": {kind: sum(row.fell for row in part) for kind, part in parts.items()},
+            "displacement": {kind: _means(part, "foot_travel") for kind, part in parts.items()},
+            "creep": {kind: _means(part, "foot_creep") for kind, part in parts.items()},
+            "paper": {kind: dict(foot_displacement(kind, settings.papers_training)) for kind in parts},
+        }
 
-def _means(rows: list[InterventionEpisode], field: str) -> dict[str, float | None]:
-    """Mean of a field over the episodes without a fall, by command."""
+    def describe(self, result: FootDisplacementResult) -> str:
+        """Return the displacement by intervention and command with the paper's, and the falls."""
+        rows = [
+            (
+                *beside_paper(f"{kind}, {name}", length, result.paper[kind].get(name)),
+                four_decimals(result.creep[kind][name]),
+            )
+            for kind, lengths in result.displacement.items()
+            for name, length in lengths.items()
+        ]
+        header = ("foot displacement [m]", result.controller, f"paper ({result.training})", "ratio", "of it creep")
+        falls = ", ".join(f"{kind} {count} of {result.episodes}" for kind, count in result.falls.items())
+        seconds = result.duration - result.settle
+        lines = [format_table(header, rows), "", f"in {seconds:g} s; falls: {falls} episodes, left out above"]
+        return "\n".join(lines + failure_lines(result.rows))
+
+    def quick(self) -> list[FootDisplacementConfig]:
+        """Return one episode for each intervention and command."""
+        return [FootDisplacementConfig(episodes=9)]
+
+    def full(self) -> list[FootDisplacementConfig]:
+        """Return 32 episodes for each intervention and command."""
+        return [FootDisplacementConfig(episodes=3 * 96)]
+
+    def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
+        """Return displacement and falls, a table for each intervention."""
+        figures, trained = [], TRAINED[result["training"]]
+        for arms, travel in result["displacement"].items():
+            table = _table(arms)
+            rows = [row for row in result["rows"] if row["intervention"] == arms]
+            for command in travel:
+                kept = [row["foot_travel"] for row in rows if row["command"] == command and not row["fell"]]
+                paper, quantity = result["paper"][arms].get(command), _commanded(command)
+                estimate = bootstrap_mean(kept)
+                figures.append(Figure(table, quantity, "m", controller, estimate, paper, reference=trained))
+            figures.append(falls_figure(table, controller, rows, trained))
+        return figures
+
+    def published(self, measured: Sequence[Measured]) -> list[Figure]:
+        """Return the paper's displacement of trainings that no result is compared with."""
+        figures = []
+        for training in missing_trainings(measured) if measured else ():
+            for arms in ARMS:
+                lengths = {_commanded(name): length for name, length in foot_displacement(arms, training).items()}
+                figures += paper_alone(_table(arms), lengths, dict.fromkeys(lengths, "m"), training)
+        return figures
+
+
+def _means(rows: Sequence[InterventionEpisode], field: str) -> dict[str, float | None]:
+    """Average a field over the episodes without a fall, by command."""
     return {
         name: mean(getattr(row, field) for row in rows if row.command == name and not row.fell)
         for name in sampled_commands(Gait.STANDING)
     }
+
+
+def _table(arms: str) -> str:
+    return f"Foot displacement, {ARMS[arms]}"
+
+
+def _commanded(name: str) -> str:
+    return f"{name} commanded"

@@ -1,4 +1,4 @@
-"""How near the hands come to their targets in closed loop, standing or walking, with any controller."""
+"""How closely the hands follow their targets in closed loop, standing or walking, with any controller."""
 
 import dataclasses
 import math
@@ -10,8 +10,9 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.protocols.episodes import ControllerFactory, known, mean
+from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedSettings, ProtocolResult, known, mean
+from hugwbc.evaluation.protocols.protocol import Protocol
+from hugwbc.evaluation.tables import format_table, hand_rows
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import ArmSource, upper_body_source
@@ -31,33 +32,23 @@ SATURATED = 0.99  # of a joint's torque limit
 STANDING_START = 1.0  # [s] before a walk
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class HandsConfig:
-    """Settings of the protocol.
+@dataclasses.dataclass(frozen=True)
+class HandsConfig(CountedSettings):
+    """Settings of the hands protocol, in addition to `CountedSettings`.
 
     Attributes:
-        gait: of the episodes.
+        episodes: number of episodes, each with its own targets.
         v_x: forward velocity of gaits that move [m/s].
-        episodes: how many, each with its own targets.
-        seed: of the targets.
-        duration: of an episode [s].
-        settle: start of an episode that is left out: the arms are taken over [s].
-        conditions: physics, ground and sensors.
+        settle: start of an episode that is left out of the errors, in which the arms are taken over [s].
     """
 
-    gait: Gait
-    v_x: float = 0.5
     episodes: int = 8
-    seed: int = 0
-    duration: float = 10.0
+    _: dataclasses.KW_ONLY
+    v_x: float = 0.5
     settle: float = 2.0
-    conditions: Conditions = dataclasses.field(default_factory=Conditions)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.settle < self.duration < math.inf:
-            raise ConfigError(f"duration is {self.duration} s, settle {self.settle} s; give 0 <= settle < duration")
-        if self.episodes < 1 or self.seed < 0:
-            raise ConfigError(f"episodes is {self.episodes}, seed {self.seed}; give 1 or more, and 0 or more")
+        super().__post_init__()
         if self.gait is not Gait.STANDING:
             Command(v_x=self.v_x, gait=self.gait).validate()
             if not self.duration > STANDING_START + DEFAULT_RAMP:
@@ -65,24 +56,23 @@ class HandsConfig:
                     f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
                     f"{self.gait.label} gait gets going"
                 )
-        self.conditions.check_duration(self.duration)
         if self.conditions.intervention != "none":
             raise ConfigError("the hands protocol moves the arms itself; leave the intervention at none")
 
 
 @dataclasses.dataclass(frozen=True)
 class HandsEpisode:
-    """One episode; all None where the robot fell before the settling time.
+    """One episode; the errors are None if the robot fell before the settling time.
 
     Attributes:
         hand_error_m: mean distance of both hands to the targets that the inverse kinematics calls reachable [m].
-        hand_error_all_m: to all targets [m].
-        reachable_fraction: part of the samples in which it calls a target reachable.
+        hand_error_all_m: mean distance of both hands to all targets [m].
+        reachable_fraction: fraction of the samples in which the inverse kinematics calls a target reachable.
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
-        saturated_ticks: control steps with an arm joint at its torque limit.
+        saturated_ticks: number of control steps with an arm joint at its torque limit.
         fell: whether the robot fell.
-        survived_s: [s].
+        survived_s: time until the fall, or the whole episode [s].
     """
 
     hand_error_m: float | None
@@ -95,26 +85,21 @@ class HandsEpisode:
     survived_s: float
 
 
-@dataclasses.dataclass(frozen=True)
-class HandsResult:
-    """Outcome of the protocol.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HandsResult(ProtocolResult[HandsEpisode]):
+    """Result of the hands protocol, in addition to `ProtocolResult`.
 
     Attributes:
-        controller: name.
-        gait: label.
         v_x: forward velocity [m/s].
         hand_error_m: `metrics.HandErrors` of all episodes [m]: to the targets that the inverse kinematics calls
-            reachable, and to all, which all are (`reachable_targets`).
+            reachable, and to all targets. All of them are reachable on a nominal body (`reachable_targets`).
         joint_error_rad: mean distance of the arm joints to the inverse kinematics' solution [rad].
-        fell: in how many episodes the robot fell.
-        saturated_ticks: control steps with an arm joint at its torque limit.
+        fell: number of episodes in which the robot fell.
+        saturated_ticks: number of control steps with an arm joint at its torque limit.
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
-        episodes, seed, duration, settle, conditions: as configured.
-        rows: the episodes.
+        episodes: number of episodes.
     """
 
-    controller: str
-    gait: str
     v_x: float
     hand_error_m: dict[str, float | None]
     joint_error_rad: float | None
@@ -122,15 +107,10 @@ class HandsResult:
     saturated_ticks: int
     jitter: float | None
     episodes: int
-    seed: int
-    duration: float
-    settle: float
-    conditions: Conditions
-    rows: tuple[HandsEpisode, ...]
 
 
 class _Recording:
-    """Around an upper-body source: keeps what its inverse kinematics wanted, and what it commanded."""
+    """An upper-body source that records the solutions of another one's inverse kinematics, and its commands."""
 
     def __init__(self, source: ArmSource) -> None:
         self._source = source
@@ -139,7 +119,7 @@ class _Recording:
 
     @property
     def solution(self) -> IKSolution | None:
-        """The source's."""
+        """The last solution of the source."""
         return self._source.solution
 
     def reset(self) -> None:
@@ -154,7 +134,7 @@ class _Recording:
         dt: float,
         commanded: np.ndarray | None = None,
     ) -> tuple[UpperBody, Command]:
-        """The source's."""
+        """Update the source and record its solution and its command."""
         body, command = self._source.update(state, hands, command, dt, commanded)
         nothing = np.full(8, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
@@ -162,12 +142,12 @@ class _Recording:
         return body, command
 
     def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
-        """Rows at the times of a trace, shape (samples, 8)."""
+        """Return the rows at the times of a trace, shape (samples, 8)."""
         return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
 
 
 def reachable_targets(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
+    """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
     robot = load_robot()
     state = RobotState(robot.nominal, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     ik, pairs = ArmIK(), []
@@ -175,70 +155,30 @@ def reachable_targets(count: int, rng: np.random.Generator) -> np.ndarray:
         pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])
         targets = HandTargets(pair[0], pair[1])
+        # 100 steps of 20 ms let the inverse kinematics converge from the nominal posture.
         solutions = [ik.solve(targets, state, 0.02) for _ in range(100)]
         if np.all(solutions[-1].residual < REACHED):
             pairs.append(pair)
     return np.array(pairs)
 
 
-def hands_script(config: HandsConfig, rng: np.random.Generator) -> Script:
-    """One episode: both hands go from one reachable target to the next, under the gait."""
+def hands_script(config: HandsConfig, rng: np.random.Generator, index: int = 0) -> Script:
+    """Script one episode: both hands go from one reachable target to the next while the robot stands or moves.
+
+    Args:
+        config: settings of the protocol.
+        rng: draws the targets.
+        index: number of the episode, which decides the leg where both legs take turns.
+    """
+    gait = config.alternating[index % 2]
     count = math.ceil(config.duration / (LEG_TIME + DWELL)) + 1
     pairs = reachable_targets(count, rng)
     left, right = (Line(tuple(tuple(p.tolist()) for p in pairs[:, hand]), LEG_TIME, DWELL) for hand in range(2))
     hands = HandMotion(left, right)
-    if config.gait is Gait.STANDING:
+    if gait is Gait.STANDING:
         return Script("hands", (Segment("stand", config.duration, hands=hands, ramp=0.0),))
-    walk = Segment("go", config.duration - STANDING_START, config.gait, {"v_x": config.v_x}, hands)
+    walk = Segment("go", config.duration - STANDING_START, gait, {"v_x": config.v_x}, hands)
     return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
-
-
-def run_hands(
-    factory: ControllerFactory, config: HandsConfig, on_episode: Callable[[HandsEpisode], None] | None = None
-) -> HandsResult:
-    """Run the protocol.
-
-    Args:
-        factory: makes the controller.
-        config: settings.
-        on_episode: called with every finished episode, in order.
-    """
-    controller = factory()
-    rows, errors, reachable = [], [], []
-    for index in range(config.episodes):
-        seed = (config.seed, index)
-        script = hands_script(config, np.random.default_rng(seed))
-        source = _Recording(upper_body_source(controller))
-        trace = rollout(
-            controller,
-            script,
-            config.conditions.simulation(config.duration, seed),
-            source,
-            duration=config.duration,
-            estimator=config.conditions.estimator(),
-        )
-        kept = trace.time >= config.settle
-        errors.append(trace.hand_error[kept])
-        reachable.append(trace.reachable[kept])
-        rows.append(_judge(trace, source, controller.period, kept))
-        if on_episode is not None:
-            on_episode(rows[-1])
-    return HandsResult(
-        controller=controller.name,
-        gait=config.gait.label,
-        v_x=0.0 if config.gait is Gait.STANDING else config.v_x,
-        hand_error_m=dataclasses.asdict(metrics.hand_errors(np.concatenate(errors), np.concatenate(reachable))),
-        joint_error_rad=mean(row.joint_error_rad for row in rows),
-        fell=sum(row.fell for row in rows),
-        saturated_ticks=sum(row.saturated_ticks for row in rows),
-        jitter=mean(row.jitter for row in rows),
-        episodes=config.episodes,
-        seed=config.seed,
-        duration=config.duration,
-        settle=config.settle,
-        conditions=config.conditions,
-        rows=tuple(rows),
-    )
 
 
 def _judge(trace: Trace, source: _Recording, period: float, kept: np.ndarray) -> HandsEpisode:
@@ -262,3 +202,64 @@ def _judge(trace: Trace, source: _Recording, period: float, kept: np.ndarray) ->
 
 def _known_mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if values.size else None
+
+
+class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
+    """The accuracy of the hands in closed loop; its episodes run in one process, and are not stored."""
+
+    name = "hands"
+    summary = "accuracy of the hands, moving from one reachable target to the next"
+    settings = HandsConfig
+    fixed = frozenset({"intervention", "motions"})  # the protocol moves the arms itself
+    stores_episodes = False
+
+    def run(
+        self,
+        factory: ControllerFactory,
+        settings: HandsConfig,
+        on_episode: Callable[[HandsEpisode], None] | None = None,
+    ) -> HandsResult:
+        """Run the episodes one after the other; arguments as in `Protocol`."""
+        controller = factory()
+        rows, errors, reachable = [], [], []
+        for index in range(settings.episodes):
+            seed = (settings.seed, index)
+            script = hands_script(settings, np.random.default_rng(seed), index)
+            source = _Recording(upper_body_source(controller))
+            trace = rollout(
+                controller,
+                script,
+                settings.conditions.simulation(settings.duration, seed),
+                source,
+                duration=settings.duration,
+                estimator=settings.conditions.estimator(),
+            )
+            kept = trace.time >= settings.settle
+            errors.append(trace.hand_error[kept])
+            reachable.append(trace.reachable[kept])
+            rows.append(_judge(trace, source, controller.period, kept))
+            if on_episode is not None:
+                on_episode(rows[-1])
+        return HandsResult.of(
+            lambda: controller,
+            settings,
+            rows,
+            v_x=0.0 if settings.gait is Gait.STANDING else settings.v_x,
+            hand_error_m=dataclasses.asdict(metrics.hand_errors(np.concatenate(errors), np.concatenate(reachable))),
+            joint_error_rad=mean(row.joint_error_rad for row in rows),
+            fell=sum(row.fell for row in rows),
+            saturated_ticks=sum(row.saturated_ticks for row in rows),
+            jitter=mean(row.jitter for row in rows),
+            episodes=settings.episodes,
+        )
+
+    def describe(self, result: HandsResult) -> str:
+        """Return hand errors, joint error, saturation and jitter, and the falls."""
+        rows = [
+            *hand_rows([result.hand_error_m]),
+            ("arm joints' error [rad]", result.joint_error_rad),
+            ("control steps with an arm joint at its torque limit", result.saturated_ticks),
+            ("jitter [rad^2/s^6]", result.jitter),
+        ]
+        falls = f"falls: {result.fell} of {result.episodes} episodes"
+        return format_table((result.gait, result.controller), rows) + f"\n\n{falls}"

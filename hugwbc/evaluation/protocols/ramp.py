@@ -1,28 +1,27 @@
 """The paper's test on the real robot, in simulation: p and w go from their minimum to their maximum, in five runs.
 
-Each run is on another robot: ground friction, payload and joint gains are drawn from the training's ranges.
+Each run uses another robot: ground friction, payload and joint gains are drawn from the training's ranges.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule
+from hugwbc.evaluation.engine import EpisodePlan, Knot, Schedule
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
-from hugwbc.evaluation.protocols.episodes import (
-    ControllerFactory,
-    CountedSettings,
-    ProtocolResult,
-    Run,
-    known,
-    mean,
-    run_episodes,
-)
+from hugwbc.evaluation.picture_data import XY, Curves
+from hugwbc.evaluation.protocols.episodes import CountedSettings, ProtocolResult, Run, known, mean
+from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, beside_paper
+from hugwbc.evaluation.tables import format_table
+from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 
 RAMPED = ("p", "w")
@@ -32,12 +31,12 @@ _CURVE_POINTS = 21
 
 @dataclasses.dataclass(frozen=True)
 class RampConfig(CountedSettings):
-    """Settings of the protocol, beside those of any of one gait.
+    """Settings of the ramp protocol, in addition to `CountedSettings`.
 
     Attributes:
-        episodes: runs of each command.
-        duration: the ramp ends with the episode [s].
-        settle: when the ramp begins [s].
+        episodes: number of runs of each command.
+        duration: length of an episode, with which the ramp ends [s].
+        settle: start of the ramp [s].
     """
 
     episodes: int = 5
@@ -59,11 +58,11 @@ class RampEpisode:
 
     Attributes:
         command: "p" or "w".
-        error: mean absolute error during the ramp; None if the robot fell before it began.
-        curve: the measured value at each of 21 commanded ones, by that one; those before a fall.
+        error: mean absolute error during the ramp [rad]; None if the robot fell before the ramp began.
+        curve: measured value [rad] by commanded value, at up to 21 commanded values; without those after a fall.
         fell: whether the robot fell.
-        survived_s: [s].
-        payload, friction, gain: of this robot.
+        survived_s: time until the fall, or the whole episode [s].
+        payload, friction, gain: of this run's robot, as in `Conditions`.
     """
 
     command: str
@@ -78,13 +77,13 @@ class RampEpisode:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RampResult(ProtocolResult[RampEpisode]):
-    """Outcome of the protocol, beside what any has.
+    """Result of the ramp protocol, in addition to `ProtocolResult`.
 
     Attributes:
-        episodes: runs of each command.
-        falls: in how many runs the robot fell, by command.
+        episodes: number of runs of each command.
+        falls: number of runs in which the robot fell, by command.
         errors: mean of the runs' errors, E_p and E_w [rad].
-        paper: the paper's, on the real robot.
+        paper: the paper's errors on the real robot [rad].
     """
 
     episodes: int
@@ -94,7 +93,7 @@ class RampResult(ProtocolResult[RampEpisode]):
 
 
 def ramp_schedule(config: RampConfig, name: str) -> Schedule:
-    """From the default command to one command's minimum, and from `settle` to the end linearly to its maximum."""
+    """Go from the default command to one command's minimum, then linearly from `settle` to the end to its maximum."""
     low, high = command_ranges(config.gait)[name].finishing
     start = default_command(config.gait)
 
@@ -105,51 +104,18 @@ def ramp_schedule(config: RampConfig, name: str) -> Schedule:
     return Schedule((Knot(0.0, start), Knot(_START, at(low), _APPROACH), Knot(config.settle, at(high), ramp)))
 
 
-def run_ramp(
-    factory: ControllerFactory, config: RampConfig, on_episode: Callable[[RampEpisode], None] | None = None
-) -> RampResult:
-    """Run the protocol.
-
-    Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        config: settings.
-        on_episode: called with every finished run, in order.
-    """
-    plans = [
-        EpisodePlan(
-            ramp_schedule(config, name),
-            conditions=config.conditions.of_a_drawn_robot(np.random.default_rng((config.seed, draw))),
-            draw=draw,
-            label=name,
-        )
-        for name in RAMPED
-        for draw in range(config.episodes)
-    ]
-    rows = run_episodes(factory, plans, RampJudge(config.settle), config, on_episode)
-    parts = {name: [row for row in rows if row.command == name] for name in RAMPED}
-    return RampResult.of(
-        factory,
-        config,
-        rows,
-        episodes=config.episodes,
-        falls={name: sum(row.fell for row in part) for name, part in parts.items()},
-        errors={f"E_{name}": mean(row.error for row in part) for name, part in parts.items()},
-        paper=dict(real_robot_errors(config.gait)),
-    )
-
-
 @dataclasses.dataclass(frozen=True)
 class RampJudge:
-    """Judges a run by the command that its plan's label names.
+    """Judge of a run by the command that its plan's label names.
 
     Attributes:
-        settle: when the ramp begins [s].
+        settle: start of the ramp [s].
     """
 
     settle: float
 
     def __call__(self, index: int, run: Run) -> RampEpisode:
-        """The row of one run."""
+        """Return the row of one run."""
         name, trace, conditions = run.plan.label, run.trace, run.plan.conditions
         assert conditions is not None and isinstance(run.plan.commands, Schedule)
         last = run.plan.commands.knots[-1]
@@ -171,3 +137,97 @@ class RampJudge:
             friction=conditions.friction,
             gain=conditions.gain,
         )
+
+
+class RampProtocol(PlannedProtocol[RampConfig, RampEpisode, RampResult]):
+    """The paper's ramps of p and w."""
+
+    name = "ramp"
+    summary = "ramp p and w from their minimum to their maximum, as on the paper's real robot"
+    settings = RampConfig
+    result = RampResult
+    fixed = frozenset({"payload", "friction", "gain"})  # drawn for every run
+    report_title = "Ramp"
+    report_text = (
+        "p and w go from minimum to maximum. Every run has a robot with other friction, payload and gains. The paper's "
+        "figures are from its real robot, ours from simulation."
+    )
+
+    def plans(self, settings: RampConfig) -> list[EpisodePlan]:
+        """Return the runs of p, then those of w, on the same drawn robots."""
+        return [
+            EpisodePlan(
+                ramp_schedule(settings, name),
+                conditions=settings.conditions.of_a_drawn_robot(np.random.default_rng((settings.seed, draw))),
+                draw=draw,
+                label=name,
+            )
+            for name in RAMPED
+            for draw in range(settings.episodes)
+        ]
+
+    def judge(self, settings: RampConfig) -> RampJudge:
+        """Return the judge of the error during the ramp."""
+        return RampJudge(settings.settle)
+
+    def summarise(self, settings: RampConfig, rows: Sequence[RampEpisode]) -> dict[str, Any]:
+        """Return falls and mean errors of both commands, with the paper's."""
+        parts = {name: [row for row in rows if row.command == name] for name in RAMPED}
+        return {
+            "episodes": settings.episodes,
+            "falls": {name: sum(row.fell for row in part) for name, part in parts.items()},
+            "errors": {f"E_{name}": mean(row.error for row in part) for name, part in parts.items()},
+            "paper": dict(real_robot_errors(settings.gait)),
+        }
+
+    def describe(self, result: RampResult) -> str:
+        """Return the errors during the ramps with the paper's on the real robot, and the falls."""
+        rows = [beside_paper(name, error, result.paper.get(name)) for name, error in result.errors.items()]
+        table = format_table((f"{result.gait}, ramp [rad]", result.controller, "paper (real robot)", "ratio"), rows)
+        falls = ", ".join(f"{name} {count} of {result.episodes}" for name, count in result.falls.items())
+        return f"{table}\n\nfalls: {falls} runs"
+
+    def quick(self) -> list[RampConfig]:
+        """Return two short runs of each command."""
+        return [RampConfig(gait, episodes=2, duration=10.0) for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING)]
+
+    def full(self) -> list[RampConfig]:
+        """Return the paper's five runs of each command."""
+        return [RampConfig(gait, episodes=5) for gait in (Gait.STANDING, Gait.WALKING, Gait.JUMPING)]
+
+    def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
+        """Return the errors of p and w, and the falls."""
+        table = f"Ramp, {result['gait']}"
+        figures = [
+            Figure(
+                table,
+                f"E_{command}",
+                "rad",
+                controller,
+                bootstrap_mean([row["error"] for row in result["rows"] if row["command"] == command]),
+                result["paper"].get(f"E_{command}"),
+            )
+            for command in RAMPED
+        ]
+        return [*figures, falls_figure(table, controller, result["rows"])]
+
+    def pictures(self, measured: Sequence[Measured], controllers: Sequence[str]) -> list[Curves]:
+        """Return measured over commanded value, averaged over the runs, for each gait and command."""
+        pictures = []
+        for gait in dict.fromkeys(result["gait"] for _, result in measured):
+            for command in RAMPED:
+                found = {name: _mean_curve(r["rows"], command) for name, r in measured if r["gait"] == gait}
+                nothing = (np.zeros(0), np.zeros(0))
+                series = {name: found.get(name, nothing) for name in controllers}
+                commanded = np.unique(np.concatenate([x for x, _ in series.values()]))
+                labels = (f"commanded {command} [rad]", "measured [rad]")
+                pictures.append(Curves(f"{command}, {gait}", series, labels, dashed=(commanded, commanded)))
+        return pictures
+
+
+def _mean_curve(rows: Sequence[Mapping[str, Any]], command: str) -> XY:
+    """Return the commanded values, and the mean of what the runs that got there measured."""
+    curves = [row["curve"] for row in rows if row["command"] == command]
+    values = sorted({float(value) for curve in curves for value in curve})
+    means = [float(np.mean([m for c in curves for v, m in c.items() if float(v) == value])) for value in values]
+    return np.array(values), np.array(means)

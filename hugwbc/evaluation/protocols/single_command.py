@@ -1,68 +1,64 @@
 """The paper's table of single-command tracking errors.
 
-Each command is sampled over its finishing range while the others stay at their defaults; one episode per sample. The
-samples of a command are stratified: its range is cut into as many equal parts as it has episodes, and each part gets
-one uniform sample, so that few episodes cover the whole range as well.
+Each command is sampled over its finishing range while the others stay at their defaults, one episode per sample. The
+samples are stratified: the range of a command is cut into as many equal parts as it has episodes, and each part gets
+one uniform sample, so that even few episodes cover the whole range.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.paper import ERROR_NAMES, error_name, single_command_errors
-from hugwbc.evaluation.protocols.episodes import (
-    ControllerFactory,
-    CountedResult,
-    CountedSettings,
-    GaitSettings,
-    Run,
-    known,
-    mean,
-    run_episodes,
-)
+from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, error_name, other_controllers, single_command_errors
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, GaitSettings, Run, known, mean
+from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, failure_lines, four_decimals
+from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import Trace
 
-SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted apart
+SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted separately
 
 
 @dataclasses.dataclass(frozen=True)
 class SingleCommandConfig(CountedSettings):
-    """Settings of the protocol, beside those of any of one gait.
+    """Settings of the single-command protocol, in addition to `CountedSettings`.
 
     Attributes:
-        episodes: in all, split evenly over the commands of the gait.
+        episodes: number of episodes in all, split evenly over the commands of the gait.
     """
 
     episodes: int = 32
 
     @property
     def least(self) -> tuple[int, str]:
-        """One for each command of the gait."""
+        """One episode for each command of the gait."""
         return len(sampled_commands(self.gait)), f"one per command of the {self.gait.label} gait"
 
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """One episode.
+    """One episode of a single command.
 
     Attributes:
-        gait: label.
+        gait: label of the gait.
         command: name of the sampled command.
-        value: its value.
+        value: value of the sampled command.
         error_name: the paper's name of the error that the episode counts towards.
         error: that error; None if the robot fell before it could be measured.
         fell: whether the robot fell.
-        survived_s: [s].
-        arm_error: mean distance of the arm joints to their external targets [rad].
-        foot_travel: length of both feet's paths after the settling time, standing only [m].
-        foot_creep: the part of it that is MuJoCo's creep of feet that stand firm [m].
-        held_foot_contact: part of the time in which the held leg touched the ground, hopping only.
-        failures: exceptions of the controller that the safety filter caught.
+        survived_s: time until the fall, or the whole episode [s].
+        arm_error: mean distance of the arm joints to their external targets [rad]; None without such targets.
+        foot_travel: summed path length of both feet after the settling time [m]; standing only.
+        foot_creep: part of `foot_travel` that is MuJoCo's creep of firmly standing feet [m].
+        held_foot_contact: fraction of the time in which the held leg touched the ground; hopping only.
+        failures: number of exceptions of the controller that the safety filter caught.
     """
 
     gait: str
@@ -81,16 +77,16 @@ class Episode:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SingleCommandResult(CountedResult[Episode]):
-    """Outcome of the protocol, beside what any has.
+    """Result of the single-command protocol, in addition to `CountedResult`.
 
     Attributes:
-        episodes_slow: episodes with a commanded horizontal speed of at most 0.6 m/s.
-        falls_slow: in how many of these the robot fell.
+        episodes_slow: number of episodes with a commanded horizontal speed of at most 0.6 m/s.
+        falls_slow: number of these in which the robot fell.
         fall_rate_slow: falls_slow / episodes_slow.
-        errors: mean of the episodes' errors by the paper's names; None where the gait has no such command.
+        errors: mean error of the episodes by the paper's names; None where the gait has no such command.
         arm_error: mean over the episodes with external control of the arms [rad].
-        foot_travel: mean over the episodes without a fall, which would have short paths, standing only [m].
-        held_foot_contact: mean over the episodes, hopping only.
+        foot_travel: mean over the episodes without a fall, whose paths would be short [m]; standing only.
+        held_foot_contact: mean over the episodes; hopping only.
         paper: the paper's errors under the same intervention, for the names that it reports.
     """
 
@@ -105,17 +101,20 @@ class SingleCommandResult(CountedResult[Episode]):
 
 
 def sampled_commands(gait: Gait) -> tuple[str, ...]:
-    """The commands whose range under a gait is more than one value; for standing without the foot commands."""
+    """Return the commands whose range under a gait is more than one value; foot commands are left out for standing."""
     names = [name for name, limits in command_ranges(gait).items() if limits.finishing[0] < limits.finishing[1]]
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
 
 
 def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, Command]]:
-    """Name of the sampled command, and the whole command, of every episode, stratified over the finishing ranges.
+    """Sample single commands, stratified over their finishing ranges.
 
     Args:
-        config: whose gait and seed count.
-        episodes: in all, split evenly over the commands of the gait.
+        config: settings, of which gait and seed are used.
+        episodes: number of samples in all, split evenly over the commands of the gait.
+
+    Returns:
+        Name of the sampled command and the whole command, for every episode.
     """
     rng = np.random.default_rng(config.seed)
     names = sampled_commands(config.gait)
@@ -124,6 +123,7 @@ def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, C
     for position, name in enumerate(names):
         count = share + (position < rest)
         low, high = command_ranges(config.gait)[name].finishing
+        # One uniform sample in each of `count` equal parts of the range.
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
         for index, value in enumerate(values):
             samples.append(
@@ -132,52 +132,23 @@ def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, C
     return samples
 
 
-def run_single_command(
-    factory: ControllerFactory, config: SingleCommandConfig, on_episode: Callable[[Episode], None] | None = None
-) -> SingleCommandResult:
-    """Run the protocol.
-
-    Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        config: settings.
-        on_episode: called with every finished episode, in order.
-    """
-    plans = [EpisodePlan(command, label=name) for name, command in stratified_samples(config, config.episodes)]
-    rows = run_episodes(factory, plans, SingleCommandJudge(config.settle), config, on_episode)
-    slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
-    falls_slow = sum(row.fell for row in slow)
-    return SingleCommandResult.of(
-        factory,
-        config,
-        rows,
-        episodes_slow=len(slow),
-        falls_slow=falls_slow,
-        fall_rate_slow=falls_slow / len(slow) if slow else 0.0,
-        errors={error: mean(row.error for row in rows if row.error_name == error) for error in ERROR_NAMES},
-        arm_error=mean(row.arm_error for row in rows),
-        foot_travel=mean(row.foot_travel for row in rows if not row.fell),
-        held_foot_contact=mean(row.held_foot_contact for row in rows),
-        paper=dict(single_command_errors(config.gait, config.conditions.intervention)),
-    )
-
-
 @dataclasses.dataclass(frozen=True)
 class SingleCommandJudge:
-    """Judges an episode by the error of the command that its plan's label names.
+    """Judge of an episode by the error of the command that its plan's label names.
 
     Attributes:
-        settle: start of the episode that is left out [s].
+        settle: start of the episode that is left out of the error [s].
     """
 
     settle: float
 
     def __call__(self, index: int, run: Run) -> Episode:
-        """The row of one episode."""
+        """Return the row of one episode."""
         return judged(run, run.plan.label, self.settle)
 
 
 def judged(run: Run, name: str, settle: float) -> Episode:
-    """The row of an episode in which the command `name` was sampled, without its first `settle` seconds."""
+    """Return the row of an episode in which the command `name` was sampled, without its first `settle` seconds."""
     command, trace = run.command, run.trace
     value = float(command.array()[COMMAND_NAMES.index(name)])
     standing = command.gait is Gait.STANDING
@@ -198,9 +169,101 @@ def judged(run: Run, name: str, settle: float) -> Episode:
 
 
 def episode_error(trace: Trace, command: str, settle: float) -> float:
-    """The error of one command over a run, NaN if it did not last beyond `settle` [s]."""
+    """Return the error of one command over a run; NaN if the run did not last beyond `settle` [s]."""
     if command == "f":
         return metrics.frequency_error(trace, settle)
     if command == "l":
         return metrics.swing_height_error(trace, settle)
     return metrics.tracking_errors(trace, settle)[command]
+
+
+class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, SingleCommandResult]):
+    """The paper's tracking errors of single commands."""
+
+    name = "single-command"
+    summary = "sample each command over its range, the others at their defaults"
+    settings = SingleCommandConfig
+    result = SingleCommandResult
+    report_title = "Single commands"
+    report_text = (
+        "One command is sampled over its range while the others stay at their defaults. Foot commands (f, l) are "
+        "judged over complete gait cycles, the others over control steps. The figures of HOVER and ExBody are the "
+        "paper's; they were not run here."
+    )
+
+    def plans(self, settings: SingleCommandConfig) -> list[EpisodePlan]:
+        """Return an episode for each stratified sample; its label names the sampled command."""
+        samples = stratified_samples(settings, settings.episodes)
+        return [EpisodePlan(command, label=name) for name, command in samples]
+
+    def judge(self, settings: SingleCommandConfig) -> SingleCommandJudge:
+        """Return the judge of the sampled command's error."""
+        return SingleCommandJudge(settings.settle)
+
+    def summarise(self, settings: SingleCommandConfig, rows: Sequence[Episode]) -> dict[str, Any]:
+        """Return mean errors by the paper's names, and the falls at low speeds."""
+        slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
+        falls_slow = sum(row.fell for row in slow)
+        return {
+            "episodes_slow": len(slow),
+            "falls_slow": falls_slow,
+            "fall_rate_slow": falls_slow / len(slow) if slow else 0.0,
+            "errors": {error: mean(row.error for row in rows if row.error_name == error) for error in ERROR_NAMES},
+            "arm_error": mean(row.arm_error for row in rows),
+            "foot_travel": mean(row.foot_travel for row in rows if not row.fell),
+            "held_foot_contact": mean(row.held_foot_contact for row in rows),
+            "paper": dict(single_command_errors(settings.gait, settings.conditions.intervention)),
+        }
+
+    def describe(self, result: SingleCommandResult) -> str:
+        """Return the errors as a table with the paper's, and the falls."""
+        rows = []
+        for name, unit in ERROR_UNITS.items():
+            error, paper = result.errors[name], result.paper.get(name)
+            if error is None and paper is None:
+                continue
+            ratio = error / paper if error is not None and paper is not None else None
+            rows.append((name, unit, four_decimals(error), paper, ratio))
+        lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
+        lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
+        lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
+        if result.foot_travel is not None:
+            seconds = result.duration - result.settle
+            lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
+        if result.held_foot_contact is not None:
+            lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
+        if result.arm_error is not None:
+            lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
+        return "\n".join(lines + failure_lines(result.rows))
+
+    def quick(self) -> list[SingleCommandConfig]:
+        """Return few episodes of every gait."""
+        episodes = {Gait.STANDING: 6, Gait.WALKING: 16, Gait.JUMPING: 16, Gait.HOPPING_LEFT: 8}
+        return [SingleCommandConfig(g, g.hops, episodes=count, duration=5.0) for g, count in episodes.items()]
+
+    def full(self) -> list[SingleCommandConfig]:
+        """Return 256 episodes of every gait, 20 s after the settling time as in the paper."""
+        gaits = (Gait.STANDING, Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT)
+        return [SingleCommandConfig(gait, gait.hops, episodes=256, duration=21.0) for gait in gaits]
+
+    def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
+        """Return the tracking errors by the paper's names, and the falls."""
+        table, figures = _table(result["gait"]), []
+        for error in ERROR_NAMES:
+            errors = [row["error"] for row in result["rows"] if row["error_name"] == error]
+            paper = result["paper"].get(error)
+            if errors or paper is not None:
+                figures.append(Figure(table, error, ERROR_UNITS[error], controller, bootstrap_mean(errors), paper))
+        return [*figures, falls_figure(table, controller, result["rows"])]
+
+    def published(self, measured: Sequence[Measured]) -> list[Figure]:
+        """Return what the paper prints for other controllers' walking."""
+        return [
+            Figure(_table(Gait.WALKING.label), error, ERROR_UNITS[error], name, None, published=value)
+            for name, errors in (other_controllers() if measured else {}).items()
+            for error, value in errors.items()
+        ]
+
+
+def _table(gait: str) -> str:
+    return f"Single command, {gait}"

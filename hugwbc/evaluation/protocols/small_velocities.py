@@ -1,27 +1,22 @@
 """Are small velocities followed, or ignored?
 
-A reward that is flat near zero error pays a robot that stands still nearly all of its tracking reward at 0.1 m/s, and
+A reward that is flat near zero error gives a robot that stands still nearly all of its tracking reward at 0.1 m/s, and
 the mean error of the paper's protocol hardly shows it. Here every episode commands v_x or v_y alone, 0.1 to 0.3 m/s
-either way, and the figure is the executed part of it.
+in either direction, and the figure is the fraction of it that is executed.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.protocols.episodes import (
-    ControllerFactory,
-    CountedResult,
-    CountedSettings,
-    Run,
-    known,
-    mean,
-    run_episodes,
-)
+from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, known, mean
+from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
+from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 
@@ -31,10 +26,10 @@ DIRECTIONS = ("forward", "backward", "left", "right")
 
 @dataclasses.dataclass(frozen=True)
 class SmallVelocitiesConfig(CountedSettings):
-    """Settings of the protocol, beside those of any of one gait.
+    """Settings of the small-velocities protocol, in addition to `CountedSettings`.
 
     Attributes:
-        episodes: in all, split evenly over `DIRECTIONS`.
+        episodes: number of episodes in all, split evenly over forward, backward, left and right.
     """
 
     episodes: int = 16
@@ -46,22 +41,22 @@ class SmallVelocitiesConfig(CountedSettings):
 
     @property
     def least(self) -> tuple[int, str]:
-        """One for each direction."""
+        """One episode for each direction."""
         return len(DIRECTIONS), "one per direction"
 
 
 @dataclasses.dataclass(frozen=True)
 class SmallVelocityEpisode:
-    """One episode.
+    """One episode of a small velocity.
 
     Attributes:
-        gait: label.
+        gait: label of the gait.
         direction: one of `DIRECTIONS`.
-        speed: commanded [m/s].
-        executed: mean velocity in that direction after the settling time, as a part of the commanded; None if the
-            robot fell before.
+        speed: commanded speed [m/s].
+        executed: mean velocity in that direction after the settling time, as a fraction of the commanded one; None
+            if the robot fell before.
         fell: whether the robot fell.
-        failures: exceptions of the controller that the safety filter caught.
+        failures: number of exceptions of the controller that the safety filter caught.
     """
 
     gait: str
@@ -74,17 +69,17 @@ class SmallVelocityEpisode:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SmallVelocitiesResult(CountedResult[SmallVelocityEpisode]):
-    """Outcome of the protocol, beside what any has.
+    """Result of the small-velocities protocol, in addition to `CountedResult`.
 
     Attributes:
-        executed: mean executed part by direction, of the episodes without a fall: 1 followed, 0 ignored.
+        executed: mean executed fraction by direction, over the episodes without a fall: 1 followed, 0 ignored.
     """
 
     executed: dict[str, float | None]
 
 
 def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
-    """The command of every episode: directions in turn, speeds stratified over `SMALL`."""
+    """Return the command of every episode: directions in turn, speeds stratified over `SMALL`."""
     rng = np.random.default_rng(config.seed)
     rounds = -(-config.episodes // len(DIRECTIONS))
     commands = []
@@ -97,33 +92,18 @@ def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
     return commands
 
 
-def run_small_velocities(
-    factory: ControllerFactory,
-    config: SmallVelocitiesConfig,
-    on_episode: Callable[[SmallVelocityEpisode], None] | None = None,
-) -> SmallVelocitiesResult:
-    """Run the protocol.
-
-    Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        config: settings.
-        on_episode: called with every finished episode, in order.
-    """
-    plans = [EpisodePlan(command) for command in sample_episodes(config)]
-    rows = run_episodes(factory, plans, _Judge(config.settle), config, on_episode)
-    return SmallVelocitiesResult.of(
-        factory,
-        config,
-        rows,
-        executed={name: mean(r.executed for r in rows if r.direction == name and not r.fell) for name in DIRECTIONS},
-    )
-
-
 @dataclasses.dataclass(frozen=True)
-class _Judge:
+class SmallVelocitiesJudge:
+    """Judge of the executed fraction of the commanded velocity.
+
+    Attributes:
+        settle: start of the episode that is left out [s].
+    """
+
     settle: float
 
     def __call__(self, index: int, run: Run) -> SmallVelocityEpisode:
+        """Return the row of one episode."""
         trace, name = run.trace, "v_x" if run.command.v_x else "v_y"
         commanded = float(getattr(run.command, name))
         measured = trace.measured[trace.time >= self.settle, MEASURED_NAMES.index(name)]
@@ -135,3 +115,31 @@ class _Judge:
             fell=trace.fell,
             failures=trace.safety.failures,
         )
+
+
+class SmallVelocitiesProtocol(PlannedProtocol[SmallVelocitiesConfig, SmallVelocityEpisode, SmallVelocitiesResult]):
+    """Small velocities in four directions."""
+
+    name = "small-velocities"
+    summary = "which fraction of 0.1 to 0.3 m/s is walked"
+    settings = SmallVelocitiesConfig
+    result = SmallVelocitiesResult
+
+    def plans(self, settings: SmallVelocitiesConfig) -> list[EpisodePlan]:
+        """Return an episode for each sampled velocity."""
+        return [EpisodePlan(command) for command in sample_episodes(settings)]
+
+    def judge(self, settings: SmallVelocitiesConfig) -> SmallVelocitiesJudge:
+        """Return the judge of the executed fraction."""
+        return SmallVelocitiesJudge(settings.settle)
+
+    def summarise(self, settings: SmallVelocitiesConfig, rows: Sequence[SmallVelocityEpisode]) -> dict[str, Any]:
+        """Return the mean executed fraction of each direction."""
+        upright = [row for row in rows if not row.fell]
+        return {"executed": {name: mean(r.executed for r in upright if r.direction == name) for name in DIRECTIONS}}
+
+    def describe(self, result: SmallVelocitiesResult) -> str:
+        """Return the executed fraction by direction, and the falls."""
+        table = format_table(("0.1 to 0.3 m/s", "executed part"), list(result.executed.items()))
+        falls = f"falls: {result.falls} of {result.episodes} episodes"
+        return "\n".join([table, "", falls, *failure_lines(result.rows)])

@@ -1,29 +1,26 @@
-"""A tour with punches: 60 s over 12 waypoints, the arms moved from outside, one blow a leg on a random link.
+"""A tour with blows: 60 s over 12 waypoints, the arms moved from outside, one blow on a random link in every leg.
 
-After the public comparison of controllers for Unitree's G1 by rhoyn (NVlabs/GR00T-WholeBodyControl issue 269): there a
-blow is up to 600 N for 0.08 s. Here it is scaled by the robots' masses, so that it changes the velocity as much; the
-arms have the noise of the paper's intervention. Another robot, and other waypoints: the figures compare controllers of
-the H1 with one another, not with that list.
+The protocol follows the public comparison of controllers for Unitree's G1 by rhoyn
+(NVlabs/GR00T-WholeBodyControl issue 269), in which a blow is up to 600 N for 0.08 s. Here the force is scaled by the
+robots' masses, so that it changes the velocity as much, and the arms follow the noise of the paper's intervention.
+Robot and waypoints differ from that comparison: these figures compare controllers of the H1 with one another only.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.navigation import Tour, Waypoint
-from hugwbc.evaluation.protocols.episodes import (
-    ControllerFactory,
-    CountedResult,
-    CountedSettings,
-    Run,
-    mean,
-    run_episodes,
-)
+from hugwbc.evaluation.engine import EpisodePlan, Tour, Waypoint
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, mean
+from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
+from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.sim import Force
@@ -32,22 +29,23 @@ WAYPOINTS = 12
 REACHED = 0.5  # [m] from a waypoint at the end of its leg
 G1_MASS = 35.0  # [kg], the maker's figure
 BLOW_TIME = 0.08  # [s]
-AFTERMATH = 3.0  # [s] in which a fall is put down to a blow; a later one to the arms or the walk
+AFTERMATH = 3.0  # [s] after a blow in which a fall is attributed to it; later falls come from the arms or the walk
 STRUCK = (
     "pelvis", "torso_link", "left_shoulder_roll_link", "right_shoulder_roll_link", "left_elbow_link",
     "right_elbow_link", "left_hip_pitch_link", "right_hip_pitch_link", "left_knee_link", "right_knee_link",
 )  # fmt: skip
-_LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6  # of a leg [m]; of the heading and off it, plus or minus [rad]
+# Length of a leg [m], change of the heading in it and bearing off the heading, both plus or minus [rad].
+_LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6
 
 
 @dataclasses.dataclass(frozen=True)
 class TourConfig(CountedSettings):
-    """Settings of the protocol, beside those of any of one gait.
+    """Settings of the tour protocol, in addition to `CountedSettings`.
 
     Attributes:
-        episodes: tours, each with its own waypoints and blows.
-        blow: the strongest, on a G1 [N]; 0 for none.
-        duration: of a tour [s].
+        episodes: number of tours, each with its own waypoints and blows.
+        blow: force of the strongest blow on a G1, which is scaled to this robot's mass [N]; 0 for no blows.
+        duration: length of a tour [s].
     """
 
     gait: Gait = Gait.WALKING
@@ -69,14 +67,14 @@ class TourEpisode:
     """One tour.
 
     Attributes:
-        reached: waypoints within 0.5 m at the end of their legs.
-        position_error: mean distance to the waypoint at the end of the legs that the robot survived [m].
-        yaw_error: mean angle to its yaw there [rad].
-        blows: that it was dealt before its end.
-        felled: whether it fell within `AFTERMATH` of a blow.
+        reached: number of waypoints within 0.5 m at the end of their legs.
+        position_error: mean distance to the waypoint at the end of each survived leg [m].
+        yaw_error: mean absolute angle to the waypoint's yaw at the end of each survived leg [rad].
+        blows: number of blows before the end of the tour.
+        felled: whether the robot fell within `AFTERMATH` of a blow.
         fell: whether the robot fell.
-        survived_s: [s].
-        failures: exceptions of the controller that the safety filter caught.
+        survived_s: time until the fall, or the whole tour [s].
+        failures: number of exceptions of the controller that the safety filter caught.
     """
 
     reached: int
@@ -91,14 +89,14 @@ class TourEpisode:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TourResult(CountedResult[TourEpisode]):
-    """Outcome of the protocol, beside what any has.
+    """Result of the tour protocol, in addition to `CountedResult`.
 
     Attributes:
-        strongest_blow: on this robot, scaled by the masses [N].
-        completed: share of the tours without a fall.
-        blows: dealt in all.
-        blows_survived: share of the blows after which the robot did not fall within `AFTERMATH`.
-        reached: share of the waypoints.
+        strongest_blow: force of the strongest blow on this robot [N].
+        completed: fraction of the tours without a fall.
+        blows: number of blows in all tours.
+        blows_survived: fraction of the blows after which the robot did not fall within `AFTERMATH`.
+        reached: fraction of the waypoints that were reached.
         position_error: mean over the tours [m].
         yaw_error: mean over the tours [rad].
         survived_s: mean over the tours [s].
@@ -115,12 +113,12 @@ class TourResult(CountedResult[TourEpisode]):
 
 
 def strongest_blow(config: TourConfig) -> float:
-    """The strongest blow on this robot: as much change of velocity as `config.blow` is for a G1 [N]."""
+    """Return the force on this robot that changes its velocity as much as `config.blow` does that of a G1 [N]."""
     return config.blow * load_robot().mass / G1_MASS
 
 
 def tour_plan(config: TourConfig, number: int) -> EpisodePlan:
-    """Waypoints and blows of one tour, drawn from the seed and its number."""
+    """Draw waypoints and blows of one tour from the seed and its number."""
     rng = np.random.default_rng((config.seed, number))
     leg = config.duration / WAYPOINTS
     place, yaw = np.zeros(2), 0.0
@@ -130,6 +128,7 @@ def tour_plan(config: TourConfig, number: int) -> EpisodePlan:
         place = place + rng.uniform(*_LENGTH) * np.array([math.cos(bearing), math.sin(bearing)])
         yaw = float(rotations.wrap_angle(yaw + rng.uniform(-_TURN, _TURN)))
         waypoints.append(Waypoint(float(place[0]), float(place[1]), yaw))
+        # The blow comes at 0.2 to 0.7 of its leg, which leaves 1.5 s of a 60 s tour to recover before the waypoint.
         start, force, angle = leg * (index + rng.uniform(0.2, 0.7)), rng.uniform(), rng.uniform(-math.pi, math.pi)
         vector = strongest_blow(config) * force * np.array([math.cos(angle), math.sin(angle)])
         blows.append(Force((*vector.tolist(), 0.0), start, BLOW_TIME, str(rng.choice(STRUCK))))
@@ -142,44 +141,17 @@ def tour_plan(config: TourConfig, number: int) -> EpisodePlan:
     )
 
 
-def run_tour(
-    factory: ControllerFactory, config: TourConfig, on_episode: Callable[[TourEpisode], None] | None = None
-) -> TourResult:
-    """Run the protocol.
-
-    Args:
-        factory: makes the controller; with more than one worker it must be picklable.
-        config: settings.
-        on_episode: called with every finished tour, in order.
-    """
-    plans = [tour_plan(config, number) for number in range(config.episodes)]
-    rows = run_episodes(factory, plans, TourJudge(), config, on_episode)
-    return TourResult.of(
-        factory,
-        config,
-        rows,
-        strongest_blow=strongest_blow(config),
-        completed=sum(not row.fell for row in rows) / len(rows),
-        blows=sum(row.blows for row in rows),
-        blows_survived=mean(outcome for row in rows for outcome in blow_outcomes(row.blows, row.felled)),
-        reached=sum(row.reached for row in rows) / (WAYPOINTS * len(rows)),
-        position_error=mean(row.position_error for row in rows),
-        yaw_error=mean(row.yaw_error for row in rows),
-        survived_s=float(np.mean([row.survived_s for row in rows])),
-    )
-
-
 def blow_outcomes(blows: int, felled: bool) -> list[bool]:
-    """For each blow of a tour, whether the robot survived it: the last one `felled` it, or none."""
+    """Return for each blow of a tour whether the robot survived it; only the last one can have `felled` it."""
     return [*[True] * (blows - 1), not felled][:blows]
 
 
 @dataclasses.dataclass(frozen=True)
 class TourJudge:
-    """Compares the pose at the end of every leg with its waypoint."""
+    """Judge that compares the pose at the end of every leg with its waypoint."""
 
     def __call__(self, index: int, run: Run) -> TourEpisode:
-        """The row of one tour."""
+        """Return the row of one tour."""
         tour, trace = run.plan.commands, run.trace
         assert isinstance(tour, Tour)
         errors = []
@@ -201,3 +173,85 @@ class TourJudge:
             survived_s=trace.survived_s,
             failures=trace.safety.failures,
         )
+
+
+class TourProtocol(PlannedProtocol[TourConfig, TourEpisode, TourResult]):
+    """Tours over waypoints with blows."""
+
+    name = "tour"
+    summary = "walk over 12 waypoints with the arms moved and a blow on each leg of the tour"
+    settings = TourConfig
+    result = TourResult
+    report_title = "Tour with blows"
+    report_text = (
+        "60 s over 12 waypoints, the arms moved by noise, one blow of 0.08 s a leg on a random link; the strongest "
+        "changes the velocity as much as 600 N do that of a G1: 1.4 m/s. A waypoint is reached within 0.5 m. A blow is "
+        "survived if the robot does not fall within 3 s; the intervals of completion and of blows are score intervals."
+    )
+
+    def plans(self, settings: TourConfig) -> list[EpisodePlan]:
+        """Return the drawn tours."""
+        return [tour_plan(settings, number) for number in range(settings.episodes)]
+
+    def judge(self, settings: TourConfig) -> TourJudge:
+        """Return the judge of the waypoints."""
+        return TourJudge()
+
+    def summarise(self, settings: TourConfig, rows: Sequence[TourEpisode]) -> dict[str, Any]:
+        """Return completion, blows survived, and errors at the waypoints."""
+        return {
+            "strongest_blow": strongest_blow(settings),
+            "completed": sum(not row.fell for row in rows) / len(rows),
+            "blows": sum(row.blows for row in rows),
+            "blows_survived": mean(outcome for row in rows for outcome in blow_outcomes(row.blows, row.felled)),
+            "reached": sum(row.reached for row in rows) / (WAYPOINTS * len(rows)),
+            "position_error": mean(row.position_error for row in rows),
+            "yaw_error": mean(row.yaw_error for row in rows),
+            "survived_s": float(np.mean([row.survived_s for row in rows])),
+        }
+
+    def describe(self, result: TourResult) -> str:
+        """Return completion, blows and errors at the waypoints."""
+        blows = [up for row in result.rows for up in blow_outcomes(row.blows, row.felled)]
+        rows = [
+            ("tours completed [%]", _share([not row.fell for row in result.rows])),
+            (f"of {result.blows} blows survived [%]", _share(blows)),
+            ("waypoints reached [%]", f"{100.0 * result.reached:.0f}"),
+            ("position error [m]", result.position_error),
+            ("yaw error [rad]", result.yaw_error),
+            ("survived [s]", f"{result.survived_s:.1f} of {result.duration:g}"),
+        ]
+        table = format_table((f"{result.gait}, {result.episodes} tours", result.controller), rows)
+        blow = f"blows of up to {result.strongest_blow:.0f} N for 0.08 s: those on a G1, scaled by mass"
+        blow += "; in brackets the 95 % score interval"
+        return "\n".join([table, "", blow, *failure_lines(result.rows)])
+
+    def quick(self) -> list[TourConfig]:
+        """Return one tour."""
+        return [TourConfig(episodes=1)]
+
+    def full(self) -> list[TourConfig]:
+        """Return 64 tours."""
+        return [TourConfig(episodes=64)]
+
+    def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
+        """Return how far the tours went, and how near they came to their waypoints."""
+        table, rows = f"Tour with blows, {result['gait']}", result["rows"]
+        upright = wilson_percentage([not row["fell"] for row in rows])
+        blows = wilson_percentage([up for row in rows for up in blow_outcomes(row["blows"], row["felled"])])
+        reached = bootstrap_mean([100.0 * row["reached"] / WAYPOINTS for row in rows])
+        survived = bootstrap_mean([row["survived_s"] for row in rows])
+        return [
+            Figure(table, "completed", "% of tours", controller, upright, higher_is_better=True),
+            Figure(table, "blows survived", "% of blows", controller, blows, higher_is_better=True),
+            Figure(table, "waypoints reached", "%", controller, reached, higher_is_better=True),
+            Figure(table, "survived", "s", controller, survived, higher_is_better=True),
+            Figure(table, "position error", "m", controller, bootstrap_mean([row["position_error"] for row in rows])),
+            Figure(table, "yaw error", "rad", controller, bootstrap_mean([row["yaw_error"] for row in rows])),
+        ]
+
+
+def _share(happened: list[bool]) -> str | None:
+    """Return the percentage of cases in which something happened, with its score interval."""
+    share = wilson_percentage(happened)
+    return None if share.value is None else f"{share.value:.0f} [{share.low:.0f}, {share.high:.0f}]"

@@ -6,10 +6,8 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.campaign import Cell, CellResult, read_result, run_cells
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import ResultStore
-from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities
+from hugwbc.evaluation.engine import Cell, CellResult, Execution, ResultStore, read_result, run_cells
+from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesConfig, SmallVelocitiesProtocol
 from hugwbc.runtime.controllers import ControllerSpec
 
 HOLD = ControllerSpec("hold")
@@ -25,9 +23,9 @@ def cells():
 
     def counting(factory, config, on_episode):
         runs.append(config.gait)
-        return run_small_velocities(factory, config, on_episode)
+        return SmallVelocitiesProtocol().run(factory, config, on_episode)
 
-    counting.__module__ = run_small_velocities.__module__
+    counting.__module__ = SmallVelocitiesProtocol.__module__
     return [Cell("small-velocities", HOLD, config, counting) for config in (WALK, HOP)], runs
 
 
@@ -41,7 +39,7 @@ def test_finished_cells_are_read_and_the_others_run(tmp_path, cells):
     # The hops take twice as long; the walk was there.
     assert [done for done, _ in told] == pytest.approx([1 / 3, 1 / 2, 2 / 3, 5 / 6, 1.0, 1.0])
     assert [read for _, read in told] == pytest.approx([1 / 3] * 6)
-    direct = json.loads(json.dumps(dataclasses.asdict(run_small_velocities(HOLD.build, WALK))))
+    direct = json.loads(json.dumps(dataclasses.asdict(SmallVelocitiesProtocol().run(HOLD.build, WALK))))
     assert first == alone[:1] == [CellResult("small-velocities", "hold", direct)]
     run_cells(cells, Execution(store=ResultStore(tmp_path, fresh=True)))
     assert len(runs) == 6 and len(list(tmp_path.rglob("*.old"))) == 4

@@ -9,10 +9,8 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ConfigError, WorkerError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.episode import controller_of
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import ResultStore
-from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities
+from hugwbc.evaluation.engine import Execution, ResultStore, controller_of
+from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesConfig, SmallVelocitiesProtocol
 from hugwbc.runtime.controllers import ControllerSpec
 
 
@@ -45,7 +43,7 @@ def test_a_worker_that_dies_is_an_error_with_a_remedy_and_the_next_jobs_get_new_
 
 def test_workers_end_when_the_process_that_they_work_for_is_killed():
     script = (
-        "import time; from hugwbc.evaluation.engine.execution import Execution; execution = Execution(2);"
+        "import time; from hugwbc.evaluation.engine import Execution; execution = Execution(2);"
         "print(list(execution.run(abs, [-1, -2])), flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
@@ -81,7 +79,7 @@ def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
     distributed = pytest.importorskip("distributed")
     factory = ControllerSpec("qp").build
     settings = {"episodes": 12, "duration": 0.6, "settle": 0.3, "conditions": Conditions()}
-    alone = run_small_velocities(factory, SmallVelocitiesConfig(Gait.WALKING, **settings))
+    alone = SmallVelocitiesProtocol().run(factory, SmallVelocitiesConfig(Gait.WALKING, **settings))
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "host": "127.0.0.1"}
     killed = []
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
@@ -94,7 +92,7 @@ def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
                     os.kill(killed[0], signal.SIGKILL)
 
             config = SmallVelocitiesConfig(Gait.WALKING, **settings, execution=execution)
-            shared = run_small_velocities(factory, config, kill_one)
+            shared = SmallVelocitiesProtocol().run(factory, config, kill_one)
     assert killed and shared == alone
     (path,) = tmp_path.iterdir()
     assert len(path.read_text().splitlines()) == 1 + 12

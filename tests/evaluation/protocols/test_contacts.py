@@ -3,7 +3,7 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.protocols.contacts import ContactsConfig, clock_phases, fit_clock, run_contacts
+from hugwbc.evaluation.protocols.contacts import ContactsConfig, ContactsProtocol, clock_phases, fit_clock
 from hugwbc.runtime.controllers import ControllerSpec
 
 
@@ -27,9 +27,17 @@ def test_a_foot_that_never_lifts_agrees_half_of_the_time():
 
 
 def test_run_keeps_contacts_after_the_settling_time():
-    result = run_contacts(ControllerSpec("hold").build, ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2))
+    result = ContactsProtocol().run(
+        ControllerSpec("hold").build, ContactsConfig(Gait.STANDING, duration=0.4, settle=0.2)
+    )
     (row,) = result.rows
     assert len(row.left) == len(row.right) == 10 and set(row.left) <= {0, 1}
     assert row.gait == "standing" and not row.fell
     with pytest.raises(ConfigError, match="episodes is 0; give 1 or more"):
         ContactsConfig(Gait.STANDING, episodes=0)
+
+
+def test_the_report_has_the_mean_agreement():
+    rows = [{"agreement": 0.25, "fell": False}, {"agreement": None, "fell": False}]
+    (figure,) = ContactsProtocol().figures("qp", {"gait": "jumping", "rows": rows})
+    assert (figure.quantity, figure.value, figure.higher_is_better) == ("jumping", 25.0, True)

@@ -8,9 +8,15 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.protocols import DisturbanceConfig, run_disturbance
 from hugwbc.evaluation.protocols import disturbance as module
-from hugwbc.evaluation.protocols.disturbance import DIRECTIONS, DisturbanceEpisode, disturbance_plan
+from hugwbc.evaluation.protocols.disturbance import (
+    DIRECTIONS,
+    DisturbanceConfig,
+    DisturbanceEpisode,
+    DisturbanceProtocol,
+    DisturbanceResult,
+    disturbance_plan,
+)
 from hugwbc.runtime.controllers import HoldController
 
 CONFIG = DisturbanceConfig(rollouts=4)
@@ -46,7 +52,7 @@ def test_the_tables_have_the_threshold_of_each_direction(monkeypatch):
         return [dataclasses.replace(row, fell=row.force > threshold(row)) for row in rows]
 
     monkeypatch.setattr(module, "run_episodes", run_episodes)
-    result = run_disturbance(HoldController, CONFIG)
+    result = DisturbanceProtocol().run(HoldController, CONFIG)
     for kind, factor in (("constant", 1.0), ("second", 2.0)):
         for direction in DIRECTIONS:
             wanted = factor * (200.0 + 100.0 * math.cos(math.radians(direction)))
@@ -62,7 +68,7 @@ def test_the_baseline_falls_over_and_tolerates_nothing():
         Gait.STANDING, rollouts=1, limit=50.0, resolution=0.9, duration=2.6, settle=0.1, conditions=coarse
     )
     seen = []
-    result = run_disturbance(HoldController, config, seen.append)
+    result = DisturbanceProtocol().run(HoldController, config, seen.append)
     assert result.tolerated["constant"] == dict.fromkeys(map(str, DIRECTIONS), 0.0)
     assert [(row.kind, row.direction) for row in seen[:2]] == [("constant", 0), ("constant", 45)]
 
@@ -71,3 +77,28 @@ def test_bad_settings_are_refused():
     for changes, message in (({"rollouts": 0}, "0 trials"), ({"duration": 2.0}, "leave 1.5 s for the force")):
         with pytest.raises(ConfigError, match=message):
             DisturbanceConfig(**changes)
+
+
+@pytest.mark.parametrize("refused", [80.0, None])
+def test_forces_are_listed_by_direction(refused, lines, standing):
+    forces = {
+        kind: {str(d): factor * 10.0 + d for d in DIRECTIONS} for kind, factor in (("constant", 1), ("second", 2))
+    }
+    result = DisturbanceResult(
+        rollouts=16,
+        tolerated=forces,
+        refused={"constant": {"0": refused}, "second": {}},
+        episodes=500,
+        **standing,
+    )
+    text = DisturbanceProtocol().describe(result)
+    assert lines(text)["90 deg, left"] == ["100", "110"] and lines(text)["45 deg"] == ["55", "65"]
+    assert "16 rollouts; 500 rollouts in all" in text and ("limit of the search" in text) == (refused is None)
+
+
+def test_tolerated_forces_have_the_bracket_of_their_search():
+    result = {"tolerated": {"second": {"45": 100.0}}, "refused": {"second": {"45": 105.0}}, "rollouts": 16}
+    (figure,) = DisturbanceProtocol().figures("qp", result)
+    assert (figure.table, figure.quantity, figure.unit) == ("Tolerated force, for one second", "45°", "N")
+    assert figure.estimate is not None and figure.higher_is_better
+    assert (figure.value, figure.estimate.low, figure.estimate.high) == (100.0, 100.0, 105.0)

@@ -5,7 +5,7 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.protocols import EffortConfig, run_effort
+from hugwbc.evaluation.protocols.effort import EffortConfig, EffortProtocol
 from hugwbc.runtime.controllers import HoldController
 
 
@@ -23,7 +23,7 @@ def test_every_speed_of_the_gait_has_a_row():
     controller = Recorder()
     controller.commanded = set()
     config = EffortConfig(Gait.HOPPING_LEFT, True, duration=0.3, settle=0.1, conditions=Conditions(payload=2.0))
-    result = run_effort(lambda: controller, config)
+    result = EffortProtocol().run(lambda: controller, config)
     left, right = Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
     assert controller.commanded == {(0.0, left), (0.25, right), (0.5, left)} and result.gait == "hopping"
     assert [row.v_x for row in result.rows] == [0.0, 0.25, 0.5] and result.falls < result.episodes == 3
@@ -50,7 +50,24 @@ class Limp(HoldController):
 
 
 def test_a_fall_is_no_cheap_way_to_travel():
-    result = run_effort(Limp, EffortConfig(Gait.WALKING, speeds=(0.5,), duration=3.0, settle=0.1))
+    result = EffortProtocol().run(Limp, EffortConfig(Gait.WALKING, speeds=(0.5,), duration=3.0, settle=0.1))
     (row,) = result.rows
     assert row.fell and row.survived_s > 0.3 and row.tick_p50_ms is not None
     assert row.speed is row.power is row.cost_of_transport is row.torque_rms is row.torque_rate is None
+
+
+def test_effort_in_readable_units():
+    known = {"v_x": 0.5, "fell": False, "power": 200.0, "torque_rms": 0.25, "torque_peak": 1.0, "joint_speed_peak": 0.5}
+    unknown = dict.fromkeys(("cost_of_transport", "torque_rate", "tick_p50_ms", "tick_p99_ms"))
+    figures = EffortProtocol().figures("qp", {"gait": "walking", "rows": [{**known, **unknown}]})
+    assert {f.table for f in figures} == {"Effort, walking, 0.5 m/s"}
+    assert {(f.value, f.unit) for f in figures} == {
+        (200.0, "W"), (25.0, "% of limit"), (100.0, "% of limit"), (50.0, "% of limit"), (0.0, "% of episodes")
+    }  # fmt: skip
+
+
+def test_efforts_are_described_by_speed(lines):
+    protocol = EffortProtocol()
+    text = protocol.describe(protocol.run(HoldController, EffortConfig(Gait.WALKING, duration=0.2, settle=0.1)))
+    assert lines(text)["walking, hold"] == ["0 m/s", "0.25 m/s", "0.5 m/s", "1 m/s", "1.5 m/s"]
+    assert lines(text)["cost of transport"] == ["-"] * 5 and lines(text)["fell"] == ["no"] * 5

@@ -6,8 +6,7 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.protocols import HandsConfig, run_hands
-from hugwbc.evaluation.protocols.hands import HIGH, LOW, hands_script, reachable_targets
+from hugwbc.evaluation.protocols.hands import HIGH, LOW, HandsConfig, HandsProtocol, hands_script, reachable_targets
 from hugwbc.gait import Gait
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import HoldController
@@ -38,21 +37,21 @@ def test_a_walk_starts_from_a_stand():
 
 def test_the_qp_standing_is_within_the_figures_and_a_falling_robot_is_told():
     config = HandsConfig(gait=Gait.STANDING, episodes=1, duration=3.0, settle=2.0)
-    result = run_hands(WholeBodyController, config)
+    result = HandsProtocol().run(WholeBodyController, config)
     assert result.fell == 0 and result.controller == "qp" and result.v_x == 0.0
     assert result.hand_error_m["mean"] < 0.015 and result.hand_error_m["p95"] < 0.04  # type: ignore[operator]
     assert result.joint_error_rad < 0.05  # type: ignore[operator]
     assert result.saturated_ticks == 0
     assert result.hand_error_m["reachable_fraction"] == result.rows[0].reachable_fraction == 1.0
     assert result.hand_error_m["all_mean"] == result.rows[0].hand_error_all_m == result.hand_error_m["mean"]
-    fallen = run_hands(HoldController, config)
+    fallen = HandsProtocol().run(HoldController, config)
     assert fallen.fell == 1
     assert fallen.hand_error_m["mean"] is None and fallen.jitter is None
 
 
 def test_the_command_writes_the_figures(tmp_path, capsys):
     path = tmp_path / "hands.json"
-    words = ["evaluate", "--protocol", "hands", "--controller", "hold", "--gait", "standing"]
+    words = ["evaluate", "hands", "--controller", "hold", "--gait", "standing"]
     assert main([*words, "--episodes", "1", "--duration", "0.6", "--settle", "0.1", "--json", str(path)]) == 0
     figures = json.loads(path.read_text())
     assert {"hand_error_m", "fell", "saturated_ticks", "jitter", "joint_error_rad"} <= set(figures)

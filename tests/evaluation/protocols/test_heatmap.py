@@ -6,11 +6,20 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.protocols import HeatmapConfig, run_heatmap
-from hugwbc.evaluation.protocols import heatmap as module
+from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.figures import FALLS
+from hugwbc.evaluation.protocols import protocol as module
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.heatmap import HeatmapEpisode, HeatmapJudge, heatmap_plans
+from hugwbc.evaluation.protocols.heatmap import (
+    HeatmapConfig,
+    HeatmapEpisode,
+    HeatmapJudge,
+    HeatmapProtocol,
+    HeatmapResult,
+    OrthogonalRange,
+    heatmap_plans,
+    relative_maps,
+)
 from hugwbc.runtime.controllers import HoldController
 
 STANDING = HeatmapConfig(Gait.STANDING, points=3)
@@ -42,7 +51,7 @@ def run_of(monkeypatch, error, fell=lambda command: False):
         ]
 
     monkeypatch.setattr(module, "run_episodes", run_episodes)
-    return run_heatmap(HoldController, STANDING)
+    return HeatmapProtocol().run(HoldController, STANDING)
 
 
 def test_commands_that_do_not_matter_to_one_another_are_orthogonal(monkeypatch):
@@ -97,3 +106,30 @@ def test_a_command_that_is_followed_exactly_alone_has_no_multiple_of_its_error(m
     share = {(entry.tracked, entry.against): entry.share for entry in result.orthogonality}
     assert result.single == {"h": 0.0, "p": 0.0, "w": 0.0}
     assert share["p", "w"] == 1.0 and share["h", "p"] == 1.0 and share["h", "w"] == pytest.approx(1 / 3)
+
+
+def test_orthogonal_ranges_stand_where_row_and_column_meet(lines, standing):
+    ranges = (OrthogonalRange("h", "p", 0.0, 0.2, 0.5, 2.0), OrthogonalRange("p", "h", None, None, 0.0, None))
+    values = {"h": [-0.3, 0.0], "p": [0.0, 0.4]}
+    single = {"h": 0.01, "p": None}
+    result = HeatmapResult(
+        points=2, values=values, single=single, maps=(), orthogonality=ranges, episodes=8, falls=1, **standing
+    )
+    found = lines(HeatmapProtocol().describe(result))
+    assert found["h"] == ["0.010", "0 to 0.2"] and found["p"] == ["-", "-"]
+
+
+def test_maps_are_relative_to_the_error_alone_and_turned_for_the_second_command():
+    errors = {"h": ((1.0, 2.0), (3.0, None)), "p": ((10.0, 20.0), (30.0, None))}
+    result = {
+        "gait": "standing",
+        "single": {"h": 0.5, "p": 10.0},
+        "maps": [{"first": "h", "second": "p", "errors": errors}],
+        "orthogonality": [{"tracked": name, "share": share} for name, share in (("h", 0.5), ("h", 1.0), ("p", 0.0))],
+        "rows": [{"fell": False}, {"fell": False}],
+    }
+    maps = relative_maps(result)
+    np.testing.assert_array_equal(maps["h", "p"], [[2.0, 4.0], [6.0, np.nan]])
+    np.testing.assert_array_equal(maps["p", "h"], [[1.0, 3.0], [2.0, np.nan]])
+    figures = HeatmapProtocol().figures("qp", result)
+    assert [(f.quantity, f.value) for f in figures] == [("error of h", 75.0), ("error of p", 0.0), (FALLS, 0.0)]

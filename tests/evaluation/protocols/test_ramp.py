@@ -5,10 +5,10 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.protocols import RampConfig, run_ramp
+from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.figures import FALLS
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.ramp import RampJudge, ramp_schedule
+from hugwbc.evaluation.protocols.ramp import RampConfig, RampJudge, RampProtocol, RampResult, ramp_schedule
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.controllers import HoldController
 
@@ -46,7 +46,7 @@ def test_a_prescribed_lag_is_the_error(synthetic_trace):
 
 
 def test_every_run_has_another_robot_and_both_commands_the_same_ones():
-    result = run_ramp(HoldController, RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0))
+    result = RampProtocol().run(HoldController, RampConfig(Gait.STANDING, episodes=2, duration=3.4, settle=3.0))
     robots = [(row.payload, row.friction, row.gain) for row in result.rows]
     assert robots[:2] == robots[2:] and robots[0] != robots[1]
     assert all(-2.0 <= payload <= 4.0 and 0.4 <= friction <= 1.5 for payload, friction, _ in robots if friction)
@@ -62,3 +62,21 @@ def test_bad_settings_are_refused():
     ):
         with pytest.raises(ConfigError, match=message):
             RampConfig(**{"gait": Gait.WALKING, **changes})
+
+
+def test_errors_stand_beside_the_paper(lines, walking):
+    errors, paper = {"E_p": 0.05, "E_w": None}, {"E_p": 0.1, "E_w": 0.2}
+    text = RampProtocol().describe(
+        RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, paper=paper, **walking)
+    )
+    assert lines(text)["E_p"] == ["0.0500", "0.1000", "0.500"] and "falls: p 1 of 5, w 0 of 5 runs" in text
+
+
+def test_the_reports_figures_of_ramps():
+    rows = [{"command": "p", "error": 0.1, "fell": False}, {"command": "w", "error": 0.3, "fell": False}]
+    figures = RampProtocol().figures("qp", {"gait": "standing", "paper": {"E_p": 0.07}, "rows": rows})
+    assert [(f.quantity, f.value, f.paper) for f in figures] == [
+        ("E_p", 0.1, 0.07),
+        ("E_w", 0.3, None),
+        (FALLS, 0.0, None),
+    ]

@@ -7,9 +7,14 @@ import pytest
 from hugwbc import Gait
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.protocols import RandomCommandsConfig, run_random_commands
-from hugwbc.evaluation.protocols.random_commands import RandomEpisode, failing_combinations, sample_episodes
+from hugwbc.evaluation.engine import Execution
+from hugwbc.evaluation.protocols.random_commands import (
+    RandomCommandsConfig,
+    RandomCommandsProtocol,
+    RandomEpisode,
+    failing_combinations,
+    sample_episodes,
+)
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 
 
@@ -57,14 +62,15 @@ def test_combinations_name_the_thirds_in_which_robots_fell():
 def test_falls_of_a_robot_that_only_holds_its_pose():
     config = RandomCommandsConfig(Gait.STANDING, episodes=3, duration=0.3, settle=0.1, seed=2)
     rows = []
-    result = run_random_commands(HoldController, config, rows.append)
+    result = RandomCommandsProtocol().run(HoldController, config, rows.append)
     assert result.rows == tuple(rows) and result.falls == 0 and result.combinations == ()
     for row, command in zip(result.rows, sample_episodes(config), strict=True):
         assert row.command["h"] == command.h
         assert row.errors["h"] == pytest.approx(abs(command.h), abs=0.06)  # it stays near h = 0, whatever is commanded
     assert json.loads(json.dumps(dataclasses.asdict(result)))["fall_rate"] == 0.0
     assert (
-        run_random_commands(ControllerSpec("hold").build, dataclasses.replace(config, execution=Execution(2))) == result
+        RandomCommandsProtocol().run(ControllerSpec("hold").build, dataclasses.replace(config, execution=Execution(2)))
+        == result
     )
 
 

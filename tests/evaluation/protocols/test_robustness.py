@@ -4,10 +4,17 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.protocols import RobustnessConfig, run_robustness
-from hugwbc.evaluation.protocols import robustness as module
+from hugwbc.evaluation.protocols import protocol as module
 from hugwbc.evaluation.protocols.episodes import run_episodes
-from hugwbc.evaluation.protocols.robustness import GRID, RobustnessEpisode, robustness_level
+from hugwbc.evaluation.protocols.robustness import (
+    GRID,
+    RobustnessConfig,
+    RobustnessEpisode,
+    RobustnessLevel,
+    RobustnessProtocol,
+    RobustnessResult,
+    robustness_level,
+)
 from hugwbc.runtime.controllers import HoldController
 
 
@@ -21,7 +28,7 @@ def test_every_value_has_the_same_commands_and_its_own_conditions(monkeypatch):
 
     monkeypatch.setattr(module, "run_episodes", some)
     config = RobustnessConfig(Gait.STANDING, samples=3, duration=0.2, settle=0.1)
-    result = run_robustness(HoldController, config)
+    result = RobustnessProtocol().run(HoldController, config)
     assert len(seen) == config.episodes == 3 * (1 + sum(map(len, GRID.values())))
     commands = [plan.command for plan in seen]
     assert all(commands[start : start + 3] == commands[:3] for start in range(0, len(seen), 3))
@@ -57,3 +64,33 @@ def test_bad_settings_are_refused():
 def test_episodes_too_long_for_the_grounds_of_the_grid_are_refused():
     with pytest.raises(ConfigError, match="give up to 200 s"):
         RobustnessConfig(Gait.WALKING, duration=201.0)
+
+
+def test_robustness_names_factor_value_and_unit(lines, walking):
+    levels = [("nominal", 0.0, 1.0), ("terrain_roughness", 0.02, 1.5), ("gain", 0.9, None)]
+    result = RobustnessResult(
+        samples=8, levels=tuple(RobustnessLevel(f, v, 1, 8, {}, ratio) for f, v, ratio in levels), **walking
+    )
+    found = lines(RobustnessProtocol().describe(result))
+    assert found["nominal"] == ["1 of 8", "1.000"]
+    assert found["roughness 0.02 m"] == ["1 of 8", "1.500"] and found["gain 0.9"] == ["1 of 8", "-"]
+
+
+def row(**fields):
+    return {"fell": False, **fields}
+
+
+def test_robustness_is_relative_to_the_unchanged_robot():
+    levels = [("nominal", 0.0, 1.0), ("payload", 5.0, 1.5), ("friction", 0.2, None)]
+    rows = [row(factor=factor, level=level) for factor, level, _ in levels]
+    rows.append(row(factor="payload", level=5.0, fell=True))
+    result = {
+        "gait": "walking",
+        "levels": [{"factor": factor, "level": level, "ratio": ratio} for factor, level, ratio in levels],
+        "rows": rows,
+    }
+    figures = RobustnessProtocol().figures("qp", result)
+    assert [(f.quantity, f.value) for f in figures] == [
+        ("payload 5 kg", 1.5), ("friction 0.2", None), ("nominal", 0.0), ("payload 5 kg", 50.0), ("friction 0.2", 0.0)
+    ]  # fmt: skip
+    assert figures[0].table != figures[2].table

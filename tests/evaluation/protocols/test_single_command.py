@@ -8,13 +8,20 @@ from hugwbc import Command, Gait, JointCommand
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine import Execution
+from hugwbc.evaluation.figures import FALLS
 from hugwbc.evaluation.paper import ERROR_NAMES
-from hugwbc.evaluation.protocols import SingleCommandConfig, run_single_command
-from hugwbc.evaluation.protocols.single_command import sampled_commands, stratified_samples
+from hugwbc.evaluation.protocols.single_command import (
+    SingleCommandConfig,
+    SingleCommandProtocol,
+    sampled_commands,
+    stratified_samples,
+)
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 
 WALKING_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
+
+RUN = SingleCommandProtocol().run
 
 
 def test_the_commands_that_each_gait_samples_are_the_papers():
@@ -69,7 +76,7 @@ def test_every_episode_varies_one_command_and_holds_it():
     recorder = Recorder()
     config = SingleCommandConfig(Gait.STANDING, episodes=6, seed=1, duration=0.2, settle=0.1)
     rows = []
-    result = run_single_command(lambda: recorder, config, rows.append)
+    result = RUN(lambda: recorder, config, rows.append)
     assert [len(commands) for commands in recorder.episodes] == [1] * 6
     for commands, row in zip(recorder.episodes, rows, strict=True):
         (command,) = commands
@@ -81,7 +88,7 @@ def test_every_episode_varies_one_command_and_holds_it():
 
 def test_errors_are_the_means_of_the_episodes_of_their_command():
     config = SingleCommandConfig(Gait.STANDING, episodes=6, seed=1, duration=0.3, settle=0.1)
-    result = run_single_command(HoldController, config)
+    result = RUN(HoldController, config)
     for name, key in (("E_h", "h"), ("E_p", "p"), ("E_w", "w")):
         errors = [row.error for row in result.rows if row.command == key]
         assert result.errors[name] == pytest.approx(np.mean(errors))
@@ -100,7 +107,7 @@ class Limp(HoldController):
 
 
 def test_falls_are_counted_and_fast_episodes_kept_apart():
-    result = run_single_command(Limp, SingleCommandConfig(Gait.WALKING, episodes=16, duration=3.0))
+    result = RUN(Limp, SingleCommandConfig(Gait.WALKING, episodes=16, duration=3.0))
     assert result.falls == result.episodes == 16
     # v_x is sampled twice: once in the slow half of -0.6 to 2 m/s and once from 0.7 m/s up
     assert result.episodes_slow == result.falls_slow and result.fall_rate_slow == 1.0
@@ -108,7 +115,7 @@ def test_falls_are_counted_and_fast_episodes_kept_apart():
 
 
 def test_paths_of_the_feet_that_a_fall_cut_short_are_left_out():
-    result = run_single_command(Limp, SingleCommandConfig(Gait.STANDING, episodes=3, duration=3.0, settle=0.1))
+    result = RUN(Limp, SingleCommandConfig(Gait.STANDING, episodes=3, duration=3.0, settle=0.1))
     assert result.falls == 3 and all(row.foot_travel is not None for row in result.rows)
     assert result.foot_travel is None
 
@@ -116,8 +123,8 @@ def test_paths_of_the_feet_that_a_fall_cut_short_are_left_out():
 def test_two_workers_give_the_result_of_one():
     config = SingleCommandConfig(Gait.STANDING, episodes=3, duration=0.2, settle=0.1)
     factory = ControllerSpec("hold").build
-    alone = run_single_command(factory, config)
-    assert run_single_command(factory, dataclasses.replace(config, execution=Execution(2))) == alone
+    alone = RUN(factory, config)
+    assert RUN(factory, dataclasses.replace(config, execution=Execution(2))) == alone
 
 
 @pytest.mark.parametrize(
@@ -145,6 +152,33 @@ def test_noisy_episodes_do_not_depend_on_who_runs_them():
     config = SingleCommandConfig(
         Gait.STANDING, episodes=3, seed=1, duration=0.3, settle=0.1, conditions=Conditions(noise=True)
     )
-    alone = run_single_command(Yielding, config)
-    assert run_single_command(Yielding, dataclasses.replace(config, execution=Execution(2))).rows == alone.rows
-    assert run_single_command(Yielding, dataclasses.replace(config, conditions=Conditions())).rows != alone.rows
+    alone = RUN(Yielding, config)
+    assert RUN(Yielding, dataclasses.replace(config, execution=Execution(2))).rows == alone.rows
+    assert RUN(Yielding, dataclasses.replace(config, conditions=Conditions())).rows != alone.rows
+
+
+def row(**fields):
+    return {"fell": False, **fields}
+
+
+SINGLE = {
+    "gait": "walking",
+    "paper": {"E_h": 0.064, "E_w": 0.075},
+    "rows": [row(error_name="E_h", error=0.1), row(error_name="E_h", error=0.3), row(error_name="E_vy", error=None)],
+}
+
+
+def _by_quantity(figures, controller):
+    return {f.quantity: f for f in figures if f.controller == controller}
+
+
+def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
+    protocol = SingleCommandProtocol()
+    figures = [*protocol.figures("qp", SINGLE), *protocol.published([("qp", SINGLE)])]
+    mine = _by_quantity(figures, "qp")
+    assert mine["E_h"].value == pytest.approx(0.2) and mine["E_h"].paper == 0.064 and mine["E_h"].unit == "m"
+    assert mine["E_w"].value is None and mine["E_vy"].value is None
+    assert mine[FALLS].value == 0.0
+    hover = _by_quantity(figures, "HOVER")
+    assert hover["E_h"].published == 0.27 and hover["E_h"].estimate is None and hover["E_h"].table == mine["E_h"].table
+    assert "E_f" not in hover

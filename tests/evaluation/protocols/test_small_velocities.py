@@ -5,10 +5,17 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
-from hugwbc.evaluation.protocols import SmallVelocitiesConfig, run_small_velocities, small_velocities
+from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.protocols import protocol as module
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.small_velocities import SmallVelocityEpisode, sample_episodes
+from hugwbc.evaluation.protocols.small_velocities import (
+    DIRECTIONS,
+    SmallVelocitiesConfig,
+    SmallVelocitiesJudge,
+    SmallVelocitiesProtocol,
+    SmallVelocityEpisode,
+    sample_episodes,
+)
 from hugwbc.runtime.controllers import HoldController
 
 
@@ -27,7 +34,7 @@ def test_each_direction_gets_its_share_of_the_small_speeds_alone():
 @pytest.mark.parametrize(("name", "value"), [("v_x", 0.2), ("v_x", -0.2), ("v_y", 0.2), ("v_y", -0.2)])
 def test_the_executed_part_has_the_sign_of_the_command(name, value, synthetic_trace):
     command = Command(**{name: value}, gait=Gait.WALKING)
-    judge = small_velocities._Judge(settle=1.0)
+    judge = SmallVelocitiesJudge(settle=1.0)
     parts = {
         share: judge(
             0, Run(EpisodePlan(command), synthetic_trace(command, bias={name: (share - 1.0) * value}), np.nan)
@@ -40,9 +47,9 @@ def test_the_executed_part_has_the_sign_of_the_command(name, value, synthetic_tr
 def test_a_robot_that_ignores_the_command_executes_nothing_of_it():
     config = SmallVelocitiesConfig(Gait.WALKING, episodes=4, duration=0.5, settle=0.2)
     rows = []
-    result = run_small_velocities(HoldController, config, rows.append)
+    result = SmallVelocitiesProtocol().run(HoldController, config, rows.append)
     assert result.rows == tuple(rows) and result.falls == 0
-    assert [row.direction for row in rows] == list(result.executed) == list(small_velocities.DIRECTIONS)
+    assert [row.direction for row in rows] == list(result.executed) == list(DIRECTIONS)
     assert abs(result.executed["left"]) < 0.1 and abs(result.executed["right"]) < 0.1
     # It tips forward or backward a little, whatever the command.
     forward, backward = (result.rows[i].executed * result.rows[i].speed for i in (0, 1))
@@ -68,7 +75,7 @@ def test_where_a_robot_falls_to_is_no_part_of_a_velocity(monkeypatch):
             for direction, part in zip(["forward", "forward", "left", "left"], executed, strict=True)
         ]
 
-    monkeypatch.setattr(small_velocities, "run_episodes", run_episodes)
-    result = run_small_velocities(HoldController, SmallVelocitiesConfig(Gait.WALKING, episodes=4))
+    monkeypatch.setattr(module, "run_episodes", run_episodes)
+    result = SmallVelocitiesProtocol().run(HoldController, SmallVelocitiesConfig(Gait.WALKING, episodes=4))
     assert result.falls == 2
     assert result.executed == {"forward": 0.5, "backward": None, "left": 1.0, "right": None}

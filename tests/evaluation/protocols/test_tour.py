@@ -7,11 +7,19 @@ import pytest
 
 from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.episode import joins_batch
-from hugwbc.evaluation.navigation import Tour
-from hugwbc.evaluation.protocols import TourConfig, run_tour
+from hugwbc.evaluation.engine import Tour, joins_batch
 from hugwbc.evaluation.protocols.episodes import Run
-from hugwbc.evaluation.protocols.tour import STRUCK, TourJudge, blow_outcomes, strongest_blow, tour_plan
+from hugwbc.evaluation.protocols.tour import (
+    STRUCK,
+    TourConfig,
+    TourEpisode,
+    TourJudge,
+    TourProtocol,
+    TourResult,
+    blow_outcomes,
+    strongest_blow,
+    tour_plan,
+)
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Disturber, Simulation
 
@@ -81,7 +89,7 @@ class Watching(HoldController):
 def test_the_commands_follow_the_robot():
     controller = Watching()
     controller.commands = []
-    result = run_tour(lambda: controller, TourConfig(episodes=1, duration=2.4, blow=0.0, settle=0.1))
+    result = TourProtocol().run(lambda: controller, TourConfig(episodes=1, duration=2.4, blow=0.0, settle=0.1))
     assert result.episodes == 1 and result.strongest_blow == 0.0 == result.blows and 0.0 <= result.reached < 1.0
     first_leg = controller.commands[:9]
     assert len({(c.v_x, c.v_y, c.omega) for c in first_leg}) > 1, "the baseline sways, and the command with it"
@@ -93,3 +101,44 @@ def test_bad_settings_are_refused():
         TourConfig(Gait.STANDING)
     with pytest.raises(ConfigError, match="give a finite force, 0 N for none"):
         TourConfig(blow=-1.0)
+
+
+def test_the_reports_figures_of_tours():
+    rows = [
+        {
+            "reached": 12,
+            "survived_s": 60.0,
+            "position_error": 0.2,
+            "yaw_error": 0.1,
+            "fell": False,
+            "blows": 12,
+            "felled": False,
+        },
+        {
+            "reached": 3,
+            "survived_s": 20.0,
+            "position_error": 0.4,
+            "yaw_error": None,
+            "fell": True,
+            "blows": 4,
+            "felled": True,
+        },
+    ]
+    figures = TourProtocol().figures("qp", {"gait": "walking", "rows": rows})
+    assert [f.value for f in figures] == pytest.approx([50.0, 100.0 * 15 / 16, 62.5, 40.0, 0.3, 0.1])
+    assert [f.higher_is_better for f in figures] == [True, True, True, True, False, False]
+
+
+def test_tours_are_described_with_intervals(lines, walking):
+    rows = tuple(
+        TourEpisode(6, 0.125, None, 12 - 8 * fell, fell, fell, 60.0, 0) for fell in (False, False, False, True)
+    )
+    tour = TourResult(
+        **{"strongest_blow": 885.4, "episodes": 4, "falls": 1, "completed": 0.75, "reached": 0.5, "blows": 40},
+        **{"blows_survived": 0.975, "position_error": 0.125, "yaw_error": None, "survived_s": 51.25},
+        **(walking | {"rows": rows}),
+    )
+    text = TourProtocol().describe(tour)
+    assert lines(text)["tours completed [%]"] == ["75 [30, 95]"] and lines(text)["waypoints reached [%]"] == ["50"]
+    assert lines(text)["of 40 blows survived [%]"] == ["98 [87, 100]"], "39 of them, by Wilson's interval"
+    assert lines(text)["survived [s]"] == ["51.2 of 10"] and "blows of up to 885 N" in text

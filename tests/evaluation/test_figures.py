@@ -1,8 +1,7 @@
 import pytest
 
+from hugwbc.evaluation.figures import Figure, Verdict, against
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.evaluation.tables import Marked
-from hugwbc.report.figures import Figure, Verdict, against, comparison_table, times
 
 
 def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
@@ -36,13 +35,6 @@ def test_ratio_scales_the_interval():
     assert figure(0.6, 0.3, 0.9, paper=0.3).verdict is Verdict.UNCLEAR_WORSE, "the interval touches the paper's figure"
 
 
-@pytest.mark.parametrize(
-    ("ratio", "text"), [(1120.0, "1120"), (12.4, "12"), (1.04, "1"), (0.25, "0.25"), (1e-5, "< 0.01")]
-)
-def test_ratios_are_read_without_exponents(ratio, text):
-    assert times(ratio) == f"× {text}"
-
-
 def test_two_controllers_are_told_apart_where_their_intervals_do_not_overlap():
     low, high = figure(1.0, 0.9, 1.1), figure(2.0, 1.5, 2.5, controller="b")
     assert against(low, high) is Verdict.BETTER and against(high, low) is Verdict.WORSE
@@ -51,24 +43,3 @@ def test_two_controllers_are_told_apart_where_their_intervals_do_not_overlap():
     assert against(low, figure(1.0, None, None, published=2.0)) is Verdict.NONE
     force = [figure(f.value, f.estimate.low, f.estimate.high, higher=True) for f in (low, high)]
     assert against(*force) is Verdict.WORSE
-
-
-def test_table_of_measured_and_published_figures():
-    figures = [
-        figure(0.06, 0.05, 0.07, paper=0.03),
-        figure(0.032, 0.02, 0.05, paper=0.03, controller="b"),
-        figure(None, None, None, controller="HOVER", published=0.27),
-        figure(5.0, None, None, quantity="falls"),
-    ]
-    table = comparison_table(figures)
-    assert list(table.columns) == ["", "HugWBC, paper", "a", "b", "HOVER (published)"]
-    assert table.rows == [
-        [
-            "E_h [m]",
-            0.03,
-            Marked("0.06 [0.05, 0.07] × 2 worse", "worse"),
-            Marked("0.032 [0.02, 0.05] × 1.1 worse?", "unclear"),
-            Marked("0.27", "published"),
-        ],
-        ["falls [m]", None, Marked("5"), None, None],
-    ]

@@ -1,6 +1,6 @@
 import torch
 
-from hugwbc.learned.env.transition import Body
+from hugwbc.learned.env.readings import Body
 from hugwbc.robot import load_robot
 
 

@@ -1,0 +1,100 @@
+"""One measured or published number, and how it compares with the paper's and with another controller's."""
+
+import dataclasses
+import enum
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from hugwbc.evaluation.intervals import Estimate, wilson_percentage
+
+FALLS = "falls"
+
+
+class Verdict(enum.Enum):
+    """How a figure compares with another one."""
+
+    BETTER = "better"
+    UNCLEAR_BETTER = "better, within the interval"
+    UNCLEAR_WORSE = "worse, within the interval"
+    WORSE = "worse"
+    NONE = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """One number of a table.
+
+    Attributes:
+        table: title of the table.
+        quantity: row of the table.
+        unit: unit of the measured and the paper's value.
+        controller: column of the table; empty for a figure that only the paper has.
+        estimate: measured value with its interval; None for a published figure that was not measured.
+        paper: the paper's value for HugWBC; None if the paper prints none.
+        published: value that others published for this controller, which was not run here.
+        higher_is_better: whether higher values are better; otherwise lower ones are.
+        reference: which of the paper's policies `paper` belongs to, where the paper prints several.
+    """
+
+    table: str
+    quantity: str
+    unit: str
+    controller: str
+    estimate: Estimate | None
+    paper: float | None = None
+    published: float | None = None
+    higher_is_better: bool = False
+    reference: str = ""
+
+    @property
+    def value(self) -> float | None:
+        """The number, measured or published."""
+        return self.published if self.estimate is None else self.estimate.value
+
+    @property
+    def ratio(self) -> tuple[float, float | None, float | None] | None:
+        """Ratio to the paper's value, with the bounds of its interval; None if one of the two is missing."""
+        if self.estimate is None or self.estimate.value is None or not self.paper:
+            return None
+        paper, low, high = self.paper, self.estimate.low, self.estimate.high
+        return self.estimate.value / paper, None if low is None else low / paper, None if high is None else high / paper
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict against the paper, whose own uncertainty is not known."""
+        if self.ratio is None:
+            return Verdict.NONE
+        value, low, high = self.ratio
+        return _verdict(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
+
+
+def falls_figure(table: str, controller: str, rows: Iterable[Mapping[str, Any]], reference: str = "") -> Figure:
+    """Return the percentage of episodes in which the robot fell.
+
+    Args:
+        table: title of the table.
+        controller: column of the table.
+        rows: the episodes as JSON.
+        reference: that of the table's other figures.
+    """
+    estimate = wilson_percentage([row["fell"] for row in rows])
+    return Figure(table, FALLS, "% of episodes", controller, estimate, reference=reference)
+
+
+def against(figure: Figure, other: Figure) -> Verdict:
+    """Compare two controllers' measured figures, which differ clearly only if their intervals do not overlap."""
+    mine, theirs = figure.estimate, other.estimate
+    if mine is None or theirs is None or mine.value is None or theirs.value is None:
+        return Verdict.NONE
+    low = None if mine.low is None or theirs.high is None else mine.low - theirs.high
+    high = None if mine.high is None or theirs.low is None else mine.high - theirs.low
+    return _verdict(mine.value - theirs.value, low, high, figure)
+
+
+def _verdict(excess: float, low: float | None, high: float | None, figure: Figure) -> Verdict:
+    """Judge by how much a figure exceeds another one, given the bounds of that excess."""
+    if figure.higher_is_better:
+        excess, low, high = -excess, None if high is None else -high, None if low is None else -low
+    if excess <= 0.0:
+        return Verdict.BETTER if high is not None and high < 0.0 else Verdict.UNCLEAR_BETTER
+    return Verdict.WORSE if low is not None and low > 0.0 else Verdict.UNCLEAR_WORSE

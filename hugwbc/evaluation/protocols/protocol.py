@@ -1,0 +1,139 @@
+"""What a protocol is: one object that runs an experiment, describes its result and gives the report its figures.
+
+A new protocol is a subclass in a file of this folder and an entry in `hugwbc.evaluation.protocols.PROTOCOLS`. The
+command line takes its options from `settings`, and the report its sections, tables and pictures from the object.
+Protocols must not import that registry: stored results depend on all code that a protocol imports, and a change to one
+protocol would then invalidate the results of all others.
+"""
+
+import abc
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Generic, TypeVar
+
+from hugwbc.evaluation.engine import ControllerFactory, EpisodePlan, Judge, Row
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.picture_data import Picture
+from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, run_episodes
+
+Settings = TypeVar("Settings", bound=GaitSettings)
+Result = TypeVar("Result", bound=ProtocolResult[Any])
+Measured = tuple[str, Mapping[str, Any]]  # a controller's label, and the result of a protocol as JSON
+
+
+class Protocol(abc.ABC, Generic[Settings, Row, Result]):
+    """An experiment for any controller, with what is said and drawn of its result.
+
+    Class attributes:
+        name: name on the command line and in reports.
+        summary: a line for `hugwbc evaluate --help`.
+        settings: dataclass of its settings. Each field is an option of the command line, explained by its entry in the
+            docstring, and its default is the option's default.
+        fixed: fields of `Conditions` that the protocol sets itself; they are no options.
+        stores_episodes: whether episodes are stored and shared between workers, as `run_episodes` does.
+        ablation: whether the report also runs it with policies of other trainings, as the paper's ablation does.
+        report_title: heading of its section in the report; empty for a protocol that the report leaves out.
+        report_text: how its figures are measured.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    settings: type[Settings]
+    fixed: ClassVar[frozenset[str]] = frozenset()
+    stores_episodes: ClassVar[bool] = True
+    ablation: ClassVar[bool] = False
+    report_title: ClassVar[str] = ""
+    report_text: ClassVar[str] = ""
+
+    @abc.abstractmethod
+    def run(
+        self, factory: ControllerFactory, settings: Settings, on_episode: Callable[[Row], None] | None = None
+    ) -> Result:
+        """Run the experiment.
+
+        Args:
+            factory: makes the controller; it must be picklable if there is more than one worker.
+            settings: of the protocol.
+            on_episode: called with the row of every finished episode, in order.
+        """
+
+    @abc.abstractmethod
+    def describe(self, result: Result) -> str:
+        """Return the result as text for a terminal."""
+
+    def for_training(self, settings: Settings, training: str | None) -> Settings:
+        """Return the settings for a controller, given what moved the arms in its training (None: nothing is known)."""
+        return settings
+
+    def quick(self) -> Sequence[Settings]:
+        """Return the settings of its runs in the report's quick profile: few and short episodes."""
+        return ()
+
+    def full(self) -> Sequence[Settings]:
+        """Return the settings of its runs in the report's full profile: the paper's sizes."""
+        return ()
+
+    def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
+        """Return the report's figures of one result, given as JSON, with the paper's values."""
+        return []
+
+    def published(self, measured: Sequence[Measured]) -> list[Figure]:
+        """Return figures that stand in the same tables as the measured ones but were not measured here."""
+        return []
+
+    def pictures(self, measured: Sequence[Measured], controllers: Sequence[str]) -> Sequence[Picture]:
+        """Return the report's pictures of all results.
+
+        Args:
+            measured: the results of this protocol.
+            controllers: labels of the report's controllers, in the order of their colours.
+        """
+        return []
+
+
+class PlannedProtocol(Protocol[Settings, Row, Result]):
+    """A protocol whose episodes are all planned before the first one runs.
+
+    Class attributes:
+        result: dataclass of its result.
+    """
+
+    result: type[Result]
+
+    @abc.abstractmethod
+    def plans(self, settings: Settings) -> Sequence[EpisodePlan]:
+        """Return the plan of every episode."""
+
+    @abc.abstractmethod
+    def judge(self, settings: Settings) -> Judge[Row]:
+        """Return what makes a row of numbers from each episode; it must be picklable."""
+
+    @abc.abstractmethod
+    def summarise(self, settings: Settings, rows: Sequence[Row]) -> Mapping[str, Any]:
+        """Return the fields of the result that follow from the rows of all episodes."""
+
+    def run(
+        self, factory: ControllerFactory, settings: Settings, on_episode: Callable[[Row], None] | None = None
+    ) -> Result:
+        """Run all planned episodes, those with stored rows excepted, and summarise them; arguments as in `Protocol`."""
+        rows = run_episodes(factory, self.plans(settings), self.judge(settings), settings, on_episode)
+        return self.result.of(factory, settings, rows, **self.summarise(settings, rows))
+
+
+def beside_paper(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:
+    """Return a table row: name, measured value, the paper's value, and their ratio.
+
+    Both values have four decimals; with the paper's three some of them would print as zero.
+    """
+    ratio = value / paper if value is not None and paper else None
+    return name, four_decimals(value), four_decimals(paper), ratio
+
+
+def four_decimals(value: float | None) -> str | None:
+    """Format a value with four decimals; None stays None."""
+    return None if value is None else f"{value:.4f}"
+
+
+def failure_lines(rows: Iterable[Any]) -> list[str]:
+    """Return a line that counts the controller's exceptions over all rows, nothing if there were none."""
+    count = sum(row.failures for row in rows)
+    return [f"the controller raised {count} exceptions, which the safety filter caught"] if count else []

@@ -1,0 +1,85 @@
+"""Figures as tables that compare controllers with the paper, and as CSV."""
+
+import csv
+import io
+from collections.abc import Sequence
+
+from hugwbc.evaluation.figures import Figure, Verdict
+from hugwbc.evaluation.tables import Cell, Marked, Table
+
+CSV_COLUMNS = (
+    *("table", "quantity", "unit", "controller", "source", "value", "low", "high", "samples"),
+    *("paper", "reference", "ratio", "ratio_low", "ratio_high", "against_paper"),
+)
+
+
+def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
+    """Lay out the figures of one table: a row for each quantity, a column for the paper and each controller.
+
+    A measured cell shows the value, its interval and the ratio to the paper's value. It is marked "worse" if it is
+    worse than the paper's, and "worse?" if it is worse by less than its uncertainty. Where the paper prints several
+    policies, each of them stands before the controllers that are compared with it.
+
+    Args:
+        figures: all figures of the table.
+        note: a sentence below the table.
+    """
+    units = {figure.quantity: figure.unit for figure in figures}
+    columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
+    for reference in dict.fromkeys(figure.reference for figure in figures):
+        columns |= _columns([figure for figure in figures if figure.reference == reference], list(units))
+    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))), note)
+
+
+def _columns(figures: Sequence[Figure], quantities: Sequence[str]) -> dict[str, list[Cell]]:
+    """Return the columns of one of the paper's policies by heading: its own, if any, and the controllers'."""
+    columns: dict[str, list[Cell]] = {}
+    papers = {figure.quantity: figure.paper for figure in figures if figure.paper is not None}
+    if papers:
+        heading = ", ".join(filter(None, ("HugWBC, paper", figures[0].reference)))
+        columns[heading] = [papers.get(quantity) for quantity in quantities]
+    for controller in filter(None, dict.fromkeys(figure.controller for figure in figures)):
+        mine = {figure.quantity: figure for figure in figures if figure.controller == controller}
+        published = any(figure.estimate is None for figure in mine.values())
+        columns[f"{controller} (published)" if published else controller] = [_cell(mine.get(q)) for q in quantities]
+    return columns
+
+
+def _cell(figure: Figure | None) -> Cell:
+    if figure is None or figure.value is None:
+        return None
+    if figure.estimate is None:
+        return Marked(_number(figure.value), "published")
+    parts = [_number(figure.value)]
+    if figure.estimate.low is not None and figure.estimate.high is not None:
+        parts.append(f"[{_number(figure.estimate.low, 2)}, {_number(figure.estimate.high, 2)}]")
+    if figure.ratio is not None:
+        parts.append(times(figure.ratio[0]))
+    marks = {Verdict.WORSE: ("worse", "worse"), Verdict.UNCLEAR_WORSE: ("unclear", "worse?")}
+    mark, word = marks.get(figure.verdict, ("", ""))
+    return Marked(" ".join([*parts, word]).strip(), mark)
+
+
+def times(ratio: float) -> str:
+    """Write a ratio for a table: two digits, no exponent."""
+    return "× < 0.01" if 0.0 <= ratio < 0.01 else f"× {_number(ratio, 2)}"
+
+
+def _number(value: float, digits: int = 3) -> str:
+    """Round to significant digits, without an exponent where that is readable."""
+    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+
+
+def figures_csv(figures: Sequence[Figure]) -> str:
+    """Write the figures as CSV, one line for each, with the columns `CSV_COLUMNS`; missing numbers are left empty."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for figure in figures:
+        estimate = figure.estimate
+        measured = (None, None, None) if estimate is None else (estimate.low, estimate.high, estimate.samples)
+        source = "measured" if estimate else "published" if figure.controller else "paper alone"
+        head = (figure.table, figure.quantity, figure.unit, figure.controller, source, figure.value, *measured)
+        row = (*head, figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.verdict.value)
+        writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
+    return file.getvalue()

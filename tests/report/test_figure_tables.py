@@ -1,0 +1,61 @@
+import csv
+import io
+
+import pytest
+
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import Estimate
+from hugwbc.evaluation.tables import Marked
+from hugwbc.report.figure_tables import CSV_COLUMNS, comparison_table, figures_csv, times
+
+
+def test_every_figure_is_a_line_with_its_source():
+    measured = Figure("Walking, fast", "E_h", "m", "qp", Estimate(0.06, 0.05, 0.07, 8), 0.03)
+    published = Figure("Walking, fast", "E_h", "m", "HOVER", None, published=0.27)
+    alone = Figure("Walking, fast", "E_h", "m", "", None, 0.05, reference="trained with motions")
+    rows = list(csv.DictReader(io.StringIO(figures_csv([measured, published, alone]))))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert rows[0]["table"] == "Walking, fast" and rows[0]["source"] == "measured"
+    numbers = {name: float(rows[0][name]) for name in ("value", "low", "high", "samples", "paper", "ratio")}
+    assert numbers == {"value": 0.06, "low": 0.05, "high": 0.07, "samples": 8, "paper": 0.03, "ratio": 2.0}
+    assert rows[0]["against_paper"] == "worse"
+    assert rows[1]["source"] == "published" and rows[1]["value"] == "0.27"
+    assert (rows[2]["source"], rows[2]["paper"], rows[2]["reference"]) == (
+        "paper alone",
+        "0.05",
+        "trained with motions",
+    )
+    assert rows[1]["low"] == rows[1]["ratio"] == rows[1]["against_paper"] == ""
+
+
+def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
+    estimate = None if published is not None else Estimate(value, low, high, 8)
+    return Figure("T", quantity, "m", controller, estimate, paper, published, higher)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(1120.0, "1120"), (12.4, "12"), (1.04, "1"), (0.25, "0.25"), (1e-5, "< 0.01")]
+)
+def test_ratios_are_read_without_exponents(ratio, text):
+    assert times(ratio) == f"× {text}"
+
+
+def test_table_of_measured_and_published_figures():
+    figures = [
+        figure(0.06, 0.05, 0.07, paper=0.03),
+        figure(0.032, 0.02, 0.05, paper=0.03, controller="b"),
+        figure(None, None, None, controller="HOVER", published=0.27),
+        figure(5.0, None, None, quantity="falls"),
+    ]
+    table = comparison_table(figures)
+    assert list(table.columns) == ["", "HugWBC, paper", "a", "b", "HOVER (published)"]
+    assert table.rows == [
+        [
+            "E_h [m]",
+            0.03,
+            Marked("0.06 [0.05, 0.07] × 2 worse", "worse"),
+            Marked("0.032 [0.02, 0.05] × 1.1 worse?", "unclear"),
+            Marked("0.27", "published"),
+        ],
+        ["falls [m]", None, Marked("5"), None, None],
+    ]
