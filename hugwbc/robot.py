@@ -169,7 +169,7 @@ class Robot:
         return model_dir() / f"{self.name}.urdf"
 
 
-def _frozen(values: Sequence[Any]) -> np.ndarray:
+def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     array.setflags(write=False)
     return array

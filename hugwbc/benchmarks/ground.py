@@ -174,11 +174,10 @@ def grid() -> Iterator[tuple[str, Physics]]:
         for constant in (0.003, 0.004, 0.005, 0.0075, 0.01, 0.02):
             if constant >= 2.0 * timestep:
                 yield "firmness", Physics(timestep, Ground(time_constant=constant))
-    for cone in ("pyramidal", "elliptic"):
-        for impratio in (1.0, 10.0):
-            for iterations in (4, 8, 20, 50):
-                ground = Ground(time_constant=0.005, cone=cone, impratio=impratio, iterations=iterations)
-                yield "solver", Physics(0.002, ground)
+    for iterations in (4, 50):
+        yield "solver", Physics(0.002, Ground(time_constant=0.005, iterations=iterations))
+    for cone, impratio in (("pyramidal", 10.0), ("elliptic", 1.0), ("elliptic", 10.0)):
+        yield "solver", Physics(0.002, Ground(time_constant=0.005, cone=cone, impratio=impratio))
 
 
 def row(physics: Physics, controllers: Sequence[str]) -> str:
@@ -215,7 +214,7 @@ def batch_times(count: int, control_steps: int, threads: int, repeats: int = 5) 
         repeats: number of turns; the fastest counts.
 
     Returns:
-        Time of a control step of all robots by name of the physics [ms].
+        Processor time of a control step of all robots by name of the physics [ms].
     """
     earlier, robot = load_robot("h1-2023"), load_robot()
     real = Actuators()
@@ -237,11 +236,11 @@ def batch_times(count: int, control_steps: int, threads: int, repeats: int = 5) 
         targets = robot.nominal + 0.1 * np.random.default_rng(repeat).standard_normal((control_steps, count, 19))
         for name, batch in batches.items():
             batch.batch.reset(keyframe=0)
-            begin = time.perf_counter()
+            begin = time.process_time()
             for target in targets:
                 batch.ctrl[:] = target
                 batch.step(substeps)
-            best[name] = min(best[name], 1e3 * (time.perf_counter() - begin) / control_steps)
+            best[name] = min(best[name], 1e3 * (time.process_time() - begin) / control_steps)
     return best
 
 

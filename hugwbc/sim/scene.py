@@ -30,7 +30,7 @@ class Ground:
         iterations: largest number of iterations of the solver.
     """
 
-    time_constant: float = 0.02
+    time_constant: float = 0.005
     cone: str = "pyramidal"
     impratio: float = 1.0
     iterations: int = 8
