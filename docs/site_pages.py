@@ -38,6 +38,26 @@ def packages() -> Iterator[tuple[str, list[str]]]:
         yield name, [name, *(f"{name}.{module}" for module in modules)]
 
 
+def reference(module: str) -> str:
+    """Return the directive that documents a module.
+
+    What a package re-exports is documented in the module that defines it; the package's entry links there.
+    """
+    path = ROOT / module.replace(".", "/")
+    if not path.is_dir():
+        return f"::: {module}"
+    body = ast.parse((path / "__init__.py").read_text()).body
+    own = [node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_"]
+    links = [
+        f"[`{alias.name}`][{node.module}.{alias.name}]"
+        for node in body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hugwbc")
+        for alias in node.names
+    ]
+    lines = [f"::: {module}", "    options:", f"      members: {own or 'false'}"]
+    return "\n".join(lines) + (f"\n\n`from {module} import` gives {', '.join(links)}." if links else "")
+
+
 def summary(package: str) -> str:
     """Return the first line of a package's docstring."""
     source = (ROOT / package.replace(".", "/") / "__init__.py").read_text()
@@ -71,7 +91,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for source, target in OUTSIDE.items():
         files.append(File.generated(config, target, content=(ROOT / source).read_text()))
     for name, modules in packages():
-        text = "\n\n".join([f"# {title(name)}", *(f"::: {module}" for module in modules)])
+        text = "\n\n".join([f"# {title(name)}", *map(reference, modules)])
         files.append(File.generated(config, f"api/{title(name)}.md", content=text))
     return files
 
