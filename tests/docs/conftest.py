@@ -6,6 +6,7 @@ import shutil
 import pytest
 from docs_pages import ROOT
 
+
 @pytest.fixture
 def folder(tmp_path: pathlib.Path) -> pathlib.Path:
     """An empty folder with the shipped models."""

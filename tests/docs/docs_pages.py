@@ -13,7 +13,7 @@ import sys
 from hugwbc.cli import main
 
 ROOT = pathlib.Path(__file__).parents[2]
-_BLOCK = re.compile(r'(?:<!-- (?P<mark>[^\n]*) -->\n)?^```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$',
+_BLOCK = re.compile(r'(?:<!-- (?P<mark>[^\n]*) -->\n)?^```(?P<language>\w*)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$',
                     flags=re.DOTALL | re.MULTILINE)  # fmt: skip
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
@@ -23,7 +23,7 @@ class Block:
     """A fenced block of a page.
 
     Attributes:
-        language: after the fence.
+        language: after the fence; empty for a picture in characters.
         text: between the fences.
         title: file name that the page gives it.
         mark: comment right above it, which says whether the tests run it.
@@ -54,7 +54,9 @@ def blocks(page: pathlib.Path) -> list[Block]:
         Block(m["language"], m["text"], m["title"], m["mark"] or "", text[: m.start("language")].count("\n") + 1)
         for m in _BLOCK.finditer(text)
     ]
-    assert len(found) * 2 == len(re.findall(r"^```", text, flags=re.MULTILINE)), f"{page}: a block has no language"
+    assert len(found) * 2 == len(re.findall(r"^```", text, flags=re.MULTILINE)), (
+        f"{page}: a fence is not closed, or says something unknown"
+    )
     return found
 
 
