@@ -13,8 +13,11 @@ import sys
 from hugwbc.cli import main
 
 ROOT = pathlib.Path(__file__).parents[2]
-_BLOCK = re.compile(r'(?:<!-- (?P<mark>[^\n]*) -->\n)?^```(?P<language>\w*)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$',
-                    flags=re.DOTALL | re.MULTILINE)  # fmt: skip
+_BLOCK = re.compile(
+    r"(?:<!-- (?P<mark>[^\n]*) -->\n)?"
+    r'^```(?P<language>\w*)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$',
+    flags=re.DOTALL | re.MULTILINE,
+)
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
@@ -65,15 +68,22 @@ def shape_of(text: str) -> str:
     return _NUMBER.sub("#", text.strip())
 
 
-def follow(page: pathlib.Path, folder: pathlib.Path, package: pathlib.Path = ROOT, *, slow: bool = False) -> None:
+def follow(
+    page: pathlib.Path,
+    folder: pathlib.Path,
+    package: pathlib.Path = ROOT,
+    *,
+    slow: bool = False,
+    in_processes: bool = False,
+) -> None:
     """Do what a page says, in a folder: write its files, apply its patches, run its programs and commands.
 
     Args:
         page: Markdown.
         folder: in which everything happens.
-        package: folder with the `hugwbc` to run; where it is not the repository's, programs run in processes of their
-            own.
+        package: folder with the `hugwbc` to run.
         slow: whether to run the slow blocks as well.
+        in_processes: whether `hugwbc` runs in a process of its own, as it always does with another package.
     """
     printed = ""
     for block in blocks(page):
@@ -83,15 +93,18 @@ def follow(page: pathlib.Path, folder: pathlib.Path, package: pathlib.Path = ROO
         if block.language == "diff":
             apply(block.text, package, where)
         elif block.title is not None:
-            (folder / block.title).parent.mkdir(parents=True, exist_ok=True)
-            (folder / block.title).write_text(block.text)
+            path = (package if block.title.startswith("hugwbc/") else folder) / block.title
+            assert package != ROOT or not path.is_relative_to(ROOT), where
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(block.text)
         elif block.language == "python":
             printed = _run([sys.executable, "-c", block.text], folder, package, where)
         elif block.language == "sh":
             for line in block.text.replace("\\\n", " ").splitlines():
                 words = shlex.split(line, comments=True)
                 if words:
-                    printed = _command(words, folder, package, where)
+                    here = words[0] == "hugwbc" and package == ROOT and not in_processes
+                    printed = (_verb if here else _command)(words, folder, package, where)
         elif block.language == "text":
             assert shape_of(printed) == shape_of(block.text), where
 
@@ -111,13 +124,16 @@ def apply(patch: str, package: pathlib.Path, where: str) -> None:
         path.write_text(text)
 
 
+def _verb(words: list[str], folder: pathlib.Path, package: pathlib.Path, where: str) -> str:
+    """Run `hugwbc` in this process, which has loaded it already."""
+    output = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(output):
+        assert main(words[1:]) == 0, f"{where}: {shlex.join(words)}"
+    return output.getvalue()
+
+
 def _command(words: list[str], folder: pathlib.Path, package: pathlib.Path, where: str) -> str:
     program, *rest = words
-    if program == "hugwbc" and package == ROOT:
-        output = io.StringIO()
-        with contextlib.chdir(folder), contextlib.redirect_stdout(output):
-            assert main(rest) == 0, f"{where}: {shlex.join(words)}"
-        return output.getvalue()
     if program == "hugwbc":
         return _run([sys.executable, "-m", "hugwbc.cli", *rest], folder, package, where)
     if program == "python":
