@@ -15,3 +15,11 @@ def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> No
 def test_add_a_controller(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-controller.md", folder, in_processes=True)
     assert (folder / "out" / "balancer" / "report.html").exists()
+
+
+def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-gait.md", folder, package)
+
+
+def test_add_a_reward(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-reward.md", folder, package)
