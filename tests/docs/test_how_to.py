@@ -23,3 +23,7 @@ def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
 
 def test_add_a_reward(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-reward.md", folder, package)
+
+
+def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-protocol.md", folder, package)
