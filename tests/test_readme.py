@@ -43,7 +43,7 @@ def anchors(page: pathlib.Path) -> set[str]:
 def test_local_links_and_pictures_exist(page):
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
     for target, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)", text):
-        path = page.parent / target if target else page
+        path = (page.parent / target).resolve() if target else page
         if path.parent == ROOT / "docs" / "api" and path.name != "index.md":
             # Built from the docstrings of the package of that name.
             path = ROOT / "hugwbc" / ("" if path.stem == "core" else path.stem.replace(".", "/")) / "__init__.py"
