@@ -106,7 +106,7 @@ def follow(
                     here = words[0] == "hugwbc" and package == ROOT and not in_processes
                     printed = (_verb if here else _command)(words, folder, package, where)
         elif block.language == "text":
-            assert shape_of(printed) == shape_of(block.text), where
+            assert shape_of(printed) == shape_of(block.text), f"{where}: {printed}"
 
 
 def apply(patch: str, package: pathlib.Path, where: str) -> None:
