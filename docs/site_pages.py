@@ -53,6 +53,7 @@ def reference(module: str) -> str:
         for node in body
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hugwbc")
         for alias in node.names
+        if not alias.name.isupper()  # constants have no entry of their own
     ]
     lines = [f"::: {module}", "    options:", f"      members: {own or 'false'}"]
     return "\n".join(lines) + (f"\n\n`from {module} import` gives {', '.join(links)}." if links else "")
