@@ -20,8 +20,23 @@ OUTSIDE = {
     "README.md": "index.md",
     "CHANGELOG.md": "CHANGELOG.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
-    "models/h1/README.md": "models/h1/README.md",
+    "models/h1/README.md": "robot.md",
 }
+# Rooms of the package from the lowest layer to the highest; the reference lists them in this order.
+LAYERS = (
+    "core",
+    "scripts",
+    "sim",
+    "learned",
+    "mbc",
+    "upper_ik",
+    "runtime",
+    "viz",
+    "evaluation",
+    "benchmarks",
+    "report",
+    "cli",
+)
 API_SECTION = "API reference"
 PACKAGE_TABLE = "<!-- packages -->"  # where docs/api/index.md has the table of all packages
 LOG_SECTION = "Log"
@@ -30,9 +45,13 @@ _FENCED = re.compile(r"(^```.*?^```[ ]*$)", flags=re.DOTALL | re.MULTILINE)
 
 
 def packages() -> Iterator[tuple[str, list[str]]]:
-    """Yield each package of `hugwbc` with its public modules, the package itself first."""
-    for init in sorted(ROOT.glob("hugwbc/**/__init__.py")):
-        folder = init.parent
+    """Yield each package of `hugwbc` with its public modules, the package itself first, in the order of the layers."""
+
+    def place(folder: pathlib.Path) -> tuple[int, pathlib.Path]:
+        room = folder.relative_to(ROOT / "hugwbc").parts[:1] or ("core",)
+        return (LAYERS.index(room[0]) if room[0] in LAYERS else len(LAYERS)), folder
+
+    for folder in sorted((init.parent for init in ROOT.glob("hugwbc/**/__init__.py")), key=place):
         name = ".".join(folder.relative_to(ROOT).parts)
         modules = [path.stem for path in sorted(folder.glob("*.py")) if not path.stem.startswith("_")]
         yield name, [name, *(f"{name}.{module}" for module in modules)]
@@ -81,7 +100,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     assert config.nav is not None
     (section,) = (entry for entry in config.nav if API_SECTION in entry)
     section[API_SECTION] = ["api/index.md", *({title(name): f"api/{title(name)}.md"} for name, _ in packages())]
-    logs = [{path.stem: f"log/{path.name}"} for path in sorted((ROOT / DOCS / "log").glob("*.md"))]
+    logs = [f"log/{path.name}" for path in sorted((ROOT / DOCS / "log").glob("*.md"))]
     if logs:
         config.nav.append({LOG_SECTION: logs})
     return config
