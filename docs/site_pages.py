@@ -1,14 +1,16 @@
-"""Hook of MkDocs: add pages from outside `docs/`, and one page of API reference for each package.
+"""Hook of MkDocs: pages from outside `docs/`, one page of API reference for each package, and formulas as MathML.
 
 Everything here happens at build time, in memory: no generated page lies in the repository. `make docs` uses it.
 """
 
 import ast
+import html
 import pathlib
 import posixpath
 import re
 from collections.abc import Iterator
 
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -41,6 +43,7 @@ API_SECTION = "API reference"
 PACKAGE_TABLE = "<!-- packages -->"  # where docs/api/index.md has the table of all packages
 LOG_SECTION = "Log"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\\\([(\[])(.*?)\\\\[)\]]</\\1>', flags=re.DOTALL)
 _FENCED = re.compile(r"(^```.*?^```[ ]*$)", flags=re.DOTALL | re.MULTILINE)
 
 
@@ -138,3 +141,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     parts = _FENCED.split(markdown)
     text = "".join(part if part.startswith("```") else _LINK.sub(rewritten, part) for part in parts)
     return text.replace(PACKAGE_TABLE, package_table())
+
+
+def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Write formulas as MathML, which browsers draw by themselves: no script, no fonts, no network."""
+
+    def drawn(match: re.Match[str]) -> str:
+        _, bracket, formula = match.groups()
+        return convert(html.unescape(formula), display="block" if bracket == "[" else "inline")
+
+    return _FORMULA.sub(drawn, content)
