@@ -43,7 +43,7 @@ API_SECTION = "API reference"
 PACKAGE_TABLE = "<!-- packages -->"  # where docs/api/index.md has the table of all packages
 LOG_SECTION = "Log"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
-_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\\\([(\[])(.*?)\\\\[)\]]</\\1>', flags=re.DOTALL)
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _FENCED = re.compile(r"(^```.*?^```[ ]*$)", flags=re.DOTALL | re.MULTILINE)
 
 
