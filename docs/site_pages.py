@@ -148,6 +148,7 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
 
     def drawn(match: re.Match[str]) -> str:
         _, bracket, formula = match.groups()
-        return convert(html.unescape(formula), display="block" if bracket == "[" else "inline")
+        mathml = convert(html.unescape(formula), display="block" if bracket == "[" else "inline")
+        return mathml.replace("<mover>", '<mover accent="true">')  # dots and hats at full size
 
     return _FORMULA.sub(drawn, content)
