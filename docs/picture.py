@@ -1,4 +1,4 @@
-"""Cut the README's picture out of the video that `hugwbc compare` wrote; `make picture` runs both."""
+"""Make the README's picture from frames of the video that `hugwbc compare` wrote; `make picture` runs both."""
 
 import pathlib
 
@@ -7,11 +7,11 @@ import numpy as np
 
 ROOT = pathlib.Path(__file__).parents[1]
 VIDEO = ROOT / "out" / "compare" / "compare.mp4"
-MOMENTS = (4.5, 7.4, 16.5)  # [s] reaching, walking, squatting
+MOMENTS = (4.5, 7.4, 16.5)  # [s], while reaching, walking and squatting
 
 
 def main() -> None:
-    """Put the moments side by side."""
+    """Write the frames side by side into one picture."""
     reader = imageio.get_reader(VIDEO)
     fps = reader.get_meta_data()["fps"]
     frames = [np.asarray(reader.get_data(round(moment * fps))) for moment in MOMENTS]

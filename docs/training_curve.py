@@ -1,6 +1,6 @@
-"""Draw the README's training curve from the record of a run; `make curve RUN=runs/mine` draws that of your own.
+"""Draw the training curve of the README from the record of a run; `make curve RUN=runs/mine` draws yours.
 
-A run's record is its `metrics.csv`. What is drawn is kept in `docs/images/training.csv`, means of 20 iterations each.
+The record of a run is its `metrics.csv`. What is drawn is kept in `docs/images/training.csv`: means of 20 iterations.
 """
 
 import csv
@@ -20,12 +20,12 @@ ITERATIONS = 20
 
 
 def keep_record(run: pathlib.Path) -> None:
-    """Write means over every `ITERATIONS` iterations of a run's `metrics.csv` as the record; the rest is left out."""
+    """Write means over every `ITERATIONS` iterations of a run as the record; drop an incomplete rest."""
     record = read_training(run / "metrics.csv")
     rows = np.stack([record[name] for name in COLUMNS], axis=1)
     whole = len(rows) - len(rows) % ITERATIONS
     if not whole:
-        sys.exit(f"{run} has {len(rows)} iterations; a point of the curve takes {ITERATIONS}")
+        sys.exit(f"{run} has {len(rows)} iterations, a point of the curve takes {ITERATIONS}; train for longer")
     means = np.nanmean(rows[:whole].reshape(-1, ITERATIONS, len(COLUMNS)), axis=1)
     with RECORD.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -34,7 +34,7 @@ def keep_record(run: pathlib.Path) -> None:
 
 
 def draw() -> None:
-    """Episode length and errors of walking over the environment steps of the record."""
+    """Plot episode length and errors of walking over the environment steps of the record."""
     record = read_training(RECORD)
     steps = record["steps"] / 1e6
     figure = Figure(figsize=(10, 3.2), layout="constrained")

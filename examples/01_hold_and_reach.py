@@ -1,46 +1,39 @@
 """Stand still and reach for two points: the left one is within reach, the right one is not.
 
-Shows hand IK in front of a controller: `UpperBodySource` turns hand targets into arm targets, takes the arms over
-without a jump, and tells what cannot be reached.
+Hand IK in front of a controller: it turns hand targets into arm targets, takes the arms over without a jump, and tells
+which targets cannot be reached.
 
-    python examples/01_hold_and_reach.py --duration 3
+    python examples/01_hold_and_reach.py --show
 """
 
-import numpy as np
-import tyro
-
-from hugwbc import Command, rotations
-from hugwbc.mbc import WholeBodyController
-from hugwbc.sim import Simulation
+from hugwbc import Command
+from hugwbc.runtime import Constant, load_controller, upper_body_source
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import UpperBodySource
+from hugwbc.viz.show import fate, run_script, watch
 
 
-def main(duration: float = 3.0) -> None:
+def main(duration: float = 4.0, show: bool = False) -> None:
     """Stand and reach.
 
     Args:
-        duration: how long [s].
+        duration: how long to run [s].
+        show: show the robot live in the browser.
     """
-    simulation = Simulation()
-    controller = WholeBodyController()
-    source = UpperBodySource(gravity_compensation=False)  # the QP carries the arms' weight by torque
+    controller = load_controller("qp")
     targets = HandTargets.of(left=(0.35, 0.25, 0.2), right=(0.9, -0.25, 0.2), frame="pelvis")
-
-    state = simulation.reset()
-    controller.reset(state)
-    for _ in range(round(duration / controller.period)):
-        upper_body = source.update(state, targets, controller.period)
-        state = simulation.step(controller.act(state, Command(), upper_body), controller.period)
-
-    solution = source.solution
-    assert solution is not None and state.position is not None
-    for index, (side, target) in enumerate(zip(("left", "right"), targets.array(), strict=True)):
-        hand = rotations.rotate_inverse(state.orientation, simulation.hand_position(side) - state.position)
-        verdict = "within reach" if solution.reachable[index] else "out of reach"
-        print(f"{side} hand: {100 * np.linalg.norm(hand - target):.1f} cm from its target, which is {verdict}")
-    print("fallen" if simulation.fallen else "standing")
+    trace = watch(
+        controller,
+        Constant(Command(), targets),
+        upper_body=upper_body_source(controller),
+        duration=duration,
+        show=show,
+        replay="out/01.html",
+    )
+    for index, side in enumerate(("left", "right")):
+        verdict = "within reach" if trace.reachable[-1, index] else "out of reach"
+        print(f"{side} hand: {100 * trace.hand_error[-1, index]:.1f} cm from its target, which is {verdict}")
+    print(f"The robot reached with both hands and {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -1,59 +1,50 @@
-"""Walk while both hands swing about points in front of the body: a command script, hand IK and the QP controller.
+"""Walk while both hands swing about points in front of the body: a command script, hand IK and the `qp` controller.
 
-A script is made of segments; between them commands and hand targets ramp smoothly. Any controller can play it.
+A script consists of segments; commands and hand targets ramp smoothly from one to the next. Any controller can play it.
 
-    python examples/03_reach_while_walking.py --duration 6
+    python examples/03_reach_while_walking.py --show
 """
 
 import numpy as np
-import tyro
 
-from hugwbc import Gait, rotations
-from hugwbc.mbc import WholeBodyController
+from hugwbc import Gait
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.hand_paths import Swing
 from hugwbc.scripts.script import HandMotion, Script, Segment
-from hugwbc.sim import Simulation
-from hugwbc.upper_ik import UpperBodySource
+from hugwbc.viz.show import fate, run_script, watch
 
 LEFT = Swing(centre=(0.3, 0.25, 0.2), amplitude=(0.05, 0.0, 0.08), phase=(0.0, 0.0, 0.25), period=3.0)
 HANDS = HandMotion(left=LEFT, right=LEFT.mirrored(), frame="pelvis")
+STANDING = 1.5  # [s]; the hands have arrived at their paths before the robot walks
 
 
-def main(duration: float = 6.0) -> None:
+def main(duration: float = 6.0, show: bool = False) -> None:
     """Reach, then walk on while reaching.
 
     Args:
-        duration: how long [s], at least 2.5.
+        duration: how long to run [s], at least 2.5.
+        show: show the robot live in the browser.
     """
     script = Script(
         "reach and walk",
         (
-            Segment("reach", 1.5, Gait.STANDING, hands=HANDS),
-            Segment("walk", duration - 1.5, Gait.WALKING, {"v_x": 0.4}, hands=HANDS),
+            Segment("reach", STANDING, Gait.STANDING, hands=HANDS),
+            Segment("walk", duration - STANDING, Gait.WALKING, {"v_x": 0.4}, hands=HANDS),
         ),
     )
-    simulation = Simulation()
-    controller = WholeBodyController()
-    source = UpperBodySource(gravity_compensation=False)
-    state = simulation.reset()
-    controller.reset(state)
-
-    errors = []
-    for tick in range(round(script.duration / controller.period)):
-        t = tick * controller.period
-        hands = script.hands_at(t)
-        upper_body = source.update(state, hands, controller.period)
-        state = simulation.step(controller.act(state, script.command_at(t), upper_body), controller.period)
-        if hands is not None and source.takeover.settled:
-            assert state.position is not None
-            world = np.array([simulation.hand_position(side) for side in ("left", "right")])
-            in_pelvis = rotations.rotate_inverse(state.orientation, world - state.position)
-            errors.append(np.linalg.norm(in_pelvis - hands.array(), axis=1))
-
-    assert state.position is not None
-    print(f"mean hand error {1000 * np.mean(errors):.1f} mm, walked {state.position[0]:.2f} m")
-    print("fallen" if simulation.fallen else "walking")
+    controller = load_controller("qp")
+    trace = watch(
+        controller,
+        script,
+        upper_body=upper_body_source(controller),
+        duration=script.duration,
+        show=show,
+        replay="out/03.html",
+    )
+    error = 1000 * np.mean(trace.hand_error[trace.gait == Gait.WALKING])
+    print(f"mean hand error {error:.1f} mm, walked {trace.qpos[-1, 0]:.2f} m")
+    print(f"The hands followed their paths while the robot walked, and it {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -1,39 +1,41 @@
 """Reach for a point half a metre above the floor: the arms alone cannot, so h, p and w help.
 
-The same targets with and without `whole_body`; the commands that it chooses would go to any controller.
+The same targets without and with `whole_body`. The commands that hand IK then chooses would suit any controller. The
+replay shows both attempts side by side.
 
-    python examples/05_pick_from_the_floor.py --height 0.55
+    python examples/05_pick_from_the_floor.py --show
 """
 
-import tyro
+import dataclasses
 
 from hugwbc import Command
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import Constant, rollout
-from hugwbc.sim import Simulation
+from hugwbc.runtime import Constant, load_controller, upper_body_source
 from hugwbc.targets import HandTargets
+from hugwbc.viz.show import fate, keep_replay, run_script, watch
 
 
-def main(height: float = 0.55, duration: float = 5.0) -> None:
+def main(height: float = 0.55, duration: float = 5.0, show: bool = False) -> None:
     """Reach down twice.
 
     Args:
-        height: of the targets above the floor [m].
-        duration: of each attempt [s].
+        height: height of the targets above the floor [m].
+        duration: how long each attempt lasts [s].
+        show: show the robot live in the browser.
     """
-    for whole_body in (False, True):
-        left, right = (0.45, 0.2, height), (0.45, -0.2, height)
-        targets = HandTargets.of(left, right, "world", whole_body=whole_body)
-        controller = WholeBodyController()
-        source = upper_body_source(controller)
-        trace = rollout(controller, Constant(Command(), targets), Simulation(), source, duration=duration)
-        assert source.solution is not None
-        residual = 100.0 * source.solution.residual.max()
+    traces = []
+    for name, whole_body in (("arms alone", False), ("whole body", True)):
+        targets = HandTargets.of((0.45, 0.2, height), (0.45, -0.2, height), "world", whole_body=whole_body)
+        controller = load_controller("qp")
+        hands = upper_body_source(controller)
+        trace = watch(controller, Constant(Command(), targets), upper_body=hands, duration=duration, show=show)
+        traces.append(dataclasses.replace(trace, name=name))
+        left = 100 * trace.hand_error[-1].max()
         h, p, w = trace.command[-1, 5:]
-        print(f"{'whole body' if whole_body else 'arms alone'}: {residual:.1f} cm left, ", end="")
-        print(f"commanded h {h:.2f} m, p {p:.2f} rad, w {w:.2f} rad, {'fallen' if trace.fell else 'standing'}")
+        print(f"{name}: {left:.1f} cm left, commanded h {h:.2f} m, p {p:.2f} rad, w {w:.2f} rad, {fate(trace)}")
+    keep_replay("out/05.html", traces)
+    gain = 100 * (traces[0].hand_error[-1].max() - traces[1].hand_error[-1].max())
+    print(f"Crouching and leaning brought the hands {gain:.1f} cm nearer to their targets.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

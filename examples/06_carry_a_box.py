@@ -1,45 +1,50 @@
 """Carry an imagined box with both hands: a shipped script, and how well the hands keep their distance.
 
-`together` in the script makes the relative position of the hands go before where they are.
+`together` in the script gives the position of the hands relative to each other priority over where they are.
 
-    python examples/06_carry_a_box.py
+    python examples/06_carry_a_box.py --show
 """
 
 import numpy as np
-import tyro
 
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import rollout
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc import RobotState
+from hugwbc.kinematics import Kinematics
+from hugwbc.runtime import Trace, load_controller, upper_body_source
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import Simulation
+from hugwbc.viz.show import fate, run_script, watch
 
 
-def main(controller: str = "qp", duration: float | None = None) -> None:
+def hand_distances(trace: Trace) -> np.ndarray:
+    """Return the distance between the hands at each sample [m], shape (T,)."""
+    kinematics, distances = Kinematics(), []
+    for qpos, qvel in zip(trace.qpos, trace.qvel, strict=True):
+        kinematics.update(RobotState(qpos[7:], qvel[6:], qpos[3:7], qvel[3:6], qpos[:3]))
+        distances.append(np.linalg.norm(kinematics.position("left_hand") - kinematics.position("right_hand")))
+    return np.array(distances)
+
+
+def main(controller: str = "qp", duration: float | None = None, show: bool = False) -> None:
     """Play the script.
 
     Args:
         controller: qp or learned.
         duration: how much of the script to play [s]; all of it by default.
+        show: show the robot live in the browser.
     """
-    script = load_script("carry_box")
-    robot, simulation, gaps = ControllerSpec(controller).build(), Simulation(), []
+    script, robot = load_script("carry_box"), load_controller(controller)
+    hands = upper_body_source(robot)
+    seconds = script.duration if duration is None else duration
+    trace = watch(robot, script, upper_body=hands, duration=seconds, show=show, replay="out/06.html")
 
-    def watch(_: float) -> None:
-        hands = script.hands_at(simulation.data.time)
-        if hands is not None and hands.together:
-            left, right = (simulation.hand_position(side) for side in ("left", "right"))
-            gaps.append(float(np.linalg.norm(left - right)))
-
-    source = upper_body_source(robot)
-    trace = rollout(robot, script, simulation, source, duration=duration or script.duration, on_progress=watch)
-    if gaps:
-        print(f"{len(gaps)} looks at the box: hands {100 * np.mean(gaps):.1f} cm apart on average, ", end="")
-        print(f"{100 * np.min(gaps):.1f} to {100 * np.max(gaps):.1f} cm; the box is 32 cm wide")
+    targets = [script.hands_at(t) for t in trace.time]
+    gaps = 100 * hand_distances(trace)[[target is not None and target.together for target in targets]]
+    if gaps.size:
+        print(f"{gaps.size} looks at the box, 32 cm wide: hands {gaps.mean():.1f} cm apart on average, ", end="")
+        print(f"{gaps.max():.1f} cm before the grasp, {gaps.min():.1f} cm at the closest")
+        print(f"The robot carried the box over {np.linalg.norm(trace.qpos[-1, :2]):.2f} m and {fate(trace)}.")
     else:
-        print("so early in the script there is no box yet")
-    print("fallen" if trace.fell else f"carried over {np.linalg.norm(trace.qpos[-1, :2]):.2f} m")
+        print(f"So early in the script there is no box yet; the robot {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -1,32 +1,36 @@
-"""Play one script with the learned policy and with the QP, and put their figures side by side.
+"""Play one script with the learned policy and with the QP, and compare their figures; the replay shows both.
 
-python examples/07_compare_controllers.py --script wave
+python examples/07_compare_controllers.py --script wave --show
 """
 
-import tyro
-
-from hugwbc.evaluation.comparison import compare, summarise
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.evaluation.comparison import summarise
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.script_file import load_script
+from hugwbc.viz.show import fate, keep_replay, run_script, watch
 
 
-def main(script: str = "wave") -> None:
+def main(script: str = "wave", show: bool = False) -> None:
     """Compare.
 
     Args:
         script: name of a shipped script, or a YAML file.
+        show: show one robot after the other live in the browser.
     """
-    controllers = [ControllerSpec(name).build() for name in ("learned", "qp")]
-    for trace in compare(controllers, load_script(script)):
-        outcome = summarise(trace)
-        hand = outcome.hand_error_m["mean"]
+    played, traces = load_script(script), []
+    for name in ("learned", "qp"):
+        controller = load_controller(name)
+        hands = upper_body_source(controller)
+        traces.append(watch(controller, played, upper_body=hands, duration=played.duration, show=show))
+    keep_replay("out/07.html", traces)
+    outcomes = {trace.name: summarise(trace) for trace in traces}
+    for trace in traces:
+        hand = outcomes[trace.name].hand_error_m["mean"]
         reach = "no hand targets" if hand is None else f"hands {100 * hand:.1f} cm from their targets"
-        print(
-            f"{trace.name}: {'fell' if outcome.fell else 'did not fall'} in {outcome.survived_s:.1f} s, {reach}, ",
-            end="",
-        )
-        print(f"waist {outcome.errors['w']:.3f} rad off, {outcome.tick_ms['p50']:.2f} ms a tick")
+        errors, tick = outcomes[trace.name].errors, outcomes[trace.name].tick_ms["p50"]
+        print(f"{trace.name}: {fate(trace)}, {reach}, waist {errors['w']:.3f} rad off, {tick:.2f} ms a tick")
+    closer = min(outcomes, key=lambda name: outcomes[name].errors["h"])
+    print(f"The {closer} controller kept closer to the commanded height.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -1,50 +1,44 @@
-"""Replay a motion file with the arms while the robot stands: any source of arm joint targets can take the arms over.
+"""Replay a motion file with the arms while the robot stands: joint targets take the arms over as hand targets do.
 
 Without a file, a motion is generated, written, and read again.
 
-    python examples/08_replay_a_motion.py --file motion.npz
+    python examples/08_replay_a_motion.py --file motion.npz --show
 """
 
 import pathlib
 import tempfile
 
 import numpy as np
-import tyro
 
-from hugwbc import Command, UpperBody
-from hugwbc.mbc import WholeBodyController
+from hugwbc import load_robot
+from hugwbc.runtime import load_controller, upper_body_source
 from hugwbc.scripts.motion import generate_motions, load_motion
-from hugwbc.sim import Simulation
-from hugwbc.upper_ik import Takeover
+from hugwbc.scripts.script import Script, Segment
+from hugwbc.viz.show import fate, run_script, watch
 
 
-def main(file: pathlib.Path | None = None, duration: float = 5.0) -> None:
+def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = False) -> None:
     """Replay.
 
     Args:
-        file: of the motion (.npz).
-        duration: how long [s].
+        file: motion file (.npz).
+        duration: how long to run [s].
+        show: show the robot live in the browser.
     """
     with tempfile.TemporaryDirectory() as folder:
         if file is None:
             file = pathlib.Path(folder) / "generated.npz"
-            generate_motions(seed=0, count=1, duration=duration)[0].save(file)
+            generate_motions(seed=0, count=1, duration=5.0)[0].save(file)
         motion = load_motion(file)
-    simulation, controller, takeover = Simulation(), WholeBodyController(), Takeover()
-    smooth = motion.resampled(1.0 / controller.period)
-    velocity = np.gradient(smooth.positions, controller.period, axis=0)
-    state, errors = simulation.reset(), []
-    controller.reset(state)
-    body = UpperBody.none()
-    for q, dq in zip(smooth.positions, velocity, strict=True):
-        if state.time >= duration:
-            break
-        body = takeover.follow(q, dq, controller.period)
-        state = simulation.step(controller.act(state, Command(), body), controller.period)
-        errors.append(np.abs(state.q[simulation.robot.arms] - body.q).mean())
-    print(f"{motion.name}: {motion.duration:.1f} s, arm joints {np.mean(errors):.3f} rad from their targets")
-    print("fallen" if simulation.fallen else "standing")
+    controller = load_controller("qp")
+    script = Script(motion.name, (Segment("replay", duration, motion=motion, ramp=0.0),))
+    hands = upper_body_source(controller)
+    trace = watch(controller, script, upper_body=hands, duration=duration, show=show, replay="out/08.html")
+
+    error = np.abs(trace.qpos[:, 7 + load_robot().arms] - trace.arm_target)[len(trace.time) // 2 :].mean()
+    print(f"{motion.name}: {motion.duration:.1f} s, arm joints {error:.3f} rad from their targets")
+    print(f"The arms followed the motion while the robot stood, and it {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

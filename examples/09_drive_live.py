@@ -1,44 +1,43 @@
 """Drive the robot from a page: sliders, gait buttons, a push, draggable hands. Needs the extra [live].
 
-    python examples/09_drive_live.py
+The replay of what you did is in out/09.html afterwards.
 
-`--duration 3` stops after three seconds, as the tests do.
+    python examples/09_drive_live.py --show
 """
 
-import time
+import webbrowser
 
-import tyro
+import numpy as np
 
-from hugwbc.evaluation.comparison import upper_body_source
-from hugwbc.runtime import ControlLoop
-from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.sim import Simulation
+from hugwbc.runtime import Moment, Simulation, load_controller, upper_body_source
 from hugwbc.viz.live import LivePage
+from hugwbc.viz.show import fate, run_script, watch
 
 
-def main(controller: str = "qp", duration: float = 3600.0) -> None:
+def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> None:
     """Serve the page and run the robot in real time.
 
     Args:
         controller: qp or learned.
-        duration: how long [s].
+        duration: how long to run [s].
+        show: open the page in the browser; otherwise only its address is printed.
     """
-    robot, simulation = ControllerSpec(controller).build(), Simulation()
+    robot, simulation = load_controller(controller), Simulation()
     page = LivePage(simulation, name=robot.name)
-    loop = ControlLoop(robot, page.source, simulation, upper_body_source(robot))
     print(f"drive at {page.address}", flush=True)
-    loop.reset()
-    begin, tick = time.monotonic(), 0
-    while simulation.data.time < duration and not simulation.fallen:
-        loop.step(loop.decide(tick * loop.period), loop.period)
-        tick += 1
-        if tick % max(1, round(0.04 / loop.period)) == 0:
-            page.disturb(simulation)
-            page.show(simulation)
-            time.sleep(max(0.0, begin + simulation.data.time - time.monotonic()))
-    print(f"{simulation.data.time:.1f} s, {'fallen' if simulation.fallen else 'standing'}")
+    if show:
+        webbrowser.open(page.address)
+
+    def draw(_: Moment) -> None:
+        page.disturb(simulation)
+        page.show(simulation)
+
+    hands = upper_body_source(robot)
+    trace = watch(robot, page.source, simulation, hands, duration=duration, live=draw, replay="out/09.html")
     page.close()
+    way = np.sum(np.linalg.norm(np.diff(trace.qpos[:, :2], axis=0), axis=1))
+    print(f"You drove the robot over {way:.2f} m, and it {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

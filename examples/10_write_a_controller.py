@@ -1,59 +1,85 @@
 """Write a controller of your own: a name, a period, `reset` and `act`, and everything else works with it.
 
-This one squats by turning hips, knees and ankles so that the feet stay flat below the pelvis, with PD joints alone.
+This one stands, squats and turns its waist by PD gains, and balances by the torque of its ankles. They move the centre
+of pressure beyond the capture point, above which an inverted pendulum comes to rest: x + v sqrt(z / g) (Pratt et al.,
+"Capture point: a step toward humanoid push recovery", Humanoids 2006).
 
-    python examples/10_write_a_controller.py --h -0.1
+    python examples/10_write_a_controller.py --h -0.15 --push 60 --show
 """
 
 import numpy as np
-import tyro
 
-from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot
+from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot, rotations
 from hugwbc.controller import override_arms
-from hugwbc.runtime import Constant, rollout
-from hugwbc.sim import Simulation
+from hugwbc.kinematics import Kinematics
+from hugwbc.runtime import Constant, Force, Simulation
+from hugwbc.state import GRAVITY
+from hugwbc.viz.show import fate, run_script, watch
 
-LEG = 0.4  # thigh and shank [m]
+LEG = 0.4  # [m], thigh and shank each
+STEEPEST = 0.85  # [rad] that the shank can lean ahead with flat feet: the range of the ankle
+SPEED = np.array([0.2, 0.8])  # [m/s], [rad/s] at which height and waist follow their commands
+HEEL, TOE = -0.08, 0.18  # [m] from the ankle, where the ground can push
 
 
 class Squatter:
-    """Bends the legs to the commanded height."""
+    """Holds legs and waist by PD gains at the commanded height and angle, and balances by the torque of the ankles."""
 
     name = "squatter"
-    period = 0.02
+    period = 0.01
 
     def __init__(self) -> None:
         self.robot = load_robot()
-        self.stiff = self.robot.kp * np.where(np.isin(np.arange(19), self.robot.legs), 3.0, 1.0)
+        self.kinematics = Kinematics()
+        self.weight = GRAVITY * sum(inertia.mass for inertia in self.kinematics.model.inertias)
+        self.hips, self.knees, self.ankles = (
+            self.robot.indices([f"left_{part}_joint", f"right_{part}_joint"]) for part in ("hip_pitch", "knee", "ankle")
+        )
+        self.kp, self.kd = self.robot.kp.copy(), 2.0 * self.robot.kd
+        self.kp[self.robot.legs] *= 4.0  # the paper's gains sag under the body
+        self.kp[self.ankles], self.kd[self.ankles] = 0.0, self.robot.kd[self.ankles]  # the balance moves them
 
     def reset(self, state: RobotState) -> None:
-        """Nothing to forget."""
+        """Start from the nominal height and the waist straight."""
+        self.now = np.zeros(2)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Both legs as isosceles triangles of the commanded height."""
-        q = self.robot.nominal.copy()
-        hip = self.robot.index("left_hip_pitch_joint")
-        nominal = np.cos(q[hip]) * 2 * LEG
-        bend = np.arccos(np.clip((nominal + command.h) / (2 * LEG), -1.0, 1.0)) + q[hip]
-        for side in ("left", "right"):
-            for part, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle", -1.0)):
-                q[self.robot.index(f"{side}_{part}_joint")] += share * bend
-        own = JointCommand(q, np.zeros(19), self.stiff, 2.0 * self.robot.kd, np.zeros(19))
-        return override_arms(own, upper_body, self.robot)
+        """Return the posture for the height and the waist, and the ankle torques for the balance."""
+        self.now += np.clip(np.array([command.h, command.w]) - self.now, -SPEED * self.period, SPEED * self.period)
+        q, tau = self.robot.nominal.copy(), np.zeros(19)
+        # Thigh and shank lean alike, so that the hip stays above the ankle.
+        lean = np.arccos(np.clip(np.cos(q[self.knees] / 2.0) + self.now[0] / (2.0 * LEG), np.cos(STEEPEST), 1.0))
+        q[self.hips], q[self.knees], q[self.ankles], q[self.robot.waist] = -lean, 2.0 * lean, -lean, self.now[1]
+
+        self.kinematics.update(state)
+        soles = 0.5 * (self.kinematics.position("left_sole") + self.kinematics.position("right_sole"))
+        ahead = rotations.rotation_z(-state.yaw)  # from the world to the heading frame
+        x, _, z = ahead @ (self.kinematics.centre_of_mass() - soles)
+        v = 0.0 if state.velocity is None else (ahead @ state.velocity)[0]
+        capture = x + v * np.sqrt(max(z, 0.1) / GRAVITY)
+        # Pressure beyond the capture point drives it back over the middle of the soles.
+        pressure = np.clip(np.mean(self.robot.sole_x) + 2.0 * capture, HEEL, TOE)
+        tau[self.ankles] = 0.5 * self.weight * pressure
+        return override_arms(JointCommand(q, np.zeros(19), self.kp, self.kd, tau), upper_body, self.robot)
 
 
-def main(h: float = -0.05, duration: float = 2.0) -> None:
-    """Squat.
+def main(h: float = -0.1, w: float = 0.5, push: float = 40.0, duration: float = 6.0, show: bool = False) -> None:
+    """Squat, turn the waist, and be pushed.
 
     Args:
         h: commanded height relative to standing [m].
-        duration: how long [s].
+        w: commanded angle of the waist [rad].
+        push: force on the chest from behind, for 0.3 s halfway through [N].
+        duration: how long to run [s].
+        show: show the robot live in the browser.
     """
-    trace = rollout(Squatter(), Constant(Command(h=h).validate()), Simulation(), duration=duration)
-    fate = f"fell after {trace.survived_s:.2f} s" if trace.fell else "did not fall"
-    print(f"commanded {h:.2f} m, came to {trace.measured[:, 3].min():.2f} m and {fate}")
-    print("it does not balance: that is what the learned and the model-based controller do")
+    shove = Force((push, 0.0, 0.0), start=duration / 2.0, duration=0.3)
+    source = Constant(Command(h=h, w=w).validate())
+    trace = watch(Squatter(), source, Simulation(), duration=duration, forces=[shove], show=show, replay="out/10.html")
+    height, waist = trace.measured[-1, 3], trace.measured[-1, 5]
+    print(f"commanded {h:.2f} m and {w:.2f} rad, came to {height:.2f} m and {waist:.2f} rad")
+    print(f"The robot balanced with its ankles, was pushed with {push:.0f} N and {fate(trace)}.")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -1,8 +1,8 @@
-"""The eight numbers that both controllers track, their ranges per gait, validation and sampling."""
+"""The eight command values that controllers track, their ranges per gait, validation and sampling."""
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,14 +16,14 @@ VELOCITY_NAMES = ("v_x", "v_y", "omega")
 
 @dataclasses.dataclass(frozen=True)
 class CommandRange:
-    """Default value, range at the start of training and range at its end, of one command."""
+    """The default value of one command, its range at the start of training, and its range at the end."""
 
     default: float
     initial: tuple[float, float]
     finishing: tuple[float, float]
 
 
-# The paper's table of command ranges; every gait but hopping.
+# The paper's table of command ranges, for every gait except hopping.
 _GENERAL = {
     "v_x": CommandRange(0.0, (-0.6, 0.6), (-0.6, 2.0)),
     "v_y": CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)),
@@ -34,7 +34,7 @@ _GENERAL = {
     "p": CommandRange(0.0, (0.0, 0.4), (0.0, 0.4)),
     "w": CommandRange(0.0, (-1.0, 1.0), (-1.0, 1.0)),
 }
-# The paper's appendix on hopping: only velocities and height are commanded, the rest stays at its default.
+# The paper's appendix on hopping: only velocities and height are commanded; the others stay at their defaults.
 _HOPPING = {
     **_GENERAL,
     **{name: CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)) for name in VELOCITY_NAMES},
@@ -48,7 +48,7 @@ _STANDING = {
 
 
 def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
-    """Ranges of the eight commands under a gait, by name. Standing admits zero velocity only."""
+    """Return the ranges of the eight commands in a gait, by name. Standing allows zero velocity only."""
     if gait is Gait.STANDING:
         return _STANDING
     if gait.hops:
@@ -58,7 +58,7 @@ def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
 
 @dataclasses.dataclass(frozen=True)
 class Command:
-    """What both controllers are asked to do.
+    """What a controller is asked to do: eight numbers and a gait.
 
     Attributes:
         v_x, v_y: velocity of the pelvis in the heading frame (yaw only) [m/s].
@@ -82,20 +82,20 @@ class Command:
     gait: Gait = Gait.STANDING
 
     def array(self) -> np.ndarray:
-        """The eight numbers in the order of `COMMAND_NAMES`, shape (8,)."""
+        """Return the eight numbers in the order of `COMMAND_NAMES`, shape (8,)."""
         return np.array([getattr(self, name) for name in COMMAND_NAMES], dtype=float)
 
     @classmethod
     def from_array(cls, values: np.ndarray, gait: Gait) -> "Command":
-        """The command with the eight numbers of `values`, in the order of `COMMAND_NAMES`."""
+        """Build a command from eight numbers in the order of `COMMAND_NAMES`."""
         return cls(**dict(zip(COMMAND_NAMES, map(float, values), strict=True)), gait=gait)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, float], gait: Gait) -> "Command":
-        """The default command of a gait with some values replaced.
+        """Build the default command of a gait with some values replaced.
 
         Raises:
-            UnknownNameError: if a key is no command.
+            UnknownNameError: if a key is not the name of a command.
         """
         for name in values:
             if name not in COMMAND_NAMES:
@@ -103,10 +103,10 @@ class Command:
         return cls(**values, gait=gait)
 
     def validate(self) -> "Command":
-        """This command, if every value is finite and within the gait's finishing range.
+        """Return this command if every value is finite and within the gait's finishing range.
 
         Raises:
-            CommandError: naming the first value that is not, the valid range and the remedy.
+            CommandError: with the first invalid value, the valid range and the remedy.
         """
         for name, limits in command_ranges(self.gait).items():
             value = getattr(self, name)
@@ -121,36 +121,60 @@ class Command:
                 )
         return self
 
-    def clamp(self) -> tuple["Command", tuple[str, ...]]:
-        """The nearest valid command, and a report of what was changed; NaN becomes the default.
+    def clamp(self) -> tuple["Command", tuple["CommandChange", ...]]:
+        """Return the nearest valid command and what was changed; NaN becomes the default.
 
-        Control loops call this instead of `validate`: nothing raises inside a loop.
+        Control loops call this instead of `validate`, because nothing may raise inside a loop.
 
         Returns:
-            The command, and one line for each value that was changed.
+            The command, and one record for each value that was changed.
         """
-        changes: dict[str, float] = {}
-        report: list[str] = []
+        changes = []
         for name, limits in command_ranges(self.gait).items():
             value = getattr(self, name)
             low, high = limits.finishing
             valid = limits.default if math.isnan(value) else min(max(value, low), high)
             if valid != value:
-                changes[name] = valid
-                report.append(f"{name} = {value:g} is outside {low:g} to {high:g}: using {valid:g}")
-        return (dataclasses.replace(self, **changes), tuple(report)) if changes else (self, ())
+                changes.append(CommandChange(name, value, valid, f"is outside {low:g} to {high:g}"))
+        return changed_command(self, changes), tuple(changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class CommandChange:
+    """A command value that was replaced; `str` makes the sentence for people.
+
+    Attributes:
+        name: one of `COMMAND_NAMES`.
+        asked: the value as commanded.
+        used: the value in its place.
+        why: a clause that continues "name = asked", such as "is outside -0.6 to 2".
+    """
+
+    name: str
+    asked: float
+    used: float
+    why: str
+
+    def __str__(self) -> str:
+        """Return the change as a clause, with the value used to three digits."""
+        return f"{self.name} = {self.asked:g} {self.why}: using {self.used:.3g}"
+
+
+def changed_command(command: Command, changes: Sequence[CommandChange]) -> Command:
+    """Return the command with the changes applied; the same object if there are none."""
+    return dataclasses.replace(command, **{change.name: change.used for change in changes}) if changes else command
 
 
 def default_command(gait: Gait) -> Command:
-    """The command of a gait with every value at the paper's default."""
+    """Return the command of a gait with every value at the paper's default."""
     return Command(gait=gait)
 
 
 def sample_single(name: str, gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
-    """Commands with one value drawn uniformly over its finishing range and the others at default, shape (size, 8).
+    """Draw one value uniformly from its finishing range, with the others at their defaults; shape (size, 8).
 
     Raises:
-        UnknownNameError: if `name` is no command.
+        UnknownNameError: if `name` is not the name of a command.
     """
     if name not in COMMAND_NAMES:
         raise UnknownNameError("command", name, COMMAND_NAMES)
@@ -160,6 +184,6 @@ def sample_single(name: str, gait: Gait, rng: np.random.Generator, size: int) ->
 
 
 def sample_all(gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
-    """Commands with all eight values drawn independently over their finishing ranges, shape (size, 8)."""
+    """Draw all eight values independently from their finishing ranges; shape (size, 8)."""
     low, high = np.array([limits.finishing for limits in command_ranges(gait).values()]).T
     return rng.uniform(low, high, (size, len(COMMAND_NAMES)))

@@ -1,4 +1,4 @@
-"""The message to the joints, the external upper body, and the interface that every controller implements."""
+"""The message to the joints, external control of the arms, and the interface that every controller implements."""
 
 import dataclasses
 from typing import Protocol, runtime_checkable
@@ -13,9 +13,9 @@ from hugwbc.state import RobotState
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JointCommand:
-    """What a joint receives: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
+    """A command to all joints: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
 
-    The same five vectors as a Unitree robot's low-level command; each of shape (19,), in the robot's joint order.
+    It holds the five vectors of a Unitree robot's low-level command, each of shape (19,), in the robot's joint order.
 
     Attributes:
         q: position targets [rad].
@@ -33,7 +33,7 @@ class JointCommand:
 
     @classmethod
     def position(cls, robot: Robot, q: np.ndarray) -> "JointCommand":
-        """Hold joint positions with the robot's nominal gains and no feed-forward."""
+        """Build a command that holds positions with the robot's nominal gains and without feed-forward torque."""
         zero = np.zeros_like(robot.kp)
         return cls(q=q, dq=zero, kp=robot.kp, kd=robot.kd, tau=zero)
 
@@ -45,12 +45,12 @@ class JointCommand:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class UpperBody:
-    """External control of the arms: from IK, a motion file or noise. `UpperBody.none()` leaves them to the controller.
+    """External control of the arms by IK, a motion file or noise; `UpperBody.none()` leaves them to the controller.
 
     Attributes:
-        q: targets of the eight arm joints (order of `Robot.arms`) [rad], shape (8,).
-        dq: their velocities [rad/s], shape (8,).
-        mask: which of the eight are taken over, shape (8,), bool.
+        q: position targets of the eight arm joints, in the order of `Robot.arms` [rad], shape (8,).
+        dq: velocity targets [rad/s], shape (8,).
+        mask: which of the eight joints are taken over, shape (8,), bool.
     """
 
     q: np.ndarray
@@ -59,12 +59,12 @@ class UpperBody:
 
     @classmethod
     def none(cls) -> "UpperBody":
-        """No external control."""
+        """Return no external control."""
         return cls(np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
 
     @classmethod
     def targets(cls, q: np.ndarray, dq: np.ndarray | None = None) -> "UpperBody":
-        """Take over both arms.
+        """Build targets that take over both arms.
 
         Raises:
             TargetError: if the targets are not eight finite numbers.
@@ -86,16 +86,15 @@ class UpperBody:
 
 @runtime_checkable
 class Controller(Protocol):
-    """A whole-body controller. Simulation, safety, evaluation, viewer and command line know nothing else of it.
+    """A whole-body controller.
+
+    These four members are all that simulation, safety filter, evaluation, viewer and command line require. What a
+    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds`, `HasPlannedAcceleration`,
+    `CarriesArms` or `HasBatch`. A class need not inherit from any of these protocols.
 
     Attributes:
         name: short name for tables.
         period: time between two calls of `act` [s].
-
-    Two more members are shown in pictures where a controller has them: `phase`, the common phase of its gait
-    (`hugwbc.gait`), and `footholds`, where the soles of the feet in the air are to land (`hugwbc.runtime.moment`).
-    Where it has `planned_acceleration`, what its last command is to do to the joints [rad/s^2], shape (19,), or None,
-    the state estimator follows the joints more closely.
     """
 
     name: str
@@ -106,14 +105,100 @@ class Controller(Protocol):
         ...
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The joint command for the next period. Never raises on bad numbers: clamps, falls back, counts."""
+        """Return the joint command for the next period. Never raise on bad numbers: clamp, fall back, count."""
+        ...
+
+
+@runtime_checkable
+class HasPhase(Protocol):
+    """A controller that keeps a gait clock, which pictures show."""
+
+    @property
+    def phase(self) -> float:
+        """The common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1)."""
+        ...
+
+
+@runtime_checkable
+class HasFootholds(Protocol):
+    """A controller that plans its footholds, which pictures show."""
+
+    @property
+    def footholds(self) -> np.ndarray:
+        """Where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other feet."""
+        ...
+
+
+@runtime_checkable
+class HasPlannedAcceleration(Protocol):
+    """A controller that predicts joint accelerations, with which the state estimator lags less."""
+
+    @property
+    def planned_acceleration(self) -> np.ndarray | None:
+        """Joint accelerations that the last command should cause [rad/s^2], shape (19,); None without a plan."""
+        ...
+
+
+@runtime_checkable
+class CarriesArms(Protocol):
+    """A controller whose feed-forward torques carry the weight of the arms.
+
+    Arms of any other controller are driven by position alone and sag; hand IK compensates for that
+    (`hugwbc.upper_ik.GravityCompensation`).
+    """
+
+    carries_arms: bool
+
+
+class ControllerRows(Protocol):
+    """One controller evaluated for many robots at once; row i belongs to robot i.
+
+    Attributes:
+        kp: stiffness [N*m/rad], shape (19,).
+        kd: damping [N*m*s/rad], shape (19,).
+        phase: gait phase of each robot, shape (n,).
+    """
+
+    kp: np.ndarray
+    kd: np.ndarray
+    phase: np.ndarray
+
+    def reset(self) -> None:
+        """Forget the past of all robots."""
+        ...
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Keep only the robots selected by the mask `rows`, shape (n,), bool."""
+        ...
+
+    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
+        """Add the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
+        ...
+
+    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
+        """Return joint position targets [rad], shape (n, 19).
+
+        Args:
+            command: the eight command values of each robot, shape (n, 8).
+            gait: values of `Gait`, shape (n,).
+            indicator: whether each robot's arms are under external control, shape (n,), bool.
+        """
+        ...
+
+
+@runtime_checkable
+class HasBatch(Controller, Protocol):
+    """A controller with a batch form whose rows equal `act` bit for bit."""
+
+    def for_many(self, count: int) -> ControllerRows:
+        """Return the batch form for `count` robots."""
         ...
 
 
 def override_arms(joint_command: JointCommand, upper_body: UpperBody, robot: Robot) -> JointCommand:
-    """The command with the arm joints under external control set to their targets, at the robot's nominal arm gains.
+    """Return the command with the externally controlled arm joints set to their targets at the robot's nominal gains.
 
-    For controllers that, like the learned one, do not place external arm targets in their own output.
+    Controllers that do not place external arm targets in their own output, such as the learned one, call this.
     """
     if not upper_body.indicator:
         return joint_command

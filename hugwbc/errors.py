@@ -9,7 +9,7 @@ class HugwbcError(Exception):
 
 
 class UnknownNameError(HugwbcError):
-    """A joint, gait, command, script, controller or policy name that does not exist."""
+    """A name of a joint, gait, command, script, controller or policy that does not exist."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         names = list(valid)
@@ -19,7 +19,7 @@ class UnknownNameError(HugwbcError):
         self._made_of = (kind, name, tuple(names))
 
     def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, object, tuple[str, ...]]]:
-        """What makes it anew: a pickle of an exception else holds its message alone, which is no argument."""
+        """Pickle the constructor arguments; exceptions otherwise keep only the message."""
         return type(self), self._made_of
 
 
@@ -32,11 +32,11 @@ class TargetError(HugwbcError):
 
 
 class ScriptError(HugwbcError):
-    """A script file that cannot be read, or says something that a script may not; names file and line."""
+    """A script file that cannot be read or is not a valid script; names file and line."""
 
 
 class MotionFileError(HugwbcError):
-    """A motion file that cannot be read, or holds what is no motion of the arms."""
+    """A motion file that cannot be read or does not hold a motion of the arms."""
 
 
 class PolicyFileError(HugwbcError):
@@ -44,7 +44,7 @@ class PolicyFileError(HugwbcError):
 
 
 class ContractError(HugwbcError):
-    """A contract of a foreign policy that cannot be read, or says what a contract may not; names file and line."""
+    """A contract of a foreign policy that cannot be read or is not valid; names file and line."""
 
 
 class ModelError(HugwbcError):
@@ -56,8 +56,8 @@ class ConfigError(HugwbcError):
 
 
 class ResultFileError(HugwbcError):
-    """A file of evaluation results that is damaged, foreign or of another version, or a folder that cannot hold one."""
+    """A file of evaluation results that is damaged, foreign or of another version, or a folder that cannot be used."""
 
 
 class WorkerError(HugwbcError):
-    """Worker processes or a cluster that cannot be reached, or that ended in the middle of an evaluation."""
+    """Worker processes or a cluster that cannot be reached or ended during an evaluation."""

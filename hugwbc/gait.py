@@ -1,7 +1,7 @@
 """Gaits: phases of both feet, homogenised phase, clock signals, expected contact and the quintic swing profile.
 
 Functions of arrays take NumPy arrays or torch tensors and return the same kind, so that the training environment, the
-model-based controller and the evaluation share one definition. The last axis of a phase array is (left, right).
+`qp` controller and the evaluation share one definition. The last axis of a phase array is (left, right).
 """
 
 import enum
@@ -23,7 +23,7 @@ Array = Any  # a NumPy array or a torch tensor
 
 
 class Gait(enum.IntEnum):
-    """The paper's gaits; hopping is told apart by the leg that hops."""
+    """The paper's gaits, with hopping split by the leg that hops."""
 
     STANDING = 0
     WALKING = 1
@@ -43,10 +43,10 @@ class Gait(enum.IntEnum):
 
     @classmethod
     def parse(cls, label: str) -> "Gait":
-        """The gait of that label.
+        """Return the gait with a label.
 
         Raises:
-            UnknownNameError: if there is none.
+            UnknownNameError: if no gait has that label.
         """
         try:
             return cls[label.upper()]
@@ -55,11 +55,11 @@ class Gait(enum.IntEnum):
 
     @property
     def hops(self) -> bool:
-        """Whether one leg hops while the other is held."""
+        """Whether one leg hops while the other is held up."""
         return self in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 
     def mirrored(self) -> "Gait":
-        """The gait seen in a mirror: hopping changes legs, the others stay."""
+        """Return the gait seen in a mirror: hopping changes legs, the others stay."""
         return {Gait.HOPPING_LEFT: Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT: Gait.HOPPING_LEFT}.get(self, self)
 
 
@@ -82,16 +82,16 @@ _erf = np.vectorize(math.erf, otypes=[float])
 
 
 def advance_phase(phase: Array, frequency: Array, dt: float) -> Array:
-    """The gait's common phase after `dt` seconds: (phi + f dt) mod 1 (the paper's phase equation, with the modulo)."""
+    """Return the common phase after `dt` seconds: (phi + f dt) mod 1 (the paper's phase equation, with the modulo)."""
     return (phase + frequency * dt) % 1.0
 
 
 def foot_phases(phase: Array, gait: Array) -> Array:
-    """Phases of the left and right foot.
+    """Return the phases of the left and right foot.
 
-    The paper's phase equation, with the constants of its gait section: both feet at 0.25 standing, the flying leg at
-    0.75 hopping, an offset of psi = 0.5 between the feet walking and 0 jumping. The offset is on the left foot, so
-    that a walk that starts at phase 0 begins with the left foot in swing.
+    This is the paper's phase equation with the constants of its gait section: both feet at 0.25 when standing, the
+    flying leg at 0.75 when hopping, an offset between the feet of psi = 0.5 when walking and 0 when jumping. The offset
+    is added to the left foot, so that a walk that starts at phase 0 begins with the left foot in swing.
 
     Args:
         phase: common phase in [0, 1), shape (...).
@@ -112,10 +112,10 @@ def foot_phases(phase: Array, gait: Array) -> Array:
 
 
 def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
-    """Phase with stance stretched to [0, 0.5) and swing to [0.5, 1) (the paper's bar phi).
+    """Return the phase with stance mapped to [0, 0.5) and swing to [0.5, 1) (the paper's bar phi).
 
     Args:
-        phase: phase in [0, 1).
+        phase: phase of a foot in [0, 1).
         duty: the paper's phi_stance, the fraction of a cycle in stance, in (0, 1).
     """
     xp = _xp(phase)
@@ -125,12 +125,12 @@ def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
 
 
 def clock(homogenised: Array) -> Array:
-    """Clock signals sin(2 pi bar phi), positive in stance (the paper's Cl_L, Cl_R)."""
+    """Return the clock signals sin(2 pi bar phi), positive in stance (the paper's Cl_L, Cl_R)."""
     return _xp(homogenised).sin(2.0 * math.pi * homogenised)
 
 
 def expected_contact(homogenised: Array, sigma: float = CONTACT_SIGMA) -> Array:
-    """Expected contact probability C of a foot (the paper's equation of C), in [0, 1].
+    """Return the expected contact probability C of a foot (the paper's equation of C), in [0, 1].
 
     Args:
         homogenised: homogenised phase in [0, 1].
@@ -144,13 +144,13 @@ def expected_contact(homogenised: Array, sigma: float = CONTACT_SIGMA) -> Array:
 
 
 def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Array = 0.0) -> Array:
-    """Target sole clearance of a foot [m]: zero in stance, a piecewise quintic through the apex in swing.
+    """Return the target sole clearance of a foot [m]: zero in stance, a piecewise quintic through the apex in swing.
 
     Rise: start + (height - start) s(u), u = (bar phi - 0.5) / 0.25; fall: end + (height - end) s(u),
     u = (1 - bar phi) / 0.25; s(u) = 10 u^3 - 15 u^4 + 6 u^5. Velocity and acceleration vanish at lift-off, apex and
-    touch-down. Corrected from the paper's appendix, whose printed coefficients miss its own boundary conditions (signs
-    of the u^4 and u^3 terms in the rise; sign and constant in the fall); the boundary systems that it prints are right
-    and give the form used here.
+    touch-down. This corrects the paper's appendix: its printed coefficients miss its own boundary conditions (signs of
+    the u^4 and u^3 terms in the rise; sign and constant in the fall). Its boundary conditions are right and give the
+    form used here.
 
     Args:
         homogenised: homogenised phase in [0, 1].

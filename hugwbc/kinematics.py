@@ -15,7 +15,7 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 
 MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
-"""The commands that are measured at every moment, in the order of the columns of records."""
+"""The commands that are measured at all times, in the order of the columns of a record."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Measured:
         h: pelvis height above the ground below it, minus the nominal height [m].
         p: pelvis pitch [rad].
         w: waist angle [rad].
-        clearance: height of both soles' centres above the ground [m].
+        clearance: height of the left and the right sole centre above the ground [m].
     """
 
     v_x: float
@@ -42,7 +42,7 @@ class Measured:
 
 @functools.cache
 def pinocchio_model() -> pin.Model:
-    """The free-floating H1, with the table's rotor inertia in every joint. Shared; do not modify."""
+    """Return the free-floating H1 with the rotor inertia of every joint. The model is shared; do not modify it."""
     robot = load_robot()
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
     model.armature[6:] = robot.armature
@@ -50,19 +50,19 @@ def pinocchio_model() -> pin.Model:
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
-    """Columns of the robot's joints in the model's velocity, shape (19,): the two may order them differently."""
+    """Return the index of each robot joint in the model's velocity, shape (19,); the two orders may differ."""
     return np.array([model.joints[model.getJointId(name)].idx_v for name in robot.joint_names])
 
 
 def in_place(indices: np.ndarray) -> slice | np.ndarray:
-    """The same indices as a slice where they are consecutive: it reads and writes in place, an index array copies."""
+    """Return consecutive indices as a slice, which reads and writes in place where an index array would copy."""
     first = int(indices[0])
     consecutive = np.array_equal(indices, np.arange(first, first + indices.size))
     return slice(first, first + indices.size) if consecutive else indices
 
 
 def _into_body(orientation: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float]:
-    """`rotations.rotate_inverse` of a single vector: on three numbers, floats are several times faster than arrays."""
+    """Rotate one vector into the body frame; for three numbers, floats are several times faster than arrays."""
     w, x, y, z = orientation.tolist()
     a, b, c = velocity.tolist()
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -89,7 +89,7 @@ class Kinematics:
         self._ids: dict[str, int] = {}
 
     def update(self, state: RobotState) -> None:
-        """Set the configuration and compute frames and centre of mass. A missing position or velocity counts as 0."""
+        """Set the configuration and compute frames and centre of mass; a missing position or velocity counts as 0."""
         self._state = state
         self.q[:3] = 0.0 if state.position is None else state.position
         self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
@@ -105,22 +105,22 @@ class Kinematics:
         pin.updateFramePlacements(self.model, self.data)
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio's index of a frame."""
+        """Return Pinocchio's index of a frame."""
         index = self._ids.get(name)
         if index is None:
             index = self._ids[name] = self.model.getFrameId(name)
         return index
 
     def position(self, frame: str) -> np.ndarray:
-        """Origin of a frame in the world [m], shape (3,)."""
+        """Return the origin of a frame in the world [m], shape (3,)."""
         return self.data.oMf[self.frame_id(frame)].translation.copy()
 
     def rotation(self, frame: str) -> np.ndarray:
-        """Axes of a frame in the world, shape (3, 3)."""
+        """Return the axes of a frame in the world as columns, shape (3, 3)."""
         return self.data.oMf[self.frame_id(frame)].rotation.copy()
 
     def velocity(self, frame: str) -> np.ndarray:
-        """Velocity of a frame's origin, then its angular velocity, in world axes [m/s, rad/s], shape (6,)."""
+        """Return the linear, then the angular velocity of a frame in world axes [m/s, rad/s], shape (6,)."""
         return pin.getFrameVelocity(self.model, self.data, self.frame_id(frame), pin.LOCAL_WORLD_ALIGNED).vector.copy()
 
     def centre_of_mass(self) -> np.ndarray:
@@ -128,11 +128,11 @@ class Kinematics:
         return pin.centerOfMass(self.model, self.data, self.q).copy()
 
     def measured(self, ground_height: float = 0.0, sole_ground: tuple[float, float] | None = None) -> Measured:
-        """The commanded quantities at the updated state.
+        """Return the commanded quantities as measured at the updated state.
 
         Args:
             ground_height: height of the ground below the pelvis [m].
-            sole_ground: height of the ground below the left and the right sole [m]; None if level with the first.
+            sole_ground: height of the ground below the left and the right sole [m]; None for level ground.
         """
         state = self._state
         if state is None or state.position is None or state.velocity is None:

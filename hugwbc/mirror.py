@@ -1,7 +1,7 @@
 """Left-right mirror of joints, vectors, states and commands, built from joint names and axes.
 
 Reflection in the x-z plane: the y component of a vector changes sign; an axial vector (angular velocity) keeps its y
-component and changes sign in x and z. A joint's partner is the joint whose name has the other side; its sign follows
+component and changes sign in x and z. A joint's partner is the joint with the other side in its name; its sign follows
 from how its axis is reflected.
 """
 
@@ -30,10 +30,10 @@ def _other_side(name: str) -> str:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mirror:
-    """Index and sign of every joint's mirror image: mirrored = vector[joint_index] * joint_sign.
+    """The index and sign of every joint's mirror image: mirrored = vector[joint_index] * joint_sign.
 
     Attributes:
-        joint_index: for each joint, the joint on the other side, shape (19,).
+        joint_index: index of each joint's partner on the other side, shape (19,).
         joint_sign: +1 or -1, shape (19,).
     """
 
@@ -44,7 +44,7 @@ class Mirror:
     def of(cls, robot: Robot) -> "Mirror":
         """Build the map from the robot's joint names and axes.
 
-        A joint turning about y keeps its sign, one about x or z changes it: the axis is an axial vector.
+        A joint about y keeps its sign and a joint about x or z changes it, because the axis is an axial vector.
         """
         index = robot.indices([_other_side(name) for name in robot.joint_names])
         # The mirrored joint's own axis is robot.axes[index]; the reflected axis of this joint is AXIAL_SIGNS * axis.
@@ -78,11 +78,11 @@ class Mirror:
 
 
 def mirror_command(command: Command) -> Command:
-    """The command whose execution is the mirror image of the given one's."""
+    """Return the command whose execution is the mirror image of that of the given one."""
     return Command.from_array(command.array() * COMMAND_SIGNS, command.gait.mirrored())
 
 
 @functools.cache
 def load_mirror() -> Mirror:
-    """The H1's mirror map."""
+    """Return the H1's mirror map."""
     return Mirror.of(load_robot())

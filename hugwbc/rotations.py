@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) and the few rotations that everything shares. NumPy only."""
+"""Quaternions (w, x, y, z) and rotation matrices, with NumPy only."""
 
 import math
 
@@ -6,43 +6,43 @@ import numpy as np
 
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """The vector turned by the quaternion: from the body's frame to the world's; shapes (..., 4) and (..., 3)."""
+    """Rotate a vector from the body frame to the world frame; shapes (..., 4) and (..., 3)."""
     w, u = quaternion[..., :1], quaternion[..., 1:]
     t = 2.0 * _cross(u, vector)
     return vector + w * t + _cross(u, t)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of shapes (..., 3); several times faster than `np.cross` on single vectors."""
+    """Return the cross product, shape (..., 3); several times faster than `np.cross` on single vectors."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-1)
 
 
 def rotate_inverse(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """The vector turned by the inverse quaternion: from the world's frame to the body's."""
+    """Rotate a vector from the world frame to the body frame; shapes (..., 4) and (..., 3)."""
     return rotate(conjugate(quaternion), vector)
 
 
 def conjugate(quaternion: np.ndarray) -> np.ndarray:
-    """The inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product a b: the rotation b followed by a."""
+    """Return the Hamilton product a b: the rotation b followed by a."""
     aw, bw, au, bu = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
     w = aw * bw - np.sum(au * bu, axis=-1, keepdims=True)
     return np.concatenate((w, aw * bu + bw * au + _cross(au, bu)), axis=-1)
 
 
 def from_axis_angle(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Unit quaternion of a turn by `angle` [rad] about the unit vector `axis`."""
+    """Return the unit quaternion of a rotation by `angle` [rad] about the unit vector `axis`."""
     return np.concatenate(([np.cos(angle / 2.0)], np.sin(angle / 2.0) * np.asarray(axis)))
 
 
 def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
-    """Quaternion of a turn about z, then the new y, then the new x [rad]."""
+    """Return the quaternion of a rotation about z, then the new y, then the new x [rad]."""
     z = from_axis_angle(np.array([0.0, 0.0, 1.0]), yaw)
     y = from_axis_angle(np.array([0.0, 1.0, 0.0]), pitch)
     x = from_axis_angle(np.array([1.0, 0.0, 0.0]), roll)
@@ -50,47 +50,47 @@ def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
 
 
 def to_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrix, shape (..., 3, 3): its columns are the body's axes in the world."""
+    """Return the rotation matrix, shape (..., 3, 3), whose columns are the body axes in the world."""
     columns = [rotate(quaternion, np.broadcast_to(e, (*quaternion.shape[:-1], 3))) for e in np.eye(3)]
     return np.stack(columns, axis=-1)
 
 
 def yaw_of(quaternion: np.ndarray) -> np.ndarray:
-    """Heading: angle of the body's x axis about gravity [rad]."""
+    """Return the heading: the angle of the body's x axis about gravity [rad]."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def pitch_of(quaternion: np.ndarray) -> np.ndarray:
-    """Pitch, forward positive: minus the elevation of the body's x axis [rad]."""
+    """Return the pitch, forward positive: minus the elevation of the body's x axis [rad]."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     return np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
 
 
 def roll_of(quaternion: np.ndarray) -> np.ndarray:
-    """Roll about the body's x axis, right side down positive [rad]."""
+    """Return the roll about the body's x axis, right side down positive [rad]."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
 
 
 def rotation_z(angle: float) -> np.ndarray:
-    """Rotation matrix of a turn about z [rad], shape (3, 3)."""
+    """Return the matrix of a rotation about z [rad], shape (3, 3)."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def rotation_y(angle: float) -> np.ndarray:
-    """Rotation matrix of a turn about y [rad], shape (3, 3)."""
+    """Return the matrix of a rotation about y [rad], shape (3, 3)."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def rotation_zy(yaw: float, pitch: float) -> np.ndarray:
-    """Rotation matrix of a turn about z, then the new y [rad], shape (3, 3)."""
+    """Return the matrix of a rotation about z, then the new y [rad], shape (3, 3)."""
     cz, sz, cy, sy = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
     return np.array([[cz * cy, -sz, cz * sy], [sz * cy, cz, sz * sy], [-sy, 0.0, cy]])
 
 
 def wrap_angle(angle: np.ndarray | float) -> np.ndarray | float:
-    """The same angle in [-pi, pi) [rad]."""
+    """Return the same angle in [-pi, pi) [rad]."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""What sensors (or, in simulation, the truth) tell a controller about the robot."""
+"""The state of the robot that sensors, an estimator or the simulation give to a controller."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ GRAVITY = 9.81  # [m/s^2]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RobotState:
-    """One reading of the robot. Joint vectors follow `Robot.joint_names`; quaternions are (w, x, y, z).
+    """One reading of the robot; joint vectors follow `Robot.joint_names`, quaternions are (w, x, y, z).
 
     Attributes:
         q, dq: joint positions [rad] and velocities [rad/s], shape (19,).
@@ -21,9 +21,9 @@ class RobotState:
         velocity: of the pelvis origin, in the world frame [m/s], shape (3,), or None without an estimator.
         foot_force: ground reaction on the left and right foot, in the world frame [N], shape (2, 3), or None.
         imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
-        imu_accelerometer: specific force at the IMU (acceleration less gravity), in its own frame, mean since the last
-            reading [m/s^2], shape (3,), or None.
-        time: of the reading [s].
+        imu_accelerometer: specific force at the IMU (acceleration minus gravity), in its own frame, averaged since the
+            last reading [m/s^2], shape (3,), or None.
+        time: time of the reading [s].
         age: how long ago the reading was taken [s].
     """
 
@@ -51,13 +51,13 @@ class RobotState:
 
     @property
     def is_finite(self) -> bool:
-        """Whether every field that is present holds finite numbers only."""
+        """Whether all numbers in the fields that are present are finite."""
         fields = [getattr(self, name) for name in _FIELDS]
         return bool(np.isfinite(np.concatenate([np.ravel(value) for value in fields if value is not None])).all())
 
     @property
     def is_usable(self) -> bool:
-        """Whether it is finite and the orientation is a unit quaternion to 5 %: an IMU that died may give zeros."""
+        """Whether the state is finite and its orientation a unit quaternion to 5 %; a broken IMU may send zeros."""
         return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
@@ -67,13 +67,13 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
 def pelvis_from_torso_imu(
     orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pelvis orientation and angular velocity from the IMU, which sits on the torso above the waist joint.
+    """Return pelvis orientation and angular velocity from the IMU, which sits on the torso above the waist joint.
 
     Args:
         orientation: torso to world, shape (4,).
         gyro: angular velocity of the torso in its own frame [rad/s], shape (3,).
         waist: angle of the waist joint [rad].
-        waist_rate: its velocity [rad/s].
+        waist_rate: velocity of the waist joint [rad/s].
 
     Returns:
         Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).

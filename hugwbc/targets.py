@@ -1,4 +1,4 @@
-"""Where the hands should be: the input of hand IK, and what a script, a teleoperator or a planner produces."""
+"""Hand targets: the input of hand IK, produced by a script, a teleoperator or a planner."""
 
 import dataclasses
 from typing import Literal, get_args
@@ -9,30 +9,30 @@ from hugwbc.errors import TargetError, UnknownNameError
 
 HandFrame = Literal["pelvis", "heading", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
-FARTHEST = 1e4  # [m] of a coordinate: no robot walks as far, and squares of errors stay finite
+FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandTargets:
-    """Target positions of both hand frames (the tips of the forearms), or of the arm joints in their place.
+    """Target positions of both hands (the tips of the forearms), or of the arm joints instead.
 
-    The plain constructor checks nothing, so that a control loop can carry whatever arrives; `HandTargets.of` is the
-    checked one for users.
+    The constructor checks nothing, so that a control loop can carry whatever arrives. Users call `HandTargets.of`,
+    which checks.
 
     Attributes:
-        left, right: positions [m], shape (3,); None for a hand without a target, which rests beside the body.
-        frame: "pelvis" for the pelvis frame (it moves, pitches and turns with the pelvis, not with the waist),
-            "heading" for one at the pelvis that turns with its yaw only and stays level, "world" for the world frame.
+        left, right: positions [m], shape (3,); None for a hand that rests next to the body.
+        frame: "pelvis" for the pelvis frame, which moves and turns with the pelvis but not with the waist; "heading"
+            for a level frame at the pelvis that turns with its yaw only; "world" for the world frame.
         left_direction, right_direction: unit vectors along which the forearms should point, shape (3,); None where it
-            does not matter. With four joints an arm has one left to turn towards it, once its hand is in place.
-        together: whether the hands hold one thing: their relative position then goes before where they are.
-        whole_body: whether h, p and w may leave the command to bring the hands nearer.
-        stamp: when the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new whenever
-            they arrive, as a script's are.
-        sequence: number of the message that brought them, rising by one; None where nobody counts.
-        joints: of both arms, order of `Robot.arm_names` [rad], shape (8,), as a motion file has them: no inverse
-            kinematics then, and no positions of the hands. None for targets of the hands.
-        joint_velocity: at which the joints move [rad/s], shape (8,); None for 0.
+            does not matter. An arm has four joints; one is left to point the forearm once the hand is in place.
+        together: whether the hands hold one object; their relative position then has priority over their positions.
+        whole_body: whether h, p and w may differ from the command to bring the hands nearer.
+        stamp: time at which the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new
+            whenever they arrive, such as a script's.
+        sequence: number of the message, rising by one; None if messages are not counted.
+        joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (8,), such as those of a
+            motion file; they replace hand positions and inverse kinematics. None for targets of the hands.
+        joint_velocity: velocities of those joints [rad/s], shape (8,); None for 0.
     """
 
     left: np.ndarray | None
@@ -59,12 +59,12 @@ class HandTargets:
         together: bool = False,
         whole_body: bool = False,
     ) -> "HandTargets":
-        """Targets from any two sequences of three finite numbers; None for a hand without a target.
+        """Build checked targets from sequences of three finite numbers; None for a hand without a target.
 
         Raises:
-            TargetError: if a position or direction is not three finite numbers, or a target is missing: of both hands,
-                or of one where they hold one thing.
-            UnknownNameError: if the frame is none of `HAND_FRAMES`.
+            TargetError: if a position or direction is not three finite numbers, if both hands lack a target, or if one
+                of two hands that hold one object lacks it.
+            UnknownNameError: if the frame is not one of `HAND_FRAMES`.
         """
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
@@ -75,7 +75,7 @@ class HandTargets:
             for side, value in (("left", left), ("right", right))
         ]
         if together and (left is None or right is None):
-            raise TargetError("hands that hold one thing both need a target; give left and right, or together=False")
+            raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
         directions = [
             None if value is None else direction(f"{side} pointing direction", value)
             for side, value in (("left", left_direction), ("right", right_direction))
@@ -83,7 +83,7 @@ class HandTargets:
         return cls(*points, frame, *directions, together, whole_body)  # type: ignore[arg-type]
 
     def array(self) -> np.ndarray:
-        """Left, then right position [m], shape (2, 3); NaN for a hand without a target."""
+        """Return the left, then the right position [m], shape (2, 3); NaN for a hand without a target."""
         return np.stack([np.full(3, np.nan) if p is None else p for p in (self.left, self.right)])
 
     @property
@@ -93,7 +93,7 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, what is given of positions and directions three finite numbers, joints eight."""
+        """Whether the frame is known, and all given vectors hold finite numbers: three for hands, eight for joints."""
         if self.frame not in HAND_FRAMES:
             return False
         vectors = (self.left, self.right, self.left_direction, self.right_direction)
@@ -105,15 +105,19 @@ class HandTargets:
 def _is_finite(vector: np.ndarray, size: int) -> bool:
     try:
         return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
-    except (TypeError, ValueError):  # no numbers, or rows of several lengths
+    except (TypeError, ValueError):  # not numbers, or rows of different lengths
         return False
 
 
 def position(name: str, value: object) -> np.ndarray:
-    """The value as a read-only point, shape (3,).
+    """Return the value as a read-only point, shape (3,).
+
+    Args:
+        name: what the point is, for the message.
+        value: any sequence of three numbers [m].
 
     Raises:
-        TargetError: naming `name`, if the value is not three finite numbers, or one is beyond `FARTHEST`.
+        TargetError: if the value is not three finite numbers up to `FARTHEST`.
     """
     try:
         point = np.array(value, dtype=float)
@@ -130,15 +134,19 @@ def position(name: str, value: object) -> np.ndarray:
 
 
 def direction(name: str, value: object) -> np.ndarray:
-    """The value as a read-only unit vector, shape (3,).
+    """Return the value as a read-only unit vector, shape (3,).
+
+    Args:
+        name: what the vector is, for the message.
+        value: any sequence of three numbers.
 
     Raises:
-        TargetError: naming `name`, if the value is not three finite numbers, or has no length.
+        TargetError: if the value is not three finite numbers, or is zero.
     """
     vector = position(name, value)
     length = float(np.linalg.norm(vector))
     if length < 1e-6:
-        raise TargetError(f"{name} is {value}; give a vector that points somewhere, such as (1, 0, 0)")
+        raise TargetError(f"{name} is {value}; give a vector that is not zero, such as (1, 0, 0)")
     unit = vector / length
     unit.setflags(write=False)
     return unit

@@ -1,4 +1,4 @@
-"""YAML files read without surprises: by the composed nodes, so that every complaint names the line that is wrong."""
+"""YAML files read node by node, so that every error names the line that is wrong."""
 
 import pathlib
 from collections.abc import Callable, Iterable, Mapping
@@ -9,15 +9,15 @@ import yaml
 from hugwbc.errors import HugwbcError, UnknownNameError
 
 LARGEST_FILE = 1_000_000  # [byte]
-Read = Callable[[Any, yaml.Node], Any]  # of a reader, the value of a node
+Read = Callable[[Any, yaml.Node], Any]  # (reader, node) -> value
 
 
 class YamlReader:
-    """Turns YAML nodes into values; every complaint names the node's line and column.
+    """A reader that turns YAML nodes into values; every error names the node's line and column.
 
     Attributes:
-        path: of the file, for the messages.
-        error: what is raised.
+        path: path of the file, for the messages.
+        error: class of the errors that are raised.
     """
 
     def __init__(self, path: pathlib.Path, error: type[HugwbcError]) -> None:
@@ -25,14 +25,14 @@ class YamlReader:
         self.error = error
 
     def load(self, kind: str, hint: str) -> yaml.Node:
-        """The root node of the file.
+        """Read the file and return its root node.
 
         Args:
             kind: what the file is, for the messages.
             hint: what an empty or far too long file should hold instead.
 
         Raises:
-            HugwbcError: of the reader's class, if the file cannot be read, is too long, empty or no YAML.
+            HugwbcError: of class `error`, if the file cannot be read, is too long, is empty or is not YAML.
         """
         try:
             if self.path.stat().st_size > LARGEST_FILE:
@@ -43,28 +43,35 @@ class YamlReader:
         return self.compose(text, hint)
 
     def compose(self, text: str, hint: str) -> yaml.Node:
-        """The root node of a YAML text; see `load`."""
+        """Return the root node of a YAML text; errors as for `load`."""
         try:
             root = yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-            raise self.error(f"{self.path}{place}: no YAML: {error.problem}") from error
+            raise self.error(f"{self.path}{place}: not valid YAML: {error.problem}") from error
         except (yaml.YAMLError, RecursionError) as error:
-            raise self.error(f"{self.path}: no YAML: {error}") from error
+            raise self.error(f"{self.path}: not valid YAML: {error}") from error
         if root is None:
             raise self.error(f"{self.path}:1: the file is empty; {hint}")
         return root
 
     def fail(self, node: yaml.Node, message: object) -> NoReturn:
-        """Complain about a node."""
+        """Raise an error with the place of a node."""
         mark = node.start_mark
         raise self.error(f"{self.path}:{mark.line + 1}:{mark.column + 1}: {message}")
 
     def fields(
         self, node: yaml.Node, kind: str, readers: Mapping[str, Read], required: Iterable[str] = ()
     ) -> dict[str, Any]:
-        """The values of a mapping, each read by the reader of its key."""
+        """Return the values of a mapping, each read by the function for its key.
+
+        Args:
+            node: the mapping.
+            kind: what the mapping describes, for the messages.
+            readers: a function for each allowed key.
+            required: keys that must be there.
+        """
         if not isinstance(node, yaml.MappingNode):
             self.fail(node, f"here should be a {kind} with fields: {', '.join(readers)}")
         values: dict[str, Any] = {}
@@ -81,41 +88,41 @@ class YamlReader:
         return values
 
     def checked(self, node: yaml.Node, make: Callable, *values: object, **fields: object) -> Any:  # noqa: ANN401
-        """What `make` returns, its complaints with the node's line."""
+        """Return `make(*values, **fields)`, and raise its errors with the place of the node."""
         try:
             return make(*values, **fields)
         except HugwbcError as error:
             self.fail(node, error)
 
     def text(self, node: yaml.Node) -> str:
-        """A text."""
+        """Return a node's text."""
         if not isinstance(node, yaml.ScalarNode):
             self.fail(node, "here should be a text")
         return node.value
 
     def number(self, node: yaml.Node) -> float:
-        """A number."""
+        """Return a node's number."""
         try:
             return float(self.text(node))
         except ValueError:
-            self.fail(node, f"'{self.text(node)}' is no number")
+            self.fail(node, f"'{self.text(node)}' is not a number")
 
     def integer(self, node: yaml.Node) -> int:
-        """A whole number."""
+        """Return a node's whole number."""
         value = self.number(node)
         if value != value // 1:
-            self.fail(node, f"{value:g} is no whole number")
+            self.fail(node, f"{value:g} is not a whole number")
         return int(value)
 
     def truth(self, node: yaml.Node) -> bool:
-        """True or false."""
+        """Return a node's truth value."""
         text = self.text(node)
         if text not in ("true", "false"):
             self.fail(node, f"'{text}' is neither true nor false")
         return text == "true"
 
     def nodes(self, node: yaml.Node) -> list[yaml.Node]:
-        """The entries of a list, at least one."""
+        """Return the entries of a list with at least one entry."""
         if not isinstance(node, yaml.SequenceNode) or not node.value:
             self.fail(node, "here should be a list with at least one entry")
         return node.value

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hugwbc.commands import (
     COMMAND_NAMES,
     Command,
+    CommandChange,
     command_ranges,
     default_command,
     sample_all,
@@ -99,7 +100,8 @@ def test_clamp_moves_to_the_nearest_bound_and_nan_to_the_default() -> None:
     clamped, report = Command(v_x=9.0, omega=-5.0, f=math.nan, h=-math.inf, gait=Gait.WALKING).clamp()
     assert clamped == Command(v_x=2.0, omega=-1.0, f=2.0, h=-0.3, gait=Gait.WALKING)
     assert len(report) == 4
-    assert report[0] == "v_x = 9 is outside -0.6 to 2: using 2"
+    assert report[0] == CommandChange("v_x", 9.0, 2.0, "is outside -0.6 to 2")
+    assert str(report[0]) == "v_x = 9 is outside -0.6 to 2: using 2"
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8), st.sampled_from(list(Gait)))

@@ -1,4 +1,4 @@
-"""Which room may import which, and that no two modules import each other.
+"""Which room may import which, and that no modules import each other in a circle.
 
 core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {viz, evaluation, benchmarks} <- report <- cli.
 """
@@ -36,8 +36,8 @@ def _room(parts: tuple[str, ...]) -> str:
     return parts[0] if parts and parts[0] in MAY_IMPORT else "core"
 
 
-def _imports(path: pathlib.Path) -> set[str]:
-    """Rooms of hugwbc that a file imports, anywhere in it, function bodies included."""
+def _names(path: pathlib.Path) -> set[str]:
+    """Full names that a file imports, anywhere in it: function bodies and `if TYPE_CHECKING` included."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -45,7 +45,56 @@ def _imports(path: pathlib.Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import; write the full name"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return {_room(tuple(name.split(".")[1:])) for name in names if name.split(".")[0] == "hugwbc"}
+    return names
+
+
+def _imports(path: pathlib.Path) -> set[str]:
+    """Rooms of hugwbc that a file imports."""
+    return {_room(tuple(name.split(".")[1:])) for name in _names(path) if name.split(".")[0] == "hugwbc"}
+
+
+def _import_graph(root: pathlib.Path) -> dict[str, set[str]]:
+    """Modules of a package by dotted name, and which of them each one imports.
+
+    A name that is no module is looked for in the package that holds it: `from a.b import c` imports a.b.c where that
+    is a module, else a.b.
+    """
+    modules = {".".join(path.relative_to(root.parent).with_suffix("").parts): path for path in root.rglob("*.py")}
+    modules = {name.removesuffix(".__init__"): path for name, path in modules.items()}
+    graph = {}
+    for module, path in modules.items():
+        found = {name if name in modules else name.rpartition(".")[0] for name in _names(path)}
+        graph[module] = (found & set(modules)) - {module}
+    return graph
+
+
+def _circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules each of which imports every other one, directly or through others (Tarjan, 1972)."""
+    order: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    circles: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        order[module] = lowest[module] = len(order)
+        stack.append(module)
+        for imported in graph[module]:
+            if imported not in order:
+                visit(imported)
+                lowest[module] = min(lowest[module], lowest[imported])
+            elif imported in stack:
+                lowest[module] = min(lowest[module], order[imported])
+        if lowest[module] == order[module]:
+            start = stack.index(module)
+            group = stack[start:]
+            del stack[start:]
+            if len(group) > 1:
+                circles.append(sorted(group))
+
+    for module in sorted(graph):
+        if module not in order:
+            visit(module)
+    return circles
 
 
 FILES = sorted(ROOT.rglob("*.py"))
@@ -68,6 +117,28 @@ def test_the_check_sees_a_forbidden_import(tmp_path: pathlib.Path) -> None:
         "def f():\n    from hugwbc.learned import policy\n    import hugwbc.cli\n    from hugwbc import mbc\n"
     )
     assert _imports(module) == {"learned", "cli", "mbc"}
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert _circles(_import_graph(ROOT)) == []
+
+
+def test_the_check_sees_a_circle(tmp_path: pathlib.Path) -> None:
+    package = tmp_path / "package"
+    (package / "room").mkdir(parents=True)
+    files = {
+        "__init__.py": "from package.room.a import f\n",
+        "room/__init__.py": "",
+        "room/a.py": "def f():\n    from package.room import b\n",
+        "room/b.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from package.room.c import g\n",
+        "room/c.py": "import package.room.a\nimport os\n",
+        "room/d.py": "from package.room.c import g\n",
+    }
+    for name, text in files.items():
+        (package / name).write_text(text)
+    assert _circles(_import_graph(package)) == [["package.room.a", "package.room.b", "package.room.c"]]
+    (package / "room/c.py").write_text("import os\n")
+    assert _circles(_import_graph(package)) == []
 
 
 def test_importing_the_package_stays_light() -> None:

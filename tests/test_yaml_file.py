@@ -26,9 +26,9 @@ def test_scalars(reader, method, text, value):
     ("method", "text", "message"),
     [
         ("text", "[a]", "here should be a text"),
-        ("number", "a", "'a' is no number"),
-        ("integer", "2.5", "2.5 is no whole number"),
-        ("integer", "inf", "inf is no whole number"),
+        ("number", "a", "'a' is not a number"),
+        ("integer", "2.5", "2.5 is not a whole number"),
+        ("integer", "inf", "inf is not a whole number"),
         ("truth", "yes", "'yes' is neither true nor false"),
         ("nodes", "[]", "at least one entry"),
     ],
@@ -54,7 +54,7 @@ def test_fields_are_read_by_their_readers(reader):
 def test_files_that_cannot_be_read(reader):
     with pytest.raises(MotionFileError, match="cannot read the thing"):
         reader.load("thing", "write one")
-    for text, message in (("", "the file is empty; write one"), ("a: [", r"a.yaml:1:\d+: no YAML")):
+    for text, message in (("", "the file is empty; write one"), ("a: [", r"a.yaml:1:\d+: not valid YAML")):
         reader.path.write_text(text)
         with pytest.raises(MotionFileError, match=message):
             reader.load("thing", "write one")

@@ -1,1 +1,1 @@
-"""Measure speed: training, controllers, the hand IK and the QP, each beside an alternative."""
+"""Measure the speed of training, controllers, hand IK and QP, each against an alternative."""

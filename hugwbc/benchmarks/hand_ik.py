@@ -1,7 +1,7 @@
-"""Our inverse kinematics beside mink's and pink's, on the same targets: time, residual, limit violations, jitter.
+"""Compare our hand IK with mink's and pink's on the same targets: time, residual, limit violations, jitter.
 
-mink and pink have neither self-collision avoidance nor acceleration limits as they are set up here, and jump at their
-targets at the joints' speed limit; ours goes at most 1.5 m/s. Every target has 3 s.
+As they are set up here, mink and pink have neither self-collision avoidance nor acceleration limits and approach their
+targets at the joints' speed limit; our hands move at 1.5 m/s at most. Every target has 3 s.
 
 mink and pink are development extras; a solver that is not installed is left out.
 """
@@ -24,8 +24,8 @@ from hugwbc.upper_ik import ArmIK, ArmIKConfig
 from hugwbc.upper_ik.workspace import ARM_LENGTH, ARM_REACH, SHOULDER
 
 DT = 0.02  # [s]
-TICKS = 150  # for every target
-OUT_OF_REACH = (ARM_REACH, 1.0)  # [m] from the shoulder
+TICKS = 150  # of each target
+OUT_OF_REACH = (ARM_REACH, 1.0)  # [m], distance from the shoulder
 POSTURE_COST = 1e-3
 LM_DAMPING = 1e-3
 TOLERANCE = 1e-6
@@ -35,16 +35,16 @@ Step = Callable[[np.ndarray], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class IKFigures:
-    """How one solver did.
+    """Figures of one solver.
 
     Attributes:
-        tick_ms: p50 and p99 of the processor's time for a tick of 20 ms, both arms [ms].
+        tick_ms: p50 and p99 of the processor time for a tick of both arms [ms].
         residual_m: mean distance of a hand to a reachable target after `TICKS` ticks [m].
-        reached: share of the reachable targets within 1 cm by then.
-        excess_m: mean distance of a hand to a target out of reach, beyond what lies outside the arm's length [m].
-        limit_violations: ticks with a joint position or velocity beyond its limit.
+        reached: share of the reachable targets that a hand is within 1 cm of by then.
+        excess_m: mean distance of a hand to a target out of reach, minus the distance that the arm's length leaves [m].
+        limit_violations: number of ticks with a joint position or velocity beyond its limit.
         jitter: mean squared joint jerk [rad^2/s^6].
-        exceptions: ticks in which the solver raised; the arms then stayed.
+        exceptions: number of ticks in which the solver raised; the arms then do not move.
     """
 
     tick_ms: dict[str, float | None]
@@ -57,10 +57,17 @@ class IKFigures:
 
 
 def sample_targets(count: int, seed: int) -> np.ndarray:
-    """Pairs of hand targets in the pelvis frame [m], shape (count, 2, 3): reachable and out of reach in turn.
+    """Return pairs of hand targets in the pelvis frame [m], alternately reachable and out of reach.
 
-    Reachable ones are the hands of random postures without self-collision; the others lie around the shoulder, farther
-    than the arm is long.
+    Reachable targets are the hands' positions in random postures without self-collision. The others lie around the
+    shoulder, farther away than the arm is long.
+
+    Args:
+        count: number of pairs.
+        seed: seed of the targets.
+
+    Returns:
+        Targets of the left and the right hand, shape (count, 2, 3).
     """
     rng = np.random.default_rng(seed)
     ik = ArmIK()
@@ -82,11 +89,11 @@ def sample_targets(count: int, seed: int) -> np.ndarray:
 def compare_solvers(
     count: int, seed: int = 0, on_progress: Callable[[float], None] | None = None
 ) -> dict[str, IKFigures]:
-    """Visit the same targets one after the other with every solver that is installed.
+    """Visit the same targets with every solver that is installed and return its figures by name.
 
     Args:
-        count: targets, at least 2.
-        seed: of the targets.
+        count: number of targets, at least 2.
+        seed: seed of the targets.
         on_progress: called with the fraction done.
 
     Raises:
@@ -117,7 +124,7 @@ def _measure(step: Step, targets: np.ndarray) -> IKFigures:
             begin = time.thread_time()
             try:
                 new = step(pair)
-            except Exception:  # whatever another package raises counts as a failure of its tick
+            except Exception:  # other packages may raise anything; it counts as a failure of the tick
                 exceptions += 1
                 new = path[-1]
             times.append(1e3 * (time.thread_time() - begin))
@@ -139,7 +146,7 @@ def _measure(step: Step, targets: np.ndarray) -> IKFigures:
 
 
 def _ours_through_the_body() -> Step:
-    """Without self-collision avoidance, as the others are."""
+    """Return our solver without self-collision avoidance, for a comparison on equal terms."""
     return _ours(ArmIKConfig(collision_weight=1e-12, touch_speed=ArmIKConfig().hand_speed))
 
 
@@ -150,7 +157,7 @@ def _ours(config: ArmIKConfig | None = None) -> Step:
 
 
 def _pink() -> Step:
-    """On Pinocchio's arms alone: frame tasks on both hands, a weak posture task, its own limits."""
+    """Return pink's solver on a model of the arms: frame tasks on both hands, a weak posture task, pink's limits."""
     import pink
     import pinocchio as pin
 
@@ -178,7 +185,7 @@ def _pink() -> Step:
 
 
 def _mink() -> Step:
-    """On MuJoCo's arms alone: frame tasks on both hands, a weak posture task, its own limits."""
+    """Return mink's solver on a model of the arms: frame tasks on both hands, a weak posture task, mink's limits."""
     import mink
     import mujoco
 

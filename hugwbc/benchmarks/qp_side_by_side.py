@@ -1,4 +1,4 @@
-"""The whole-body QP against two others on the same states: placo's dynamics solver, and another QP algorithm."""
+"""Compare the whole-body QP with placo's dynamics solver and another QP algorithm on the same states."""
 
 import dataclasses
 import time
@@ -16,11 +16,11 @@ from hugwbc.mbc.tasks import TaskTerms
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 
-_WEIGHT = 1000.0  # of every row of every task
-_REGULARISATION = 1e-7  # of placo's forces and torques
-_DAMPING = 30.0  # [1/s]
-# Regularisation far below the tasks', so that the optimum is that of the tasks whatever each solver adds to it;
-# and limits that do not bind, since each formulation has other ones.
+_WEIGHT = 1000.0  # weight of every row of every task
+_REGULARISATION = 1e-7  # weight of placo's forces and torques
+_DAMPING = 30.0  # [1/s], velocity gain of every task
+# The regularisation is far below the tasks' weight, so that what a solver adds to the tasks hardly moves the optimum.
+# The limits are wide enough not to bind, since the formulations differ in them.
 _PARAMS = ControllerParams(
     acceleration_regularisation=1e-7,
     force_regularisation=1e-6,
@@ -38,16 +38,17 @@ class SideBySide:
     """Outcome of the comparison.
 
     Attributes:
-        states: how many.
-        solved: by all solvers.
-        compared_with_placo: solved ones in which no inequality of the whole-body QP binds, as none does in placo's.
+        states: number of states.
+        solved: number of states that all solvers solved.
+        compared_with_placo: number of solved states in which no inequality of the whole-body QP binds; placo's problem
+            here has none.
         torque_difference_placo: largest difference of a joint torque to placo's, as a share of the largest torque.
-        acceleration_difference_placo: likewise of a generalised acceleration.
+        acceleration_difference_placo: the same for the generalised accelerations.
         solution_difference_other: largest difference of a component of the solution to the other algorithm's, as a
-            share of the largest component of its kind.
-        time_ms: p50 and p99 of a solve, in processor time of one thread [ms], by solver; "whole-body QP" (with the
-            controller's own tolerance, and with the tight one of the comparison) and "placo" assemble their problem as
-            well.
+            share of the largest component of its kind; None without another algorithm.
+        time_ms: p50 and p99 of the processor time of one solve on one thread [ms], by solver. "whole-body QP" (with the
+            controller's tolerance, and with the tight one of the comparison) and "placo" include the assembly of the
+            problem.
     """
 
     states: int
@@ -62,15 +63,15 @@ class SideBySide:
 def side_by_side(states: int, seed: int = 0, other: str | None = "daqp") -> SideBySide:
     """Solve the inverse dynamics of random states on one foot with each solver.
 
-    One foot stands as a line contact; the other foot, the pelvis (but for its fall to the side), waist and arms have
-    random accelerations to follow: as many rows as the robot on one line contact has freedoms, so that the optimum is
-    unique and the same in any formulation, as long as no inequality binds. placo, with a line contact that may pull,
-    must find the same accelerations and torques; the other algorithm gets the same matrices.
+    One foot stands on a line contact. The other foot, the pelvis (except for its fall to the side), waist and arms
+    follow random accelerations. The tasks have as many rows as the robot on one line contact has degrees of freedom, so
+    that the optimum is unique and the same in any formulation as long as no inequality binds. placo, with a line
+    contact that may pull, must find the same accelerations and torques; the other algorithm gets the same matrices.
 
     Args:
-        states: how many.
-        seed: of the states.
-        other: name of a solver of `qpsolvers`; None leaves it out.
+        states: number of states.
+        seed: seed of the states.
+        other: name of a solver of `qpsolvers`; None for no other algorithm.
     """
     rng, robot, dynamics = np.random.default_rng(seed), load_robot(), Dynamics()
     qp = WholeBodyQp(_PARAMS, robot, dynamics.nv, dynamics.columns)
@@ -127,7 +128,7 @@ def _note(times: dict[str, list[float]], name: str, begin: float) -> None:
 
 
 def _free(forces: np.ndarray) -> bool:
-    """Whether forces lie well inside their cones."""
+    """Return whether the contact forces lie well inside their friction cones."""
     return bool(np.all(np.abs(forces[:, :2]).max(axis=1) < 0.5 * _PARAMS.friction * forces[:, 2]))
 
 
@@ -136,7 +137,7 @@ def _share(difference: np.ndarray, of: np.ndarray) -> float:
 
 
 def random_state(robot: Robot, rng: np.random.Generator) -> RobotState:
-    """Near the nominal pose, heading about along x, moving slowly."""
+    """Return a slow state near the nominal pose with a heading near x."""
     return RobotState(
         q=np.clip(robot.nominal + rng.uniform(-0.1, 0.1, 19), robot.lower + 0.05, robot.upper - 0.05),
         dq=rng.uniform(-0.05, 0.05, 19),
@@ -149,7 +150,7 @@ def random_state(robot: Robot, rng: np.random.Generator) -> RobotState:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Asked:
-    """Accelerations to follow: of pelvis and swing foot [m/s^2], of waist and arm joints [rad/s^2]."""
+    """Desired accelerations of pelvis and swing foot [m/s^2], and of waist and arm joints [rad/s^2]."""
 
     pelvis: np.ndarray
     swing: np.ndarray
@@ -161,17 +162,17 @@ class _Asked:
 
 
 def _frames(stance: int, asked: _Asked) -> list[tuple[str, np.ndarray, str, str]]:
-    """Frames with a task, the first the standing foot: name, acceleration, axes of its position and orientation."""
+    """Return name, acceleration, position axes and orientation axes of the frames with a task, stance foot first."""
     return [
         (f"{SIDES[stance]}_sole", np.zeros(3), "xyz", "yz"),
         (f"{SIDES[1 - stance]}_sole", asked.swing, "xyz", "yz"),
-        # Nothing holds the robot sideways on a line: it falls, as it does in every step.
+        # A line contact exerts no moment about its line: sideways the robot falls, as in every step of a walk.
         ("pelvis", asked.pelvis, "xz", "xyz"),
     ]
 
 
 def _terms(dynamics: Dynamics, stance: int, asked: _Asked) -> TaskTerms:
-    """Positions in the world, and orientations about the frames' own axes."""
+    """Return the rows of all tasks: positions in the world, orientations about the frames' own axes."""
     jacobian, target = [], []
     for name, acceleration, along, about in _frames(stance, asked):
         frame = dynamics.frame(name)
@@ -192,7 +193,7 @@ def _upper_body(robot: Robot) -> np.ndarray:
 
 
 def placo_robot(robot: Robot) -> placo.RobotWrapper:
-    """The same robot for placo: without shapes, with the same rotor inertia."""
+    """Return the robot for placo, without geometry and with the same rotor inertia."""
     tree = ET.parse(robot.urdf_path).getroot()
     for link in tree.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
@@ -222,7 +223,7 @@ def _solve_with_placo(
         if index == 0:
             contact = solver.add_line_contact(task)
             contact.weight_forces = contact.weight_moments = _REGULARISATION
-    # A joints task has no acceleration of its own: the velocity target that asks for the same, at this damping.
+    # placo's joints task takes no acceleration. With a damping d, the velocity target a / d asks for acceleration a.
     joints = solver.add_joints_task()
     table = dynamics.robot
     upper = [table.joint_names[index] for index in _upper_body(table)]
@@ -234,11 +235,19 @@ def _solve_with_placo(
 
 
 def solve_with_qpsolvers(qp: WholeBodyQp, solver: str) -> np.ndarray | None:
-    """The last problem of a whole-body QP by a solver of `qpsolvers`, shape (nv + 12,); None where it finds none."""
+    """Solve the last problem of a whole-body QP with a solver of `qpsolvers`.
+
+    Args:
+        qp: QP that has been solved once.
+        solver: name of the solver.
+
+    Returns:
+        Accelerations and forces, shape (nv + 12,); None if the solver finds no solution.
+    """
     import qpsolvers
 
     H, g, A, b, C, low, high, box_low, box_high = qp.problem
-    # The algorithms of qpsolvers want no rows without a bound.
+    # The solvers of qpsolvers expect every row to have a finite bound.
     eye = np.eye(g.size)
     lower, upper, above, below = low > -1e19, high < 1e19, box_low > -1e19, box_high < 1e19
     rows = np.vstack((C[upper], -C[lower], eye[below], -eye[above]))

@@ -1,4 +1,4 @@
-"""Speed of the parts: training and its environment, controllers, hand IK."""
+"""Measure the speed of training and its environment, of controllers, of a policy's evaluation and of the hand IK."""
 
 import dataclasses
 import time
@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_rollout import Episode, rollouts
+from hugwbc.evaluation.engine import BatchMember, batch_rollout
 from hugwbc.evaluation.metrics import percentiles
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
@@ -20,8 +20,8 @@ from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.policy.policy import LearnedController
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -30,7 +30,7 @@ from hugwbc.upper_ik import UpperBodySource
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
 QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
-"""Under which the model-based controller is measured; jumping, it plans forces as well."""
+"""Commands under which `qp` is measured; jumping, it plans forces as well."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,11 +38,11 @@ class EnvironmentSpeed:
     """Speed of the training environment, in control steps of one robot per second.
 
     Attributes:
-        steps_per_s: observations, rewards and resets included, the learner not.
-        bare_steps_per_s: `mujoco.batch` alone: same model, batch size, substeps and states.
-        ratio: of the two.
-        count: robots in the batch.
-        control_steps: measured.
+        steps_per_s: speed with observations, rewards and resets, without the learner.
+        bare_steps_per_s: speed of `mujoco.batch` alone with the same model, batch size, substeps and states.
+        ratio: the first divided by the second.
+        count: number of robots in the batch.
+        control_steps: number of control steps that were measured.
     """
 
     steps_per_s: float
@@ -57,11 +57,11 @@ class TrainingSpeed:
     """Speed of training end to end, in control steps of one robot per second.
 
     Attributes:
-        steps_per_s: environment and learner.
-        collect_fraction: of the time, spent in collecting; the rest is the update.
-        ratio: to bare physics.
-        count: robots.
-        iterations: measured.
+        steps_per_s: speed of environment and learner.
+        collect_fraction: fraction of the time spent in collecting experience; the rest is the update.
+        ratio: speed divided by that of bare physics.
+        count: number of robots.
+        iterations: number of iterations that were measured.
     """
 
     steps_per_s: float
@@ -76,11 +76,11 @@ class RolloutSpeed:
     """Speed of a policy's evaluation, in processor time for a simulated second of one robot.
 
     Attributes:
-        single_ms: in a rollout by itself, with the making of its simulation [ms].
-        batched_ms: in a batch, each robot's share [ms].
-        ratio: of the two.
-        count: robots in the batch.
-        timestep: of the physics [s].
+        single_ms: time in a rollout by itself, including the set-up of its simulation [ms].
+        batched_ms: each robot's share of the time in a batch [ms].
+        ratio: the first divided by the second.
+        count: number of robots in the batch.
+        timestep: time step of the physics [s].
     """
 
     single_ms: float
@@ -91,32 +91,32 @@ class RolloutSpeed:
 
 
 def rollout_speed(controller: LearnedController, count: int, seconds: float, timestep: float) -> RolloutSpeed:
-    """Measure evaluations of a policy in which robots stand, on one thread.
+    """Measure the evaluation of a policy on standing robots, on one thread.
 
     Args:
-        controller: the policy.
-        count: robots in the batch.
-        seconds: length of the episodes [s].
-        timestep: of the physics [s].
+        controller: policy to evaluate.
+        count: number of robots in the batch.
+        seconds: duration of the episodes [s].
+        timestep: time step of the physics [s].
     """
     torch.set_num_threads(1)
     conditions, stand = Conditions(timestep=timestep), Constant(Command())
     begin = time.process_time()
     rollout(controller, stand, conditions.simulation(seconds, (0,)), duration=seconds)
     middle = time.process_time()
-    rollouts(controller, [Episode(stand, conditions)] * count, duration=seconds)
+    batch_rollout(controller, [BatchMember(stand, conditions)] * count, duration=seconds)
     single, batched = middle - begin, (time.process_time() - middle) / count
     return RolloutSpeed(1e3 * single / seconds, 1e3 * batched / seconds, single / batched, count, timestep)
 
 
 def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int = 1) -> TrainingSpeed:
-    """Measure whole training iterations, after one for warm-up; nothing is saved.
+    """Measure whole training iterations after one for warm-up; nothing is saved.
 
     Args:
-        bare_steps_per_s: of physics alone, as `environment_speed` measures it with as many threads.
+        bare_steps_per_s: speed of bare physics, measured by `environment_speed` with the same number of threads.
         count: number of robots.
-        iterations: to measure.
-        threads: of simulation and learner.
+        iterations: number of iterations to measure.
+        threads: threads of simulation and learner.
     """
     config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_interval=0)
     trainer = Trainer(config)
@@ -131,14 +131,14 @@ def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads
 def environment_speed(count: int, control_steps: int, seed: int = 0, threads: int = 1) -> EnvironmentSpeed:
     """Measure the training environment against bare physics.
 
-    Before every step the bare batch gets the environment's states and controls: both simulate the same contacts.
-    Actions are noise: robots stumble, fall and are reset, as early in training.
+    Before every step the bare batch gets the environment's states and controls, so that both simulate the same
+    contacts. The actions are noise: robots stumble, fall and are reset, as at the start of a training.
 
     Args:
-        count: robots in the batch.
-        control_steps: to measure, after a warm-up.
-        seed: of environment and actions.
-        threads: of both.
+        count: number of robots in the batch.
+        control_steps: number of control steps to measure after a warm-up.
+        seed: seed of environment and actions.
+        threads: threads of both.
     """
     config = EnvConfig(count=count)
     torch.set_num_threads(threads)
@@ -167,13 +167,13 @@ def environment_speed(count: int, control_steps: int, seed: int = 0, threads: in
 
 @dataclasses.dataclass(frozen=True)
 class QpSpeed:
-    """Speed and reliability of the model-based controller in one gait.
+    """Speed and reliability of `qp` in one gait.
 
     Attributes:
-        tick_ms: p50 and p99 of whole calls, from state to joint command [ms].
-        cpu_ms: the same in processor time: what a call takes where nothing else runs [ms].
+        tick_ms: p50 and p99 of the time for a call, from state to joint command [ms].
+        cpu_ms: the same in processor time, which other processes do not lengthen [ms].
         unsolved: share of the calls whose QP was not solved, or only without its joint limits.
-        ticks: calls measured.
+        ticks: number of calls that were measured.
     """
 
     tick_ms: dict[str, float | None]
@@ -183,11 +183,11 @@ class QpSpeed:
 
 
 def qp_speed(command: Command, duration: float) -> QpSpeed:
-    """Time every call of the model-based controller under one command, from a stand in simulation.
+    """Time every call of `qp` under one command, from a stand in simulation.
 
     Args:
-        command: to follow.
-        duration: simulated [s].
+        command: command to follow.
+        duration: simulated time [s].
     """
     simulation, controller = Simulation(), WholeBodyController()
     state, arms = simulation.reset(), UpperBody.none()
@@ -206,7 +206,10 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
 
 
 def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
-    """Median and 99th percentile of a policy's call at a standing state [ms]: its work does not depend on the state."""
+    """Return median and 99th percentile of a policy's call at a standing state [ms].
+
+    One state is enough, as the work of a network does not depend on its input.
+    """
     torch.set_num_threads(1)
     state = Simulation().state()
     controller.reset(state)
@@ -214,16 +217,16 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
 
 
 def ik_tick(calls: int) -> dict[str, float | None]:
-    """Median and 99th percentile of one call of the hand IK, gravity compensation included, on moving targets [ms]."""
+    """Return median and 99th percentile of a call of the hand IK with gravity compensation on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
     source = UpperBodySource(gravity_compensation=True)
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
-    return percentiles(_times(lambda i: source.update(state, targets[i], dt), calls))
+    return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))
 
 
 def _times(call: Callable[[int], object], count: int) -> np.ndarray:
-    """Time of each call after a warm-up [ms], shape (count,)."""
+    """Return the time of each call after a warm-up [ms], shape (count,)."""
     times = []
     for index in range(WARM_UP_STEPS + count):
         begin = time.perf_counter()

@@ -10,11 +10,11 @@ _LINE_SAMPLES = 100_000
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, distil, report."""
-    description = "Fit one network to several, each the teacher of a gait, on the student's own states."
+    """Parse the options, distil, report."""
+    description = "Fit one network to several policies, each the teacher of a gait, on the student's own states."
     config = parse(DistillationConfig, words, "distil", description)
     check_folder(config.out)
-    from hugwbc.learned.imitation.distillation import Distiller
+    from hugwbc.learned.imitation import Distiller
 
     with progress(f"distillation {config.out}") as advance:
         distiller = Distiller(config)

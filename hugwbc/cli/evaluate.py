@@ -14,8 +14,7 @@ import tyro
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine import DEFAULT_FOLDER, Execution, ResultStore
 from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
 from hugwbc.evaluation.protocols.episodes import GaitSettings
 from hugwbc.gait import Gait

@@ -1,4 +1,4 @@
-"""`hugwbc imitate`: a policy that imitates the whole-body QP, for reinforcement learning to start from."""
+"""`hugwbc imitate`: a policy that imitates the controller `qp`, for reinforcement learning to start from."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,10 +10,10 @@ _LINE_SAMPLES = 10_000
 
 def run(words: Sequence[str]) -> int:
     """Parse, imitate, report."""
-    description = "Imitate the whole-body QP on the student's own states; 'hugwbc train --start-from' goes on from it."
+    description = "Imitate the controller qp on the student's own states; 'hugwbc train --start-from' goes on from it."
     config = parse(ImitationConfig, words, "imitate", description)
     check_folder(config.out)
-    from hugwbc.learned.imitation.imitation import Imitator
+    from hugwbc.learned.imitation import Imitator
     from hugwbc.mbc import WholeBodyController
 
     with progress(f"imitation {config.out}") as advance:
@@ -24,7 +24,13 @@ def run(words: Sequence[str]) -> int:
 
 
 def reporter(total: float, interval: float, advance: Callable[[float], None]) -> Callable[[dict[str, float]], None]:
-    """What shows the progress of collecting labels: a line of figures after every `interval` of `total` labels."""
+    """Return a callback that shows the progress of collecting labels.
+
+    Args:
+        total: number of labels to collect.
+        interval: labels between two lines of figures.
+        advance: moves the progress bar to a fraction.
+    """
     falls, steps, last = 0.0, 0.0, 0.0
 
     def report(figures: dict[str, float]) -> None:

@@ -18,22 +18,22 @@ from hugwbc.files import finite_json, write_whole
 
 STDOUT = pathlib.Path("-")
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
-_QUIET = 2.0  # [s]; what is over by then needs no progress
+_QUIET = 2.0  # [s]; shorter work shows no progress
 Options = TypeVar("Options")
 
 
 def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
-    """The options of a verb from the words of the command line; exits with code 2 on an unknown or malformed one."""
+    """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:
-    """Print for people: to standard output, or to standard error when that carries the JSON."""
+    """Print text to standard output, or to standard error when standard output carries the JSON."""
     _print(text, sys.stderr if json_path == STDOUT else sys.stdout)
 
 
 def _print(text: str, stream: TextIO) -> None:
-    """Print, as long as anybody reads: work that is cut short by `| head` still writes its files."""
+    """Print as long as the stream has a reader, so that `| head` does not stop the work that writes files."""
     try:
         print(text, file=stream, flush=True)
     except BrokenPipeError:
@@ -41,7 +41,7 @@ def _print(text: str, stream: TextIO) -> None:
 
 
 def check_writable(path: pathlib.Path | None) -> None:
-    """Make sure that a file can be written before the work whose result it is to hold.
+    """Check that a file can be written, before the work whose result it will hold.
 
     Raises:
         ConfigError: if it cannot.
@@ -59,7 +59,7 @@ def check_writable(path: pathlib.Path | None) -> None:
 
 
 def check_folder(path: pathlib.Path) -> None:
-    """Make sure that files can be written to a folder before the work whose results it is to hold; it is made.
+    """Make a folder and check that files can be written to it, before the work whose results it will hold.
 
     Raises:
         ConfigError: if they cannot.
@@ -72,7 +72,7 @@ def check_folder(path: pathlib.Path) -> None:
 
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
-    """Write JSON to a file, or to standard output for `-`; nothing without a path. NaN becomes null."""
+    """Write JSON to a file, to standard output for `-`, or nowhere for None. NaN becomes null."""
     text = json.dumps(finite_json(content), indent=2)
     if path == STDOUT:
         _print(text, sys.stdout)
@@ -81,18 +81,18 @@ def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401
 
 
 class Advance(Protocol):
-    """What to call with the fraction done, and with what of it was there before and took no time."""
+    """A callback for progress: the fraction done, and the fraction that was read from earlier results in no time."""
 
     def __call__(self, fraction: float, read: float = 0.0, /) -> None:
-        """Tell how far the work is."""
+        """Report how far the work is."""
         ...
 
 
 @contextlib.contextmanager
 def progress(label: str) -> Iterator[Advance]:
-    """Show the progress of something that takes longer than two seconds, on standard error.
+    """Show the progress of work that takes longer than two seconds, on standard error.
 
-    A bar on a terminal, plain lines elsewhere, with the time left at the speed so far.
+    On a terminal this is a bar, elsewhere plain lines; both give the time left at the speed so far.
     """
     show = _bar if sys.stderr.isatty() else _lines
     with show(label) as advance:
@@ -116,7 +116,7 @@ def _bar(label: str) -> Iterator[Advance]:
 
 
 def _left(elapsed: float, fraction: float, read: float = 0.0) -> str:
-    """The time left at the speed so far [s], for people; nothing before anything is done that was not there before."""
+    """Return the time left at the speed so far as text; empty as long as nothing new is done."""
     done = fraction - read
     return f"about {_duration(elapsed * (1.0 - fraction) / done)} left" if done > 1e-9 else ""
 
@@ -133,7 +133,7 @@ def _lines(label: str) -> Iterator[Advance]:
     latest, over = (0.0, 0.0), threading.Event()
 
     def tell() -> None:
-        # Not in `advance`: work may be done in bursts, of which the first call is not yet the whole.
+        # A thread prints, not `advance`: work may arrive in bursts, and the first call of one would print too early.
         told = 0.0
         while not over.wait(_LINE_INTERVAL):
             fraction, read = latest

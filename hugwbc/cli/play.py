@@ -1,33 +1,28 @@
-"""`hugwbc play`: one controller live, in real time, in the browser."""
+"""`hugwbc play`: watch one controller live in the browser, or drive it."""
 
 import dataclasses
 import socket
-import time
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hugwbc.cli.output import parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.gait import Gait
-from hugwbc.runtime import Constant, ControlLoop
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import CommandSource
+from hugwbc.runtime.loop import ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets
+from hugwbc.viz.show import open_view, run_live
 
-FRAME_PERIOD = 0.04  # [s] between two pictures
-FALLEN_PAUSE = 1.0  # [s] to look at a fall before the robot stands up again
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
-
-Draw = Callable[[Moment], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,14 +30,14 @@ class PlayOptions:
     """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
 
     controller: str = "learned"
-    """learned, qp, hold (the baseline that only holds its pose), a plug-in's name, or the path of a policy or
-    of a contract for somebody else's (docs/evaluation.md)."""
+    """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, or the path of a policy or
+    of a contract for a foreign policy (docs/evaluation.md)."""
     policy: str | None = None
-    """Name of a shipped policy or path of a policy, for the learned controller; of a network, for somebody else's."""
+    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
-    """Play this script, with its hand targets, instead of one command: a shipped one's name, or a file (.yaml)."""
+    """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
     gait: str | None = None
-    """Of the command; by default walking if a velocity is given, else standing."""
+    """Gait; by default walking if a velocity is given, otherwise standing."""
     v_x: float | None = None
     """Forward velocity [m/s]."""
     v_y: float | None = None
@@ -64,25 +59,25 @@ class PlayOptions:
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
     noise: bool = False
-    """Give the sensors a real robot's noise and latency, and estimate the state from them."""
+    """Give the sensors the noise and latency of a real robot, and estimate the state from them."""
     duration: float | None = None
-    """Stop after this time [s]; by default at the end of the script, or never."""
+    """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
     headless: bool = False
-    """Without browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
+    """Run without a browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
     browser: bool = True
-    """Open the page; otherwise only its address is printed."""
+    """Open the page in the browser; otherwise only print its address."""
     live: bool = False
-    """Drive the robot from the page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
+    """Drive the robot from a page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
     host: str = "127.0.0.1"
-    """To serve the live page on."""
+    """Host on which to serve the live page."""
     port: int = 0
-    """Of the live page; 0 for any that is free."""
+    """Port of the live page; 0 for any free port."""
     expose: bool = False
-    """Allow a host that other machines can reach: they can then drive the robot."""
+    """Allow a host that other machines can reach. They can then drive the robot."""
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, open the viewer, run the loop."""
+    """Parse the options, open the viewer and run the loop; return the exit code."""
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
@@ -93,16 +88,16 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
     loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
-    draw = None if options.headless else _viewer(controller.name, options.browser)
-    _run(loop, duration, draw)
+    draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
+    run_live(loop, duration, draw, tell=say)
     return 0
 
 
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
-    """Tell who forgot `--live` that the options of its page do nothing.
+    """Refuse options of the live page without `--live`, because they would do nothing.
 
     Raises:
-        ConfigError: naming them.
+        ConfigError: if there are any; the message names them.
     """
     given = [name for name in ("host", "port", "expose") if getattr(options, name) != getattr(PlayOptions(), name)]
     if given:
@@ -111,13 +106,13 @@ def _refuse_options_of_the_page(options: PlayOptions) -> None:
 
 
 def _run_live(options: PlayOptions) -> int:
-    """Serve the live page until the time is over, Ctrl-C, or for ever.
+    """Serve the live page until the time is over or Ctrl-C.
 
     Raises:
-        ConfigError: if viser is not installed, host or port are not allowed, or another way to command is given too.
+        ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
     """
     others = ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)
-    # A command of 0 is given as well: neither None nor the False of a flag, though equal to it.
+    # `is not False`, because a command of 0 is given too, and 0 == False.
     given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
     if given:
         raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
@@ -141,14 +136,14 @@ def _run_live(options: PlayOptions) -> int:
         page.show(simulation)
 
     try:
-        _run(loop, options.duration or np.inf, draw, page.source.restart)
+        run_live(loop, options.duration or np.inf, draw, on_reset=page.source.restart, tell=say)
     finally:
         page.close()
     return 0
 
 
 def _check_host(host: str) -> None:
-    """Refuse an address that is none of this machine's: the page's server would fail in its own thread, unheard.
+    """Refuse an address that is not this machine's: the page's server would fail in its own thread without a message.
 
     Raises:
         ConfigError: if no port of the host can be opened.
@@ -160,11 +155,11 @@ def _check_host(host: str) -> None:
 
 
 def _source(options: PlayOptions) -> tuple[CommandSource, float]:
-    """What to command, and for how long [s].
+    """Return what to command, and for how long [s].
 
     Raises:
-        CommandError: if a value is out of range, or values and a script are both given.
-        TargetError: if one hand has a target and the other has none, or a target is not finite.
+        CommandError: if a value is out of range, or if values and a script are both given.
+        TargetError: if only one hand has a target, or a target is not finite.
     """
     values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
     if options.script is not None:
@@ -188,62 +183,3 @@ def _hands(options: PlayOptions) -> HandTargets | None:
     if options.left_hand is None or options.right_hand is None:
         raise TargetError("only one hand has a target; give both --left-hand x y z and --right-hand x y z, or neither")
     return HandTargets.of(options.left_hand, options.right_hand)
-
-
-def _viewer(name: str, browser: bool) -> Draw:
-    from hugwbc.viz.meshcat_scene import Scene
-    from hugwbc.viz.server import open_visualizer
-
-    visualizer, address = open_visualizer()
-    scene = Scene(visualizer, [name])
-    say(f"watch at {address}; Ctrl-C stops")
-    if browser:
-        webbrowser.open(address)
-
-    def draw(moment: Moment) -> None:
-        scene.robots[0].show(moment)
-        scene.look_at(moment.qpos[:2])
-
-    return draw
-
-
-def _run(loop: ControlLoop, duration: float, draw: Draw | None, on_reset: Callable[[], None] | None = None) -> None:
-    """Run the loop, in real time if there is a viewer, and say how it went.
-
-    A robot that fell stands up again and the commands start anew.
-    """
-    falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
-    changed: list[str] = []
-    loop.reset()
-    begin = time.monotonic()
-    while simulated < duration - 1e-9:
-        loop.step(loop.decide(t), loop.period)
-        t += loop.period
-        simulated += loop.period
-        if draw is not None and simulated >= next_frame:
-            next_frame += FRAME_PERIOD
-            draw(loop.moment())
-            begin = _keep_pace(begin, simulated)
-        if loop.simulation.fallen:
-            falls += 1
-            say(f"fell after {t:.1f} s; standing up again")
-            if draw is not None:
-                time.sleep(FALLEN_PAUSE)
-                begin += FALLEN_PAUSE
-            changed += loop.safe.report().messages  # which the reset clears
-            loop.reset()
-            t = 0.0
-            if on_reset is not None:
-                on_reset()
-    say(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
-    for message in dict.fromkeys([*changed, *loop.safe.report().messages]):
-        say(f"safety: {message}")
-
-
-def _keep_pace(begin: float, simulated: float) -> float:
-    """Wait until real time has caught up; where the computer is too slow, time is given up instead of caught up."""
-    ahead = begin + simulated - time.monotonic()
-    if ahead > 0.0:
-        time.sleep(ahead)
-        return begin
-    return begin - ahead

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Sequence
 
 from hugwbc.cli.output import check_folder, parse, progress, say
-from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.engine import DEFAULT_FOLDER, ResultStore
 
 
 @dataclasses.dataclass(frozen=True)
@@ -14,7 +14,7 @@ class ReportOptions:
 
     profile: str = "quick"
     """quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two
-    cores hours for a policy, days for the QP."""
+    cores hours for a policy, days for qp."""
     controllers: tuple[str, ...] = ("learned", "qp")
     """Controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine or
     unitree-h1=motion.pt; the first two are compared with each other."""
@@ -41,8 +41,7 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, and write the report."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    from hugwbc.evaluation.engine.campaign import run_cells
-    from hugwbc.evaluation.engine.execution import Execution
+    from hugwbc.evaluation.engine import Execution, run_cells
     from hugwbc.report.report_plan import ReportPlan
 
     plan = ReportPlan(options.profile, options.controllers, options.ablation, options.protocols, options.seed)

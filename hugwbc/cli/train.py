@@ -11,11 +11,11 @@ LINE_INTERVAL = 10.0  # [s] between two lines of figures
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, train, report."""
-    description = "Train a policy; Ctrl-C saves and stops. Every setting of the training is an option."
+    """Parse the options, train, report."""
+    description = "Train a policy. Ctrl-C saves and stops; --resume continues. Every setting is an option."
     config = parse(TrainConfig, words, "train", description)
     check_folder(config.out)
-    from hugwbc.learned.rl.trainer import train
+    from hugwbc.learned.rl import train
 
     with progress(f"training {config.out}") as advance:
         trainer = train(config, _reporter(config.steps, advance))

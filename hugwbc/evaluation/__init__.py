@@ -1,1 +1,1 @@
-"""Measure controllers: tracking errors, the paper's protocols, and the comparison of controllers on one script."""
+"""Measure controllers: metrics, protocols, and the comparison of controllers on one script."""

@@ -1,34 +1,36 @@
-"""One script played with several controllers, hand targets solved by IK, and how each did."""
+"""Compare controllers on one script: play it with each, hand targets solved by the hand IK, and sum up every run."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.tables import Table, hand_rows
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.loop import upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.sim import Simulation, noisy_simulation
-from hugwbc.upper_ik import UpperBodySource
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How one controller did.
+    """The figures of one controller's run.
 
     Attributes:
         fell: whether the robot fell.
-        survived_s: time until then, or the whole script [s].
+        survived_s: time until the fall, or the duration of the script [s].
         errors: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
         hand_error_m: `metrics.HandErrors` [m].
-        tick_ms: p50 and p99 of the controller's time for one call [ms].
-        ik_ms: the same of the IK; None where it was not called.
-        steps: control steps executed.
-        footsteps: touch-downs of both feet.
-        safety: what the safety filter changed.
+        tick_ms: p50 and p99 of the controller's computing time for one call [ms].
+        ik_ms: p50 and p99 of the hand IK's computing time [ms]; None where it was not called.
+        steps: number of control steps.
+        footsteps: number of touch-downs of both feet.
+        safety: report of the safety filter.
     """
 
     fell: bool
@@ -43,7 +45,7 @@ class Outcome:
 
 
 def summarise(trace: Trace) -> Outcome:
-    """The figures of one run."""
+    """Return the figures of one run."""
     return Outcome(
         fell=trace.fell,
         survived_s=trace.survived_s,
@@ -57,16 +59,8 @@ def summarise(trace: Trace) -> Outcome:
     )
 
 
-def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Hand IK for a controller: with gravity compensation for those that drive the arms by position alone.
-
-    A controller whose torques carry the arms says so by an attribute `carries_arms` that is true.
-    """
-    return UpperBodySource(gravity_compensation=not getattr(controller, "carries_arms", False))
-
-
 def check_names(controllers: Sequence[Controller]) -> None:
-    """Refuse controllers whose runs nobody could tell apart.
+    """Check that the controllers can be told apart by their names.
 
     Raises:
         ConfigError: if there is no controller, or two have the same name.
@@ -84,14 +78,14 @@ def compare(
     noise: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> list[Trace]:
-    """Play a script with each controller in turn, in the same simulation.
+    """Play a script with each controller in turn, in the same simulation, and return the records.
 
     Args:
-        controllers: at least one; their names must differ.
+        controllers: at least one controller; their names must differ.
         script: commands and hand targets.
-        seed: of the sensor noise.
-        noise: whether sensors have a real robot's noise and latency, and the state is estimated from them; without it
-            nothing is random and the state is true.
+        seed: seed of the sensor noise.
+        noise: whether the sensors have a real robot's noise and latency and the state is estimated from them. Without
+            noise the controllers get the true state and nothing is random.
         on_progress: called with the fraction done.
 
     Raises:
@@ -118,3 +112,46 @@ def compare(
             )
         )
     return traces
+
+
+def comparison_summary(
+    script: Script, outcomes: Mapping[str, Outcome], *, seed: int = 0, noise: bool = False
+) -> dict[str, Any]:
+    """Return a comparison as JSON.
+
+    Args:
+        script: script that was played.
+        outcomes: figures by the controller's name.
+        seed: seed of the sensor noise.
+        noise: whether the sensors had noise.
+    """
+    return {
+        "script": script.name,
+        "duration": script.duration,
+        "seed": seed,
+        "noise": noise,
+        "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
+    }
+
+
+def figure_table(outcomes: Mapping[str, Outcome]) -> Table:
+    """Return a table with a row for each figure and a column for each controller.
+
+    Args:
+        outcomes: figures by the controller's name, at least one.
+    """
+    rows: list[tuple[Any, ...]] = [
+        ("fell", *(outcome.fell for outcome in outcomes.values())),
+        ("survived [s]", *(outcome.survived_s for outcome in outcomes.values())),
+    ]
+    for name in next(iter(outcomes.values())).errors:
+        label = f"error {name} [{COMMAND_UNITS[name]}]"
+        rows.append((label, *(outcome.errors[name] for outcome in outcomes.values())))
+    rows += hand_rows([outcome.hand_error_m for outcome in outcomes.values()])
+    for part in ("p50", "p99"):
+        rows.append((f"tick {part} [ms]", *(outcome.tick_ms[part] for outcome in outcomes.values())))
+    for part in ("p50", "p99"):
+        rows.append((f"hand IK {part} [ms]", *(outcome.ik_ms[part] for outcome in outcomes.values())))
+    rows.append(("control steps", *(outcome.steps for outcome in outcomes.values())))
+    rows.append(("footsteps", *(outcome.footsteps for outcome in outcomes.values())))
+    return Table("Figures", ("", *outcomes), rows)

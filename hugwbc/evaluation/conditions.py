@@ -1,4 +1,4 @@
-"""Under which conditions a controller is evaluated: physics, ground, robot, sensors, external control of the arms."""
+"""Conditions of an evaluation: physics, ground, robot, sensors, external control of the arms."""
 
 import dataclasses
 import functools
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine.identity import file_digest
+from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
@@ -18,31 +18,36 @@ if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention
 
 INTERVENTIONS = ("none", "noise", "motion")
-NOISE_INTERVAL = 90  # control steps between two targets of the noise, the paper's
-GENERATED_MOTIONS_SEED = 1  # other motions than the training's
-_START_RADIUS = 0.6  # [m] of plane ground around the start
+NOISE_INTERVAL = 90  # control steps between two targets of the noise, as in the paper
+GENERATED_MOTIONS_SEED = 1  # not the seed of the training's motions
+_START_RADIUS = 0.6  # [m], radius of plane ground around the start
 _STEEPEST = 0.5  # [rad]
 _LONGEST_LATENCY = 0.5  # [s]
-_TOP_SPEED = 2.5  # [m/s], with which the ground must be large enough
-_LONGEST_ON_GROUND = 200.0  # [s]: ground of a kilometre each way has 25 million heights
+_TOP_SPEED = 2.5  # [m/s], fastest walk that the ground must be large enough for
+_LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and has 25 million heights
 
 
 @dataclasses.dataclass(frozen=True)
 class Conditions:
-    """Settings.
+    """Physics, ground, robot, sensors and external control of the arms in an episode.
 
     Attributes:
-        timestep: of the physics [s].
+        timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
-        slope: angle at which the ground rises along x, the robot's first heading [rad].
-        noise: whether sensors have a real robot's noise and latency, and the state is estimated from them.
-        intervention: one of `INTERVENTIONS`: what moves the arms during the whole episode.
-        motions: folder of motion files for the motion intervention; None for generated motions.
+        slope: angle at which the ground rises along x, the robot's initial heading [rad].
+        noise: whether the sensors have a real robot's noise and latency and the state is estimated from them.
+        intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
+            (motion files).
+        motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
         payload: mass added to the torso [kg].
-        friction: between robot and ground; None for the robot description's.
-        latency: age of what the sensors say [s]; None for none, and with `noise` for a real robot's.
+        friction: friction coefficient between robot and ground; None for that of the robot description.
+        latency: age of the sensor readings [s]; None for no latency, or for a real robot's if there is noise.
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
+
+    Raises:
+        ConfigError: if a value is out of range.
+        UnknownNameError: if there is no such intervention.
     """
 
     timestep: float = SIMULATION_TIMESTEP
@@ -70,7 +75,7 @@ class Conditions:
         self.variation()
 
     def identity(self) -> dict[str, Any]:
-        """What tells these conditions from others, as JSON: the settings, with the motion files' content."""
+        """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.motions is not None:
             fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
@@ -78,11 +83,14 @@ class Conditions:
 
     @property
     def is_level(self) -> bool:
-        """Whether the ground is a level plane, which has no end."""
+        """Whether the ground is a level plane, which is infinite."""
         return self.terrain_roughness == 0.0 and self.slope == 0.0
 
     def check_duration(self, duration: float) -> None:
-        """Refuse episodes [s] for which the ground would not fit into memory.
+        """Check that the ground of an episode fits into memory.
+
+        Args:
+            duration: duration of the episode [s].
 
         Raises:
             ConfigError: if the ground is not level and the duration too long.
@@ -94,7 +102,7 @@ class Conditions:
             )
 
     def variation(self) -> Variation:
-        """How the robot differs from its description.
+        """Return how the robot differs from its description.
 
         Raises:
             ConfigError: if a value is out of range.
@@ -102,7 +110,7 @@ class Conditions:
         return Variation(self.payload, self.friction, self.gain, self.strength)
 
     def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":
-        """The same, but for friction, payload and gain, which are drawn from the training's default ranges."""
+        """Return these conditions with friction, payload and gain drawn from the training's default ranges."""
         from hugwbc.learned.config import RandomizationConfig
 
         ranges = RandomizationConfig()
@@ -110,11 +118,11 @@ class Conditions:
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
     def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
-        """The robot on the ground of one episode.
+        """Return the simulation of one episode.
 
         Args:
-            duration: of the episode [s]; the ground is large enough for it.
-            seed: of the ground and of the sensors' noise.
+            duration: duration of the episode [s], which determines the size of the ground.
+            seed: seed of the ground and of the sensor noise.
         """
         make = functools.partial(Simulation, timestep=self.timestep, variation=self.variation())
         if self.noise:
@@ -130,22 +138,25 @@ class Conditions:
         return make(terrain=terrain)
 
     def estimator(self) -> StateEstimator | None:
-        """What gives the controller its state; None where it reads the sensors itself."""
+        """Return the estimator that gives the controller its state; None where it gets the true state."""
         return StateEstimator() if self.noise else None
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
-        """What moves the arms in one episode; None leaves them to the controller.
+        """Return what moves the arms in one episode; None leaves them to the controller.
+
+        Args:
+            seed: seed of the targets.
 
         Raises:
             MotionFileError: if the motion files cannot be used.
         """
         if self.intervention == "none":
             return None
-        # Loads torch, which only some evaluations need.
+        # These modules load torch, which only some evaluations need.
         import torch
 
         from hugwbc.evaluation.moved_arms import ArmIntervention
-        from hugwbc.learned.env.arm_targets import make_arm_targets
+        from hugwbc.learned.env.arm_intervention import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
         targets = make_arm_targets(

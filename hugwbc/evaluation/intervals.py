@@ -1,4 +1,4 @@
-"""How sure a mean over episodes is."""
+"""Confidence intervals of means over episodes."""
 
 import dataclasses
 import math
@@ -9,17 +9,17 @@ import numpy as np
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
-_SEED = 0  # of the resampling, so that the same results give the same page
+_SEED = 0  # of the resampling, fixed so that the same results give the same page
 
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A mean with its interval.
+    """A mean with its confidence interval.
 
     Attributes:
-        value: the mean; None if there was no sample.
-        low, high: bounds of its interval of confidence `CONFIDENCE`; None for fewer than two samples.
-        samples: how many it is the mean of.
+        value: the mean; None without a sample.
+        low, high: bounds of the interval of confidence `CONFIDENCE`; None for fewer than two samples.
+        samples: number of samples.
     """
 
     value: float | None
@@ -29,9 +29,12 @@ class Estimate:
 
 
 def wilson_percentage(happened: Sequence[bool]) -> Estimate:
-    """In what part of some episodes something happened [%], with its score interval (Wilson 1927).
+    """Return the percentage of episodes in which something happened, with its score interval (Wilson 1927).
 
-    Unlike a bootstrap it has a width where it never happened: none of four episodes is little to go by.
+    Unlike a bootstrap interval it has a width even if nothing happened: no fall in four episodes says little.
+
+    Args:
+        happened: one value for each episode.
     """
     count = len(happened)
     if count == 0:
@@ -44,9 +47,12 @@ def wilson_percentage(happened: Sequence[bool]) -> Estimate:
 
 
 def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
-    """Mean and percentile bootstrap interval (Efron & Tibshirani 1993, chapter 13); samples that are None are left out.
+    """Return the mean with its percentile bootstrap interval (Efron & Tibshirani 1993, chapter 13).
 
-    Of few samples it is too narrow, as all intervals that assume nothing about the distribution.
+    With few samples the interval is too narrow, as it cannot contain values that were not drawn.
+
+    Args:
+        samples: the values; None is left out.
     """
     known = np.array([sample for sample in samples if sample is not None], dtype=float)
     if known.size == 0:

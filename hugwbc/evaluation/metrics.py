@@ -1,8 +1,9 @@
-"""Tracking errors as the paper defines them, hand errors and timings, from the record of a run.
+"""Figures of a run from its trace: tracking errors, feet, hands, effort, smoothness and computing time.
 
-The paper reports the mean L1 error of every command: foot commands (f, l) over complete gait cycles, the others over
-control steps. It does not say whether the start of an episode counts. Here episodes start from a stand, and the first
-`SETTLE_S` seconds, in which the robot gets going, are left out.
+The tracking errors are those of the HugWBC paper (Xue et al., RSS 2025): the mean L1 error of every command, for the
+foot commands f and l over complete gait cycles, for the others over control steps. The paper does not say whether the
+start of an episode counts. Here episodes start from a stand, and the first `SETTLE_S` seconds, in which the robot gets
+going, are left out.
 """
 
 import dataclasses
@@ -13,20 +14,24 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
-from hugwbc.state import RobotState
+from hugwbc.state import GRAVITY, RobotState
 
 SETTLE_S = 1.0  # [s]
-CREEP_SPEED = 0.002  # [m/s] up to which a foot on the ground counts as standing firm
+CREEP_SPEED = 0.002  # [m/s], below which a foot on the ground counts as standing still
+SHORTEST_WAY = 0.1  # [m]; the cost of transport of a shorter way has no meaning
 _MEASURED_COLUMNS = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 
 
-def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
-    """Mean absolute error of v_x, v_y, omega, h, p and w over the control steps after `settle` [s].
+# Tracking
 
-    NaN for every name if the robot did not last that long.
+
+def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
+    """Return the mean absolute error of v_x, v_y, omega, h, p and w over the control steps after `settle` [s].
+
+    Every error is NaN if the run ended before.
     """
     kept = trace.time >= settle
     if not kept.any():
@@ -36,20 +41,20 @@ def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
 
 
 def stepping_feet(gait: Gait) -> tuple[int, ...]:
-    """Which feet (0 left, 1 right) step in a gait; the flying leg of a hop does not."""
+    """Return which feet (0 left, 1 right) step in a gait; the held leg of a hop does not."""
     return {Gait.STANDING: (), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}.get(gait, (0, 1))
 
 
 def touch_downs(trace: Trace, foot: int, settle: float = SETTLE_S) -> np.ndarray:
-    """Times of touch-down of a foot after `settle` [s], shape (number of steps,)."""
+    """Return the times of touch-down of a foot after `settle` [s], shape (number of steps,)."""
     times = trace.touch_downs[foot]
     return times[(times >= settle) & (times <= trace.survived_s)]
 
 
 def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
-    """E_f: mean over complete gait cycles of both feet of |f - 1 / (time from touch-down to touch-down)| [Hz].
+    """Return E_f [Hz]: the mean over complete gait cycles of both feet of |f - 1 / (touch-down to touch-down)|.
 
-    A foot without a complete cycle, though its gait steps, has frequency 0. NaN if no foot should step.
+    A foot that should step but has no complete cycle has frequency 0. NaN if no foot should step.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
@@ -61,9 +66,9 @@ def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
-    """E_l: mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle| [m].
+    """Return E_l [m]: the mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle|.
 
-    A foot without a complete cycle, though its gait steps, is judged by its highest clearance of all.
+    A foot that should step but has no complete cycle is judged by its highest clearance after `settle`.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
@@ -77,10 +82,26 @@ def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
     return float(np.mean(errors)) if errors else float("nan")
 
 
-def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Fraction of the time after `settle` in which the held leg of a hop touched the ground; NaN for other gaits.
+def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
+    """Return the feet that should step after `settle`; none if the run ended before."""
+    if not np.any(trace.time >= settle):
+        return ()
+    return stepping_feet(Gait(int(trace.gait[-1])))
 
-    The tracking errors do not tell a hop from a jump on both feet; this does.
+
+def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
+    """Return a column of the command at some times."""
+    index = np.clip(np.searchsorted(trace.time, times, side="right") - 1, 0, trace.time.size - 1)
+    return trace.command[index, column]
+
+
+# Feet
+
+
+def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Return the fraction of the time after `settle` in which the held leg of a hop touched the ground.
+
+    The tracking errors do not distinguish a hop from a jump on both feet; this does. NaN for other gaits.
     """
     gait, kept = Gait(int(trace.gait[-1])), trace.time >= settle
     if not gait.hops or not kept.any():
@@ -90,19 +111,19 @@ def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def foot_travel(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Length of the horizontal paths of both soles after `settle`, added up [m] (the paper's foot displacement).
+    """Return the total length of the horizontal paths of both soles after `settle` [m], the paper's foot displacement.
 
-    NaN if the robot did not last that long.
+    NaN if the run ended before.
     """
     steps = _sole_steps(trace, settle)
     return float("nan") if steps is None else float(steps.sum())
 
 
 def foot_creep(trace: Trace, settle: float = SETTLE_S) -> float:
-    """The part of `foot_travel` in which a foot on the ground moved more slowly than `CREEP_SPEED` [m].
+    """Return the part of `foot_travel` in which a foot on the ground moved more slowly than `CREEP_SPEED` [m].
 
-    MuJoCo's friction is a viscous one up to its limit: a foot that stands firm creeps under any horizontal load, at
-    about 0.2 mm/s for each newton under an H1. A floor would not let it.
+    MuJoCo's friction is viscous up to its limit: a foot that stands still creeps under any horizontal load, under an H1
+    at about 0.2 mm/s for each newton. On a real floor it would not move.
     """
     steps = _sole_steps(trace, settle)
     if steps is None:
@@ -112,7 +133,7 @@ def foot_creep(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
-    """Horizontal distance that each sole moves between two samples after `settle` [m], shape (samples - 1, 2)."""
+    """Return the horizontal distance of each sole between samples after `settle` [m], shape (samples - 1, 2)."""
     kept = trace.qpos[trace.time >= settle]
     if not kept.size:
         return None
@@ -127,31 +148,22 @@ def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
     return np.linalg.norm(np.diff(paths, axis=0), axis=2)
 
 
-def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
-    """The feet that should step after `settle`; none if the robot did not last that long."""
-    if not np.any(trace.time >= settle):
-        return ()
-    return stepping_feet(Gait(int(trace.gait[-1])))
-
-
-def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
-    index = np.clip(np.searchsorted(trace.time, times, side="right") - 1, 0, trace.time.size - 1)
-    return trace.command[index, column]
+# Hands
 
 
 @dataclasses.dataclass(frozen=True)
 class HandErrors:
-    """Distance of the hands to their targets [m]; None where there was no such target.
+    """Distances of the hands to their targets [m]; None where there was no such target.
 
-    What the inverse kinematics calls out of reach may be so, or a dead end of its own: the figures with `all_` judge
-    it, the others whoever follows it.
+    A target that the inverse kinematics calls unreachable may really be so, or the inverse kinematics may be stuck. The
+    figures with `all_` therefore judge the inverse kinematics as well; the others judge the controller that follows it.
 
     Attributes:
-        mean: of both hands, of the targets that the inverse kinematics calls reachable.
-        p95: 95th percentile of the same.
-        left, right: mean of each hand, of the same.
-        reachable_fraction: part of all samples in which it calls the target reachable.
-        all_mean, all_p95: of all targets of both hands.
+        mean: mean of both hands over the targets that the inverse kinematics calls reachable.
+        p95: 95th percentile over the same targets.
+        left, right: mean of each hand over the same targets.
+        reachable_fraction: fraction of all samples in which the target is called reachable.
+        all_mean, all_p95: mean and 95th percentile of both hands over all targets.
     """
 
     mean: float | None
@@ -164,10 +176,10 @@ class HandErrors:
 
 
 def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
-    """Hand errors of a run or of several, over all samples, take-over included.
+    """Return the hand errors over all samples of one or more runs, the approach to the first target included.
 
     Args:
-        error: distance of the left and the right hand to its target [m]; NaN where there is none; shape (samples, 2).
+        error: distance of the left and the right hand to its target [m], shape (samples, 2); NaN without a target.
         reachable: whether the inverse kinematics calls each target reachable, shape (samples, 2), bool.
     """
     wanted = np.isfinite(error)
@@ -192,19 +204,103 @@ def _mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-def percentiles(milliseconds: np.ndarray) -> dict[str, float | None]:
-    """Median and 99th percentile of the times of calls [ms]; None if there was no call."""
-    if not milliseconds.size:
-        return {"p50": None, "p99": None}
-    p50, p99 = np.percentile(milliseconds, (50, 99)).tolist()
-    return {"p50": p50, "p99": p99}
+# Effort
+
+
+def mechanical_power(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Return the mean over time of sum_i |tau_i dq_i| [W]: braking costs as much as driving.
+
+    NaN if the run ended before `settle`.
+    """
+    kept = trace.time >= settle
+    if not kept.any():
+        return float("nan")
+    return float(np.abs(trace.torque[kept] * trace.qvel[kept, 6:]).sum(axis=1).mean())
+
+
+def speed(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Return the horizontal distance of the pelvis between `settle` and the end, divided by that time [m/s]."""
+    path = trace.qpos[trace.time >= settle, :2]
+    if len(path) < 2:
+        return float("nan")
+    return float(np.linalg.norm(path[-1] - path[0])) / ((len(path) - 1) * RECORD_PERIOD)
+
+
+def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> float:
+    """Return mechanical power / (mass * g * speed), dimensionless; NaN for a way shorter than `SHORTEST_WAY`.
+
+    Args:
+        trace: a walk straight ahead, so that the way is the distance from start to end.
+        mass: mass of robot and payload [kg].
+        settle: start of the run that is left out [s].
+    """
+    pace = speed(trace, settle)
+    way = pace * (trace.time[-1] - settle)
+    return mechanical_power(trace, settle) / (mass * GRAVITY * pace) if way >= SHORTEST_WAY else float("nan")
+
+
+def limit_use(values: np.ndarray, limit: np.ndarray) -> dict[str, float]:
+    """Return the root mean square and the peak of |value| / limit, of the joint that uses most.
+
+    Args:
+        values: torques or speeds, shape (samples, 19).
+        limit: limits of the joints in the same unit, shape (19,).
+    """
+    share = np.abs(values) / limit
+    return {"rms": float(np.sqrt((share**2).mean(axis=0)).max()), "peak": float(share.max())}
+
+
+def torque_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
+    """Return the `limit_use` of the torques; None if the run ended before `settle`."""
+    kept = trace.time >= settle
+    return limit_use(trace.torque[kept], load_robot().torque_limit) if kept.any() else None
+
+
+def joint_speed_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
+    """Return the `limit_use` of the joint speeds; None if the run ended before `settle`."""
+    kept = trace.time >= settle
+    return limit_use(trace.qvel[kept, 6:], load_robot().velocity_limit) if kept.any() else None
+
+
+# Smoothness
+
+
+def torque_rate(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Return the root mean square over time and joints of the torque's rate of change [N*m/s].
+
+    Unlike the roughness of position targets, it compares controllers that command positions with controllers that
+    command torques. NaN if the run ended before `settle`.
+    """
+    torque = trace.torque[trace.time >= settle]
+    return float(np.sqrt(np.mean((np.diff(torque, axis=0) / RECORD_PERIOD) ** 2))) if len(torque) > 1 else float("nan")
+
+
+def target_jerk(trace: Trace, settle: float = SETTLE_S) -> float:
+    """Return the `jitter` of the commanded joint positions [rad^2/s^6]; NaN if the run ended before `settle`."""
+    return jitter(trace.target[trace.time >= settle], RECORD_PERIOD)
 
 
 def jitter(positions: np.ndarray, dt: float) -> float:
-    """Mean squared jerk of joint positions, shape (samples, joints), `dt` [s] apart [rad^2/s^6].
+    """Return the mean squared jerk of joint positions [rad^2/s^6].
 
-    NaN samples are left out; NaN if no four samples in a row are known.
+    Args:
+        positions: joint positions, shape (samples, joints); NaN samples are left out.
+        dt: time between samples [s].
+
+    Returns:
+        The mean; NaN if no four consecutive samples are finite.
     """
     jerk = np.diff(positions, n=3, axis=0) / dt**3
     known = jerk[np.isfinite(jerk)]
     return float(np.mean(known**2)) if known.size else float("nan")
+
+
+# Computing time
+
+
+def percentiles(milliseconds: np.ndarray) -> dict[str, float | None]:
+    """Return the median and the 99th percentile of the times of calls [ms]; None if there was no call."""
+    if not milliseconds.size:
+        return {"p50": None, "p99": None}
+    p50, p99 = np.percentile(milliseconds, (50, 99)).tolist()
+    return {"p50": p50, "p99": p99}

@@ -1,10 +1,11 @@
-"""External control of the arms in evaluation: the training's noise or motions, for any controller, without any IK."""
+"""External control of the arms in evaluation by the training's noise or motions, for any controller, without IK."""
 
 import numpy as np
 import torch
 
+from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
-from hugwbc.learned.env.arm_targets import ArmTargets
+from hugwbc.learned.env.arm_intervention import ArmTargets
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import MOTION_FPS
@@ -16,18 +17,18 @@ _ONE = torch.tensor([0])
 
 
 class ArmIntervention:
-    """Moves both arms, whatever the hand targets: an upper-body source for `ControlLoop`.
+    """A source of arm targets for `ControlLoop` that moves both arms whatever the hand targets are.
 
-    The postures come at 50 Hz; in between, the targets go linearly from one to the next, with their velocity.
+    The postures come at 50 Hz. Between two postures the targets are interpolated linearly, with their velocity.
 
     Attributes:
-        postures: those given since `reset`, at 50 Hz [rad], each of shape (8,).
+        postures: postures since `reset` at 50 Hz [rad], each of shape (8,).
     """
 
     solution = None
 
     def __init__(self, source: ArmTargets) -> None:
-        """Play a source for one robot."""
+        """Play a source of arm targets for one robot."""
         self._source = source
         robot = load_robot()
         self._nominal = robot.nominal[robot.arms]
@@ -35,16 +36,21 @@ class ArmIntervention:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew at nominal; the source goes on with other targets."""
+        """Return to the nominal posture; the source continues with new targets."""
         self._source.reset(_ONE)
         self.postures = []
         self._begin = self._end = self._nominal
         self._elapsed = _PERIOD
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
-        """Arm targets at the end of the next `dt` seconds; state, hands and the last command do not matter."""
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the arm targets at the end of the next `dt` seconds, and the command; the rest does not matter."""
         self._elapsed += dt
         while self._elapsed > _PERIOD + 1e-9:
             self._elapsed -= _PERIOD
@@ -53,12 +59,15 @@ class ArmIntervention:
             self.postures.append(self._end)
         ratio = self._elapsed / _PERIOD
         speed = (self._end - self._begin) / _PERIOD
-        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed)
+        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed), command
 
     def error(self, trace: Trace, settle: float) -> float:
-        """Mean distance of the arm joints to the targets of a run after `settle` [s], in rad; NaN if it was shorter."""
+        """Return the mean distance of the arm joints to their targets after `settle` [s] of a run [rad].
+
+        NaN if the run ended before.
+        """
         steps = min(len(self.postures), len(trace.time) - 1)
-        # A sample is taken before the target of its time acts: the next one shows what came of it.
+        # A sample is taken before the target of its time acts, so the next sample shows the effect.
         kept = trace.time[1 : steps + 1] >= settle
         reached = trace.qpos[1 : steps + 1, 7:][:, load_robot().arms]
         difference = np.abs(reached - np.array(self.postures[:steps]).reshape(steps, -1))[kept]

@@ -1,4 +1,4 @@
-"""The figures printed in the HugWBC paper (Xue et al., RSS 2025), kept in `paper_tables.yaml`."""
+"""The figures printed in the HugWBC paper (Xue et al., RSS 2025), read from `paper_tables.yaml`."""
 
 import functools
 import pathlib
@@ -9,7 +9,7 @@ import yaml
 
 from hugwbc.gait import Gait
 
-# The paper's names of tracking errors, in the order of its table, and their units.
+# The paper's names of the tracking errors in the order of its table, with their units.
 ERROR_UNITS = {
     "E_vx_low": "m/s",
     "E_vx_high": "m/s",
@@ -22,8 +22,8 @@ ERROR_UNITS = {
     "E_w": "rad",
 }
 ERROR_NAMES = tuple(ERROR_UNITS)
-TRAININGS = ("noise", "motion", "none")  # of the paper's ablation: what moved the arms in training
-HIGH_SPEED = 1.0  # [m/s]; v_x above this counts towards E_vx_high
+TRAININGS = ("noise", "motion", "none")  # what moved the arms in training, in the paper's ablation
+HIGH_SPEED = 1.0  # [m/s]; a faster v_x counts towards E_vx_high
 
 
 @functools.cache
@@ -32,13 +32,13 @@ def _tables() -> Mapping[str, Any]:
 
 
 def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str, float]:
-    """The paper's single-command tracking errors of a gait, by name; errors that it does not report are missing.
+    """Return the paper's single-command tracking errors of a gait by name; errors that it does not report are missing.
 
-    The paper has one column for hopping, without telling the legs apart, and no intervention for it. Its table with
-    intervention does not split E_vx by speed; that figure stands for the low speeds here.
+    The paper has one column for hopping on either leg, and no intervention for it. Its table with intervention does not
+    split E_vx by speed; that figure is returned as the error at low speed.
 
     Args:
-        gait: the gait.
+        gait: gait of the robot.
         intervention: what moves the arms: "none", "noise" or "motion".
     """
     if intervention == "none":
@@ -48,10 +48,10 @@ def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str
 
 
 def intervention_errors(gait: Gait, intervention: str, training: str = "noise") -> Mapping[str, float]:
-    """The paper's tracking errors with the arms under external control, by name (E_vx at all speeds).
+    """Return the paper's tracking errors with the arms under external control by name, with E_vx at all speeds.
 
     Args:
-        gait: the gait; the paper has none of hopping.
+        gait: gait of the robot; the paper has no figures of hopping.
         intervention: what moves the arms in the test: "none", "noise" or "motion".
         training: what moved them in training, one of `TRAININGS`.
     """
@@ -59,22 +59,27 @@ def intervention_errors(gait: Gait, intervention: str, training: str = "noise") 
 
 
 def foot_displacement(intervention: str, training: str = "noise") -> Mapping[str, float]:
-    """The paper's foot displacement in 20 s of standing, by command: h, p and w [m]; arguments as above."""
+    """Return the paper's foot displacement in 20 s of standing [m], by command: h, p and w.
+
+    Args:
+        intervention: what moves the arms in the test: "none", "noise" or "motion".
+        training: what moved them in training, one of `TRAININGS`.
+    """
     return _tables()["foot_displacement_standing"][training].get(intervention, {})
 
 
 def real_robot_errors(gait: Gait) -> Mapping[str, float]:
-    """E_p and E_w of the paper's test on the real robot; empty for hopping."""
+    """Return E_p and E_w of the paper's test on the real robot; empty for hopping."""
     return _tables()["real_robot"].get(gait.label, {})
 
 
 def other_controllers() -> Mapping[str, Mapping[str, float]]:
-    """Walking errors that the paper publishes for other controllers, by controller and error."""
+    """Return the walking errors that the paper prints for other controllers, by controller and error."""
     return _tables()["other_controllers_walking"]
 
 
 def error_name(command: str, value: float) -> str:
-    """Name of the error that an episode with one sampled command counts towards: E_vx is split by speed."""
+    """Return the name of the error for an episode with one sampled command; E_vx is split by speed."""
     if command == "v_x":
         return "E_vx_high" if value > HIGH_SPEED else "E_vx_low"
     return f"E_{command.replace('_', '')}"

@@ -1,39 +1,40 @@
-"""The largest load that is survived often enough: doubling, then bisection, with as few trials as the answer needs."""
+"""Search for the largest load that is survived often enough, with as few trials as the answer needs."""
 
 import math
 
 from hugwbc.errors import ConfigError
 
-FIRST_TRIALS = 8  # of a load, before the first look at the outcome; then twice as many, and so on
-_FAR_TRIALS = 64  # at most, of most loads that are not beside the answer
-DOUBT = 0.001  # probability of outcomes as extreme as the one seen, below which a load is decided early
+FIRST_TRIALS = 8  # of a load before the first look at the outcome; the number then doubles
+_FAR_TRIALS = 64  # typical upper bound for a load that is not next to the answer
+DOUBT = 0.001  # a load is decided early if an outcome as extreme as the one seen is less probable than this
 
 
 class SurvivalSearch:
-    """Finds the largest load at which at least a share `survival` of `trials` trials is survived.
+    """Search for the largest load at which at least a share `survival` of `trials` trials is survived.
 
-    Ask for `load` and `numbers`, run the trials, tell `record`, until `done`. Loads double from `first` until one is
-    too much, and are bisected from there: survival is taken to fall with the load. To make that nearly so for few
-    trials, use the same random numbers for a trial's number at every load.
+    Use it in a loop: read `load` and `numbers`, run these trials, pass the outcome to `record`, until `done`. The load
+    doubles from `first` until it is too large and is bisected from there, which assumes that survival falls with the
+    load. Using the same random numbers for the same trial number at every load makes this nearly true for few trials.
 
-    Looks at the outcome come after 8, 16, 32, ... trials. A load is decided early if the rest cannot change the answer,
-    or if the outcome has a probability below `DOUBT` at a survival of just the share (exact binomial test).
+    The outcome is examined after 8, 16, 32, ... trials. A load is decided early if the remaining trials cannot change
+    the answer, or if the outcome so far has a probability below `DOUBT` at a survival of exactly the required share
+    (exact binomial test).
 
     Attributes:
         tolerated: largest load that was survived often enough; 0 if none was.
-        refused: smallest load that was not; None if there is none up to `limit`.
+        refused: smallest load that was not survived often enough; None if there is none up to `limit`.
     """
 
     def __init__(
         self, *, trials: int, survival: float = 0.98, first: float, limit: float, resolution: float = 0.05
     ) -> None:
-        """Set up.
+        """Start the search.
 
         Args:
-            trials: of a load.
-            survival: share of them to survive.
-            first: load to begin with.
-            limit: largest load.
+            trials: number of trials of a load.
+            survival: share of them that has to be survived.
+            first: first load to try.
+            limit: largest load to try.
             resolution: relative width of the bracket at which the search ends.
 
         Raises:
@@ -55,14 +56,14 @@ class SurvivalSearch:
 
     @property
     def most_loads(self) -> int:
-        """How many loads are tried at most."""
+        """The largest number of loads that can be tried."""
         doublings = math.ceil(math.log2(self._limit / self._first))
-        # Below `first`, bisection goes on until the bracket is narrower than `first` times the resolution.
+        # Below `first`, bisection continues until the bracket is narrower than `first` times the resolution.
         return 1 + doublings + math.ceil(math.log2(1.0 / self._resolution))
 
     @property
     def likely_trials(self) -> int:
-        """About how many trials it takes: all of them at two loads beside the answer, few at the others."""
+        """An estimate of the number of trials: all of them at the two loads next to the answer, few at the others."""
         loads = self.most_loads
         return min(loads, 2) * self._trials + max(loads - 2, 0) * min(self._trials, _FAR_TRIALS)
 
@@ -75,18 +76,18 @@ class SurvivalSearch:
 
     @property
     def load(self) -> float:
-        """To try next."""
+        """The load to try next."""
         if self.refused is not None:
             return 0.5 * (self.tolerated + self.refused)
         return min(2.0 * self.tolerated or self._first, self._limit)
 
     @property
     def numbers(self) -> range:
-        """Numbers of the trials to run next, at `load`."""
+        """The numbers of the trials to run next at `load`."""
         return range(self._count, min(max(FIRST_TRIALS, 2 * self._count), self._trials))
 
     def record(self, survived: list[bool]) -> None:
-        """Take the outcome of the trials that were asked for, in their order."""
+        """Take the outcome of the trials of `numbers`, in their order."""
         self._count += len(survived)
         self._failed += len(survived) - sum(survived)
         verdict = self._verdict()
@@ -99,6 +100,7 @@ class SurvivalSearch:
         self._count = self._failed = 0
 
     def _verdict(self) -> bool | None:
+        """Return whether the load is tolerated; None if it takes more trials to tell."""
         allowed = math.floor(self._risk * self._trials + 1e-9)
         if self._failed > allowed:
             return False
@@ -113,7 +115,7 @@ class SurvivalSearch:
 
 
 def _binomial_cdf(k: int, n: int, p: float) -> float:
-    """Probability of at most k successes in n trials of probability p in (0, 1)."""
+    """Return the probability of at most k successes in n trials of probability p in (0, 1)."""
 
     def log_mass(i: int) -> float:
         ways = math.lgamma(n + 1) - math.lgamma(i + 1) - math.lgamma(n - i + 1)

@@ -1,4 +1,4 @@
-"""Tables of figures with marks, as pages, Markdown and terminals show them."""
+"""Tables of figures with marks, and their forms for Markdown and the terminal."""
 
 import dataclasses
 import math
@@ -12,12 +12,12 @@ MARKS = ("", "worse", "unclear", "published")
 
 @dataclasses.dataclass(frozen=True)
 class Marked:
-    """A cell that is marked, in words and by its style.
+    """A cell that is marked by a word and by its style.
 
     Attributes:
-        text: of the cell, the mark's word included.
-        mark: one of `MARKS`: worse than what it is held against; worse, but within the uncertainty; printed elsewhere
-            and not measured here.
+        text: text of the cell, including the word.
+        mark: one of `MARKS`: worse than the reference; worse, but within the uncertainty; published and not measured
+            here.
     """
 
     text: str
@@ -38,8 +38,8 @@ class Table:
     Attributes:
         title: heading above it.
         columns: heading of each column; the first column holds the row's name.
-        rows: the cells; text as it is, numbers to three significant digits, None and NaN as a dash.
-        note: a sentence below it.
+        rows: the cells: text, numbers (shown to three significant digits), or None and NaN (shown as a dash).
+        note: a sentence below the table.
     """
 
     title: str
@@ -52,12 +52,12 @@ class Table:
             if len(row) != len(self.columns):
                 raise ConfigError(
                     f"table '{self.title}' has {len(self.columns)} columns, a row of it {len(row)} cells: {list(row)}; "
-                    "give as many"
+                    "give one cell for each column"
                 )
 
 
 def cell_text(value: Cell) -> str:
-    """A cell as text: numbers to three significant digits, None and NaN as a dash."""
+    """Return a cell as text: numbers to three significant digits, None and NaN as a dash."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if isinstance(value, Marked):
@@ -68,7 +68,7 @@ def cell_text(value: Cell) -> str:
 
 
 def markdown_table(table: Table) -> str:
-    """The table with its title and note as Markdown; cells that are worse are bold."""
+    """Return the table with its title and note as Markdown; cells marked as worse are bold."""
 
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"

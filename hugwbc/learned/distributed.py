@@ -1,4 +1,4 @@
-"""Several processes that learn as one: means over the ranks of a torchrun job; with one, nothing is exchanged."""
+"""Several processes that learn as one: sums and means over a torchrun job; a single process exchanges nothing."""
 
 import contextlib
 import os
@@ -14,7 +14,8 @@ def process_group(backend: str) -> Iterator[None]:
     """Join the job that torchrun started, if any, and leave it at the end.
 
     Args:
-        backend: torch's name; "gloo" for tensors on the CPU, "nccl" for CUDA, or one for either.
+        backend: name in torch: "gloo" for tensors on the CPU, "nccl" for CUDA, or a mapping such as
+            "cpu:gloo,cuda:nccl".
     """
     joined = int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized()
     if joined:
@@ -27,27 +28,27 @@ def process_group(backend: str) -> Iterator[None]:
 
 
 def rank() -> int:
-    """Number of this process, 0 for the one that writes files and prints."""
+    """Return the number of this process; process 0 writes files and prints."""
     return dist.get_rank() if dist.is_initialized() else 0
 
 
 def local_rank() -> int:
-    """Number of this process on its machine."""
+    """Return the number of this process on its machine."""
     return int(os.environ.get("LOCAL_RANK", "0"))
 
 
 def size() -> int:
-    """Number of processes."""
+    """Return the number of processes."""
     return dist.get_world_size() if dist.is_initialized() else 1
 
 
 def own_path(path: pathlib.Path) -> pathlib.Path:
-    """A file's name in this process: the first one's is as given."""
+    """Return the path of this process's own version of a file: as given in the first, with the rank in the others."""
     return path.with_stem(f"{path.stem}-rank{rank()}") if rank() else path
 
 
 def total(value: torch.Tensor) -> torch.Tensor:
-    """Sum of a tensor over all processes."""
+    """Return the sum of a tensor over all processes."""
     if size() > 1:
         value = value.clone()
         dist.all_reduce(value)
@@ -55,12 +56,12 @@ def total(value: torch.Tensor) -> torch.Tensor:
 
 
 def mean(value: torch.Tensor) -> torch.Tensor:
-    """Mean of a tensor over all processes."""
+    """Return the mean of a tensor over all processes."""
     return total(value) / size() if size() > 1 else value
 
 
 def anywhere(flag: bool) -> bool:
-    """Whether a flag is set in any process: all of them get the same answer."""
+    """Return whether a flag is set in any process; all processes get the same answer."""
     return bool(total(torch.tensor(float(flag))) > 0.0)
 
 
@@ -75,10 +76,10 @@ def average_gradients(parameters: Iterable[torch.nn.Parameter]) -> None:
 
 
 def standardised(values: torch.Tensor) -> torch.Tensor:
-    """Values minus their mean, over their standard deviation; both are those of all processes together.
+    """Standardise values by the mean and the standard deviation over all processes.
 
     Args:
-        values: as many in every process.
+        values: the values of this process, as many as in every other.
     """
     centred = values - mean(values.mean())
     variance = total(centred.square().sum()) / (size() * values.numel() - 1)

@@ -1,8 +1,7 @@
-"""The model-based half: gait plan, footsteps, tasks and whole-body QP."""
+"""The `qp` controller: model-based, by gait plan, footsteps, tasks and a whole-body QP."""
 
-from hugwbc.mbc.diagnostics import Diagnostics, Output
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import QpStatus
-from hugwbc.mbc.whole_body import WholeBodyController
+from hugwbc.mbc.whole_body import Diagnostics, Output, WholeBodyController
 
 __all__ = ["ControllerParams", "Diagnostics", "Output", "QpStatus", "WholeBodyController"]

@@ -1,4 +1,4 @@
-"""Commands as the plan follows them: within their ranges, and without jumps."""
+"""Commands as the plan follows them: within their ranges, without jumps, corrected for the measured velocity."""
 
 import math
 from typing import NamedTuple
@@ -17,20 +17,21 @@ from hugwbc.mbc.reach import (
 
 _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
-_NOTABLE = 0.005  # [m], from which on a change of h or l is reported
+_NOTABLE = 0.005  # [m], change of h or l from which on it is reported
+_SETTLING_STEPS = 3  # number of steps after a change of command that the velocity trim ignores
 
 
 class SmoothCommand(NamedTuple):
     """A command that never jumps, with the rates of its body posture.
 
     Attributes:
-        gait: as commanded.
-        velocity: v_x, v_y [m/s], shape (2,).
+        gait: gait as commanded.
+        velocity: v_x and v_y, heading frame [m/s], shape (2,).
         omega: yaw rate [rad/s].
         f: stride frequency [Hz].
-        l: swing apex [m].
-        h, p, w: [m], [rad], [rad].
-        h_rate, p_rate, w_rate: their rates [m/s], [rad/s].
+        l: swing apex above the ground [m].
+        h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad].
+        h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s].
     """
 
     gait: Gait
@@ -46,8 +47,28 @@ class SmoothCommand(NamedTuple):
     w_rate: float
 
 
+class GaitState(NamedTuple):
+    """What the legs are doing, which decides how much of a command can be followed now.
+
+    Attributes:
+        stepping: whether the robot still steps, whatever the command. The limits of walking hold until it stands.
+        running: gait that the robot is still in. It comes to rest before it changes to the commanded gait, at its own
+            frequency and within its own limits.
+        waiting: whether the robot is not ready to travel yet.
+        stray: by how much the robot is faster along the heading than commanded, as after a push [m/s].
+    """
+
+    stepping: bool = False
+    running: Gait = Gait.STANDING
+    waiting: bool = False
+    stray: float = 0.0
+
+
+_STILL = GaitState()
+
+
 class CommandFilter:
-    """Clamps commands to their ranges and limits their rates, so that a step command does not topple the robot."""
+    """Clamps commands to their ranges and limits their rates, so that a jump does not topple the robot."""
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
@@ -55,45 +76,32 @@ class CommandFilter:
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
-        """Start at rest from a posture [m, rad, rad]."""
+        """Start at rest from a posture: pelvis height [m], pelvis pitch [rad], waist angle [rad]."""
         self._given: Command | None = None
         self._velocity = (0.0, 0.0, 0.0)
         self._frequency: float | None = None
         self._posture = [h, p, w]
         self._rate = [0.0, 0.0, 0.0]
-        self._reached: tuple[bool, Gait, bool, float] | None = (
-            None  # where nothing moves any more: the arguments it holds for
-        )
+        self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
-    def update(
-        self,
-        command: Command,
-        dt: float,
-        *,
-        stepping: bool = False,
-        running: Gait = Gait.STANDING,
-        waiting: bool = False,
-        stray: float = 0.0,
-    ) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """The command to follow now, and a report of what could not be followed as asked.
+    def update(self, command: Command, dt: float, legs: GaitState = _STILL) -> tuple[SmoothCommand, tuple[str, ...]]:
+        """Return the command to follow now, and a report of what could not be followed as asked.
 
         Args:
-            command: as given; NaN and values out of range are replaced and reported.
-            dt: since the last call [s].
-            stepping: whether the robot still steps, whatever the command: the limits of walking hold until it stands.
-            running: the gait that the robot is still in; it comes to rest before it changes to the commanded one, at
-                its own frequency and within its own limits.
-            waiting: whether the robot is not ready to travel yet.
-            stray: by how much the robot is faster along the heading than it was told to be, as after a push [m/s].
+            command: command as given; NaN and values out of range are replaced and reported.
+            dt: time since the last call [s].
+            legs: what the robot is doing.
         """
+        # Most ticks repeat the last command after everything has arrived: their result is kept.
         if command is not self._given:
             self._given = command
-            self._valid = command.clamp()
-        elif self._reached == (stepping, running, waiting, stray):
+            valid, changes = command.clamp()
+            self._valid = valid, tuple(map(str, changes))
+        elif self._arrived == legs:
             return self._result
         before = self._state
-        self._result = self._advance(*self._valid, dt, stepping, running, waiting, stray)
-        self._reached = (stepping, running, waiting, stray) if self._state == before else None
+        self._result = self._advance(*self._valid, dt, legs)
+        self._arrived = legs if self._state == before else None
         return self._result
 
     @property
@@ -101,22 +109,15 @@ class CommandFilter:
         return self._velocity, self._frequency, *self._posture, *self._rate
 
     def _advance(
-        self,
-        command: Command,
-        report: tuple[str, ...],
-        dt: float,
-        stepping: bool,
-        running: Gait,
-        waiting: bool,
-        stray: float,
+        self, command: Command, report: tuple[str, ...], dt: float, legs: GaitState
     ) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """`update` for a valid command, with what there is to report of it."""
+        """Advance by one tick towards a valid command, and add to the report of what was clamped in it."""
         gait = command.gait
-        stepping = stepping or gait is not Gait.STANDING
+        stepping = legs.stepping or gait is not Gait.STANDING
         params = self._params
-        changing = running not in (Gait.STANDING, gait)
-        limiting = running if changing else gait
-        wanted = (0.0, 0.0, 0.0) if changing or waiting else (command.v_x, command.v_y, command.omega)
+        changing = legs.running not in (Gait.STANDING, gait)
+        limiting = legs.running if changing else gait
+        wanted = (0.0, 0.0, 0.0) if changing or legs.waiting else (command.v_x, command.v_y, command.omega)
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)
@@ -129,7 +130,7 @@ class CommandFilter:
 
         h = command.h
         if stepping:
-            h, why = self._stepping_height(h, speed, self._frequency, limiting, stray)
+            h, why = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
             if abs(h - command.h) > _NOTABLE:
                 report += (f"h = {command.h:g} m {why}: using {h:.2f} m",)
         self._follow((h, command.p, command.w), dt)
@@ -149,18 +150,18 @@ class CommandFilter:
         ), report
 
     def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> tuple[float, str]:
-        """The h that a commanded one becomes while the legs move [m], and why.
+        """Return the height that is used while the legs move [m], and why it differs from the commanded one.
 
         Args:
-            h: as commanded [m].
-            speed: along the heading [m/s].
+            h: height as commanded [m].
+            speed: commanded speed along the heading [m/s].
             f: stride frequency [Hz].
-            gait: whose limits hold.
-            stray: by how much the robot is faster than that [m/s].
+            gait: gait whose limits hold.
+            stray: by how much the robot is faster than that speed [m/s].
         """
         params = self._params
         lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
-        # In a squat a robot that was pushed could not brake: its height is that of the speed which it has.
+        # A pushed robot could not brake in a squat, so the height also suits the speed that it actually has.
         lowest = max(lowest_walking_height(params, each, 0.5 / f, self._posture[1]) for each in (speed, speed + stray))
         wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
         if gait in _HOPS and wanted > -params.hop_lowering:
@@ -168,40 +169,112 @@ class CommandFilter:
         if gait in _LEAPS:
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
         if h < lowest:
-            # The trailing leg of a fast walk needs its lowering, wherever the stance leg's room ends.
+            # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
             least = lowest if gait in _LEAPS else lowest - lowering
             if wanted < least:
                 wanted, why = least, "leaves the stance leg no room to move"
         return wanted, why
 
     def _follow(self, target: tuple[float, float, float], dt: float) -> None:
-        """Move the posture towards a target with bounded rate and bounded rate of the rate."""
+        """Move the posture towards a target with bounded rates and bounded accelerations."""
         for axis, limits in enumerate(self._limits):
             self._posture[axis], self._rate[axis] = approach(
                 self._posture[axis], self._rate[axis], target[axis], limits, dt
             )
 
 
+class VelocityTrim:
+    """Integral correction of the velocity plan, once per step.
+
+    The pelvis sways within a step, so the error is averaged over two steps before it is integrated. A step during which
+    the command changes does not count: the robot lags then, and a correction would overshoot. Small changes, as of a
+    command given by hand or one that steers by the robot's position, do not count as a change: such a command never
+    rests.
+
+    Attributes:
+        value: correction of v_x and v_y, heading frame [m/s], shape (2,).
+    """
+
+    def __init__(self, params: ControllerParams) -> None:
+        self._gain = params.velocity_integral
+        self._bound = params.velocity_integral_bound
+        self._change = params.velocity_integral_change
+        self._limit = params.max_velocity_trim
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop the correction."""
+        self.value = np.zeros(2)
+        self._previous: np.ndarray | None = None
+        self._wanted: list[float] | None = None
+        self._before: list[float] | None = None  # command when the step began
+        self._settling = 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._sum = [0.0, 0.0]
+        self._time = 0.0
+        self._changed = False
+
+    def measure(self, velocity: np.ndarray, wanted: np.ndarray, dt: float) -> None:
+        """Record one tick.
+
+        Args:
+            velocity: measured velocity of the pelvis, heading frame [m/s], shape (2,).
+            wanted: commanded velocity, heading frame [m/s], shape (2,).
+            dt: duration of the tick [s].
+        """
+        asked = wanted.tolist()
+        before = self._before = self._before or asked
+        for axis, actual in enumerate(velocity.tolist()):
+            self._sum[axis] += (asked[axis] - actual) * dt
+            self._changed |= abs(asked[axis] - before[axis]) > self._change
+        self._wanted = asked
+        self._time += dt
+
+    def end_step(self) -> None:
+        """Correct by the mean error of the last two steps."""
+        if self._time <= 0.0:
+            return
+        self._before = self._wanted
+        # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
+        self._settling = _SETTLING_STEPS if self._changed else max(self._settling - 1, 0)
+        error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)
+        if self._settling:
+            self._previous = None
+            self._clear()
+            return
+        if self._previous is not None:
+            step = self._gain * 0.5 * (error + self._previous)
+            self.value = np.clip(self.value + step, -self._limit, self._limit)
+        self._previous = error
+        self._clear()
+
+
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
-    """A value and its rate after a tick of moving to a target at a bounded rate and a bounded rate of the rate.
+    """Move a value to a target for one tick, with bounded rate and bounded acceleration.
 
     Args:
-        value: now.
+        value: value now.
         rate: its rate now.
-        target: of the value.
-        limits: largest rate and largest rate of the rate.
-        dt: [s].
+        target: value to arrive at.
+        limits: largest rate and largest acceleration.
+        dt: duration of the tick [s].
+
+    Returns:
+        The value and its rate after the tick.
     """
     fastest, quickest = limits
     gap, change = target - value, quickest * dt
-    if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it can get there now, and stop next time
+    if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it arrives in this tick, and can stop in the next
         return target, gap / dt
-    # Fast enough to arrive, slow enough to stop there: the smaller of the braking parabola and its tangent.
+    # As fast as still allows to stop at the target: the smaller of the braking parabola and its tangent, since near the
+    # target the parabola is too steep to be followed in discrete time.
     speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
     rate += min(max(math.copysign(speed, gap) - rate, -change), change)
     return value + rate * dt, rate
 
 
 def _towards(value: float, target: float, step: float) -> float:
-    """The value after a step of bounded size towards a target."""
+    """Return the value after a step of bounded size towards a target."""
     return value + min(max(target - value, -step), step)

@@ -9,18 +9,18 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.state import RobotState
 
 _SOLE_ENDS = ("heel", "toe")
-_EDGE_ROLL = 0.02  # [rad], roll of the sole at which only its edge touches
+_EDGE_ROLL = 0.02  # [rad], roll of the sole from which on only its edge touches
 
 
 class FrameMotion(NamedTuple):
     """A frame and its motion, in world axes.
 
     Attributes:
-        position: origin [m], shape (3,).
-        rotation: axes in the world, shape (3, 3).
-        jacobian: of linear, then angular velocity, shape (6, nv).
-        velocity: linear [m/s], then angular [rad/s], shape (6,).
-        drift: acceleration at zero generalised acceleration, dJ/dt v [m/s^2, rad/s^2], shape (6,).
+        position: origin of the frame [m], shape (3,).
+        rotation: axes of the frame in the world, shape (3, 3).
+        jacobian: Jacobian of the linear, then of the angular velocity, shape (6, nv).
+        velocity: linear velocity [m/s], then angular velocity [rad/s], shape (6,).
+        drift: acceleration at zero generalised acceleration, dJ/dt v [m/s^2], [rad/s^2], shape (6,).
     """
 
     position: np.ndarray
@@ -37,18 +37,18 @@ class Dynamics(Kinematics):
     Equation of motion: M dv/dt + bias = S^T tau + sum J^T f.
 
     Attributes:
-        mass: [kg].
+        mass: mass of the robot [kg].
         M: mass matrix with rotor inertia, shape (nv, nv).
-        bias: Coriolis, centrifugal, gravity and joint friction, shape (nv,).
-        com, com_velocity: centre of mass in the world [m], [m/s], shape (3,).
+        bias: Coriolis, centrifugal, gravity and joint friction terms [N], [N m], shape (nv,).
+        com, com_velocity: position and velocity of the centre of mass in the world [m], [m/s], shape (3,).
         com_jacobian, com_drift: with d(com_velocity)/dt = com_jacobian dv/dt + com_drift; shapes (3, nv), (3,).
         momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
         momentum_jacobian, momentum_drift: likewise for the angular momentum.
-        edge: distance from the sole's centre line at which a foot that rolls touches the ground [m]; 0 for the line.
+        edge: distance from the sole's centre line at which a rolled foot touches the ground [m]; 0 for the line itself.
     """
 
     def __init__(self, model: pin.Model | None = None) -> None:
-        """Use the shared H1, or another model with the same joints and frames."""
+        """Use the shared H1 or, given one, another model with the same joints and frames."""
         super().__init__()
         if model is not None:
             self.model = model
@@ -56,7 +56,7 @@ class Dynamics(Kinematics):
         self.mass = float(pin.computeTotalMass(self.model))
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
-        # To centre of mass and angular momentum.
+        # Turns linear momentum into the velocity of the centre of mass and leaves the angular momentum.
         self._per_mass = np.array([[1.0 / self.mass]] * 3 + [[1.0]] * 3)
         self.edge = 0.0
 
@@ -66,21 +66,21 @@ class Dynamics(Kinematics):
         return self.model.nv
 
     def update(self, state: RobotState) -> None:
-        """Compute everything at a state. A missing position or velocity counts as 0."""
+        """Compute everything at a state; a missing position or velocity counts as 0."""
         super().update(state)
         self._frames: dict[str, FrameMotion] = {}
 
     def _compute(self) -> None:
         model, data = self.model, self.data
-        # In world axes it gives, with the mass matrix, the centroidal momentum matrix.
+        # In world axes crba gives the centroidal momentum matrix along with the mass matrix.
         pin.crba(model, data, self.q, pin.Convention.WORLD)
         self.M = data.M.copy()  # since Pinocchio 3, crba fills both triangles
         rates = data.Ag * self._per_mass
         self.com = data.com[0].copy()
         self.bias = pin.nonLinearEffects(model, data, self.q, self.v) + self._damping * self.v
-        # Last, since the others overwrite the frames' accelerations.
+        # The kinematics come last, since the calls above overwrite the accelerations of the frames.
         super()._compute()
-        # At zero generalised acceleration the momentum changes by its drift.
+        # At zero generalised acceleration the rate of the momentum is its drift.
         drift = pin.computeCentroidalMomentumTimeVariation(model, data).vector * self._per_mass[:, 0]
         velocity = data.hg.vector * self._per_mass[:, 0]
         self.com_jacobian, self.momentum_jacobian = rates[:3], rates[3:]
@@ -89,39 +89,40 @@ class Dynamics(Kinematics):
 
     @property
     def inertia(self) -> np.ndarray:
-        """Of all links about the centre of mass, world axes [kg m^2], shape (3, 3)."""
+        """Inertia of all links about the centre of mass, world axes [kg m^2], shape (3, 3)."""
         return self.data.oYcrb[0].inertia.copy()
 
     def load(self, foot: int) -> float | None:
-        """Measured normal force on the left (0) or right (1) foot [N]; None without foot sensors."""
+        """Return the measured normal force on the left (0) or right (1) foot [N]; None without foot sensors."""
         forces = None if self._state is None else self._state.foot_force
         return None if forces is None else float(forces[foot, 2])
 
     def point(self, name: str) -> np.ndarray:
-        """Position of a frame's origin [m], shape (3,).
+        """Return the position of a frame's origin in the world [m], shape (3,).
 
-        With `edge` above zero, heel and toe are on that edge of the sole which is lower.
+        With `edge` above zero, heel and toe are on the lower edge of the sole.
         """
         origin, offset = self.position(name), self._edge_offset(name)
         return origin if offset is None else origin + offset
 
     def point_jacobian(self, name: str) -> np.ndarray:
-        """Jacobian of `point` in world axes, shape (3, nv)."""
+        """Return the Jacobian of `point` in world axes, shape (3, nv)."""
         index, offset = self.frame_id(name), self._edge_offset(name)
         jacobian = pin.getFrameJacobian(self.model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
         return jacobian[:3] if offset is None else jacobian[:3] - pin.skew(offset) @ jacobian[3:]
 
     def _edge_offset(self, name: str) -> np.ndarray | None:
-        """From the sole's centre line to its lower edge, world axes [m], shape (3,); None where a point has no edge."""
+        """Return the vector from the sole's centre line to its lower edge, world axes [m]; None for other points."""
         if self.edge == 0.0 or not name.endswith(_SOLE_ENDS):
             return None
+        # Between the two edges the point moves linearly with the roll, so that it does not jump at zero roll.
         lateral = self.rotation(name)[:, 1]
         return -self.edge * min(max(lateral[2] / _EDGE_ROLL, -1.0), 1.0) * lateral
 
     def frame(self, name: str) -> FrameMotion:
-        """A frame and its motion; computed once per update.
+        """Return a frame and its motion, computed once per update.
 
-        The drift is the classical acceleration: the spatial one lacks angular velocity x velocity.
+        The drift is the classical acceleration, since the spatial one lacks angular velocity x velocity.
         """
         motion = self._frames.get(name)
         if motion is None:

@@ -1,5 +1,6 @@
-"""Where the feet are: soles and their ends, and the point of a sole that the plan lets push."""
+"""Feet and the ground they find: geometry of the soles, who carries load, and a plane through the last stances."""
 
+import collections
 import math
 
 import numpy as np
@@ -14,15 +15,20 @@ SOLES = tuple(f"{side}_sole" for side in SIDES)
 _SHANKS = tuple(f"{side}_knee_link" for side in SIDES)
 _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
 _SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
+_TOUCH_LOAD = 20.0  # [N], load at which a foot has found the ground
+_RESTING_LOAD, _RESTING_RATE = 100.0, 0.5  # [N], [rad/s]: above and below these a sole lies on heel and toe
+_SLOPE_TIME = 0.02  # [s], time constant with which the slope of a resting sole is taken for the ground's
+_STANCES = 6  # number of stances that the plane is fitted to
+_STIFFNESS = 0.03  # [m^2], ridge towards level: variance of uneven ground over that of a gradient
 
 
 def pivot(dynamics: Dynamics, foot: int, balance: float) -> np.ndarray:
-    """Nominal centre of pressure of a foot that stands, in the world [m], shape (3,).
+    """Return the nominal centre of pressure of a standing foot in the world [m], shape (3,).
 
     Args:
-        dynamics: updated.
-        foot: 0 left or 1 right.
-        balance: how far it is ahead of the ankle [m].
+        dynamics: robot model at the current state.
+        foot: 0 for left, 1 for right.
+        balance: distance of the centre of pressure ahead of the ankle [m].
     """
     sole = dynamics.frame(SOLES[foot])
     x, y = sole.rotation[:2, 0].tolist()
@@ -31,41 +37,122 @@ def pivot(dynamics: Dynamics, foot: int, balance: float) -> np.ndarray:
 
 
 def sole_about(pivot: np.ndarray, yaw: float, balance: float) -> np.ndarray:
-    """Centre of a sole that is to land with its nominal centre of pressure at a place, world x and y [m], shape (2,).
+    """Return where to put a sole's centre so that its nominal centre of pressure is at a given place.
 
     Args:
-        pivot: that place, world x and y [m], shape (2,).
-        yaw: of the foot [rad].
-        balance: how far the place is ahead of the ankle [m].
+        pivot: desired place of the centre of pressure, world x and y [m], shape (2,).
+        yaw: heading of the foot [rad].
+        balance: distance of the centre of pressure ahead of the ankle [m].
+
+    Returns:
+        Centre of the sole, world x and y [m], shape (2,).
     """
     ahead = _SOLE_MIDDLE - balance
     return pivot + np.array([ahead * math.cos(yaw), ahead * math.sin(yaw)])
 
 
 def end_heights(dynamics: Dynamics, foot: int) -> list[float]:
-    """Heights of heel and toe, in the world [m]."""
+    """Return the heights of heel and toe in the world [m]."""
     return [float(dynamics.point(end)[2]) for end in _ENDS[foot]]
 
 
 def sole_height(dynamics: Dynamics, foot: int) -> float:
-    """Height of the sole's centre, in the world [m]."""
+    """Return the height of the sole's centre in the world [m]."""
     return float(dynamics.frame(SOLES[foot]).position[2])
 
 
 def feet_yaw(dynamics: Dynamics) -> float:
-    """Mean heading of the two feet [rad]."""
+    """Return the mean heading of the two feet [rad]."""
+    # The sum of the two forward axes points along the mean heading, also where the angles wrap.
     left, right = (dynamics.frame(sole).rotation for sole in SOLES)
     return math.atan2(left[1, 0] + right[1, 0], left[0, 0] + right[0, 0])
 
 
 def swing_pitch(dynamics: Dynamics, foot: int, to_heading: np.ndarray, slope: float = 0.0) -> float:
-    """Pitch of a lifted sole [rad]: that of the ground, as far as the lean of the shank and the ankle allow it.
+    """Return the pitch of a lifted sole [rad]: that of the ground, as far as the shank's lean and the ankle allow.
 
     Args:
-        dynamics: updated.
-        foot: 0 left or 1 right.
-        to_heading: from world x and y into the heading frame, shape (2, 2).
-        slope: of the ground along the foot, toe down positive [rad].
+        dynamics: robot model at the current state.
+        foot: 0 for left, 1 for right.
+        to_heading: rotation from world x and y into the heading frame, shape (2, 2).
+        slope: slope of the ground along the foot, positive with the toe down [rad].
     """
     lean = math.asin(min(max(-float(dynamics.rotation(_SHANKS[foot])[2, 0]), -1.0), 1.0))
     return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(_SHANKS[foot])[3:5])), slope)
+
+
+class Ground:
+    """What the feet tell about the ground. It counts as level where the state has no foot forces.
+
+    Attributes:
+        gradient: dz/dx and dz/dy of the plane through the last stances, world axes, shape (2,).
+        slopes: slope of the ground along the left and the right foot, positive with the toe down [rad], shape (2,).
+        resting: whether the left and the right foot lie still under load, shape (2,), bool. Heel and toe of a resting
+            foot both carry, whatever the slope.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all stances and assume level ground."""
+        self.gradient = np.zeros(2)
+        self.slopes = np.zeros(2)
+        self.resting = np.zeros(2, dtype=bool)
+        self._stances: collections.deque[np.ndarray] = collections.deque(maxlen=_STANCES)
+
+    def update(self, dynamics: Dynamics, contact: np.ndarray, yaw: float, dt: float) -> None:
+        """Follow the soles for one tick.
+
+        Args:
+            dynamics: robot model at the current state.
+            contact: whether the left and the right foot should stand, shape (2,), bool.
+            yaw: heading of the robot [rad].
+            dt: time since the last call [s].
+        """
+        for foot, side in enumerate(SIDES):
+            load = dynamics.load(foot)
+            if load is None or not contact[foot]:
+                self.resting[foot], self.slopes[foot] = False, self.slope_along(yaw)
+                continue
+            sole = dynamics.frame(f"{side}_sole")
+            rate = float(sole.rotation[:, 1].dot(sole.velocity[3:]))
+            # Only a sole that is loaded and does not rotate has both ends down, so that its pitch is the ground's.
+            rests = load > _RESTING_LOAD and abs(rate) < _RESTING_RATE
+            self.resting[foot] = rests
+            if rests:
+                pitch = math.asin(min(max(-float(sole.rotation[2, 0]), -1.0), 1.0))
+                self.slopes[foot] += (pitch - self.slopes[foot]) * min(dt / _SLOPE_TIME, 1.0)
+
+    def touched(self, dynamics: Dynamics, foot: int) -> bool | None:
+        """Return whether a foot carries load; None where the state has no foot forces."""
+        load = dynamics.load(foot)
+        return None if load is None else load > _TOUCH_LOAD
+
+    def note(self, dynamics: Dynamics, foot: int) -> None:
+        """Add the current stance of a foot to the plane, if the foot rests.
+
+        The gradient minimises the squared vertical distances of all heels and toes from the plane through their mean,
+        with a ridge towards level: a few stances on uneven ground must not look like a hill.
+        """
+        if not self.resting[foot]:
+            return
+        self._stances.append(np.array([dynamics.point(f"{SIDES[foot]}_{end}") for end in ("heel", "toe")]))
+        points = np.concatenate(self._stances)
+        points = points - points.mean(axis=0)
+        across = points[:, :2]
+        self.gradient = np.linalg.solve(across.T @ across + _STIFFNESS * np.eye(2), across.T @ points[:, 2])
+
+    def shift(self, offset: np.ndarray) -> None:
+        """Move the remembered stances after the estimate of the position jumped by `offset` [m], shape (3,)."""
+        for points in self._stances:
+            points += offset
+
+    def rise(self, start: np.ndarray, end: np.ndarray) -> float:
+        """Return by how much the plane rises from one point to another [m]; only their world x and y count."""
+        return float(self.gradient.dot(end[:2] - start[:2]))
+
+    def slope_along(self, yaw: float) -> float:
+        """Return the slope of the plane along a heading, downhill positive [rad]."""
+        x, y = self.gradient.tolist()
+        return -math.atan(x * math.cos(yaw) + y * math.sin(yaw))

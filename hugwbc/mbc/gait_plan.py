@@ -17,37 +17,37 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
-_LONGEST_WAIT = 0.4  # of the time of a step, for a foot that does not find the ground
+_LONGEST_WAIT = 0.4  # longest wait for a foot that does not find the ground, as a share of the step's duration
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 
 class GaitPlan:
-    """Gait clock of the model-based controller: modes change at the ends of steps only.
+    """Gait clock. Modes change only at the ends of steps.
 
-    A leap, of one leg or of two, is a stance of half a stride and a flight of the other half. The first stance of a
-    series is longer, for the countermovement, and the stance after the last flight only brakes.
+    A leap on one leg or two is a stance of half a stride and a flight of the other half. The first stance of a series
+    is longer, for the countermovement, and the stance after the last flight only brakes.
 
     Attributes:
         mode: what the plan is doing.
-        gait: that the mode belongs to; standing where the mode belongs to none.
+        gait: gait that the mode belongs to; standing where it belongs to none.
         phase: common phase of `hugwbc.gait`, in [0, 1); steps end at 0 and 0.5.
         frequency: stride frequency [Hz].
-        swing: index of the foot in the air of a walk (0 left, 1 right), or None.
-        elapsed: since the last change of mode or step [s].
-        delay: by which the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
+        swing: foot in the air of a walk, 0 for left, 1 for right, or None.
+        elapsed: time since the last change of mode or step [s].
+        delay: by how much the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
 
     def __init__(self, gather_time: float = 0.0) -> None:
-        """A plan that stands.
+        """Start with a plan that stands.
 
         Args:
-            gather_time: by which the first stance of a series of leaps, and the last, is longer [s].
+            gather_time: by how much the first and the last stance of a series of leaps are longer [s].
         """
         self._gather_time = gather_time
         self.reset()
 
     def reset(self) -> None:
-        """Stand."""
+        """Stand, and forget the past."""
         self.mode = Mode.STANDING
         self.gait = Gait.STANDING
         self.phase = 0.0
@@ -65,17 +65,17 @@ class GaitPlan:
 
     @property
     def stepping(self) -> bool:
-        """Whether the robot walks or leaps, and the clock runs but for a countermovement."""
+        """Whether the robot walks or leaps; the clock then runs, except during a countermovement."""
         return self.mode in (Mode.WALKING, Mode.LEAPING)
 
     @property
     def step_time(self) -> float:
-        """Duration of a step, of a stance or of a flight [s]: half a stride."""
+        """Nominal duration of a step, a stance or a flight [s]: half a stride."""
         return 0.5 / self.frequency
 
     @property
     def remaining(self) -> float:
-        """Time to the end of the step, of the stance or of the flight [s]; zero when standing or shifting."""
+        """Time to the end of the step, the stance or the flight [s]; zero when standing or shifting."""
         if self._overdue > 0.0:
             return 0.0
         if self.stepping:
@@ -84,11 +84,15 @@ class GaitPlan:
 
     @property
     def duration(self) -> float:
-        """Time from the beginning to the end of the current step of a walk [s]: `step_time` and the delay."""
+        """Duration of the current step of a walk, with its delay [s]."""
         return self.step_time + self.delay
 
     def retime(self, remaining: float) -> None:
-        """Let the current step of a walk end in a time above zero [s]: its clock runs faster or slower until then."""
+        """Let the current step of a walk end at another time; its clock runs faster or slower until then.
+
+        Args:
+            remaining: new time to the end of the step [s], above 0.
+        """
         self.delay += remaining - self.remaining
         self._pace = (0.5 - self.phase % 0.5) / (self.frequency * remaining)
 
@@ -99,17 +103,17 @@ class GaitPlan:
 
     @property
     def stance(self) -> int | None:
-        """Index of the foot that carries a walk's step, or None when both do."""
+        """Foot that carries a step of a walk, 0 for left, 1 for right, or None when both do."""
         return None if self.swing is None else 1 - self.swing
 
     @property
     def airborne(self) -> bool:
-        """Whether the clock has the robot in flight."""
+        """Whether the robot is in flight by the clock."""
         return self.mode is Mode.LEAPING and self.phase >= 0.5
 
     @property
     def legs(self) -> tuple[int, ...]:
-        """Feet that leap or land; none in other modes. The last flight ends on both."""
+        """Feet that leap or land; none in other modes. The last flight of a series ends on both."""
         if self.mode is Mode.LEAPING:
             return (0, 1) if self._last else _LEGS[self.gait]
         return (0, 1) if self.mode is Mode.LANDING else ()
@@ -125,20 +129,20 @@ class GaitPlan:
         first_swing: int = 0,
         landed: bool = True,
     ) -> bool:
-        """Move on by one tick.
+        """Advance by one tick.
 
         Args:
-            gait: as commanded.
+            gait: gait as commanded.
             frequency: stride frequency [Hz].
-            dt: [s].
-            may_start: whether the weight is where the first step, or the first jump, needs it.
+            dt: time since the last tick [s].
+            may_start: whether the weight is where the first step or the first jump needs it.
             may_stop: whether the robot can stand where the current step ends.
-            first_swing: the foot that a walk starts with, 0 left or 1 right.
-            landed: whether the swing foot of a walk has found the ground. Until it has, the feet keep their roles, for
-                a while; the clock runs on, so that the next step is shorter.
+            first_swing: foot that a walk starts with, 0 for left, 1 for right.
+            landed: whether the swing foot of a walk has found the ground. Until it has, the feet keep their roles for a
+                while; the clock runs on, so that the next step is shorter.
 
         Returns:
-            Whether a foot lifts off now.
+            Whether a foot lifts off in this tick.
         """
         self.frequency = frequency
         self.elapsed += dt
@@ -156,9 +160,10 @@ class GaitPlan:
             if self.remaining <= 0.0:
                 self._enter(Mode.STANDING, Gait.STANDING)
             return False
-        if self._gather > 0.0:
+        if self._gather > 0.0:  # the clock stands still during a countermovement
             self._gather = max(self._gather - dt, 0.0)
             return False
+        # A step ends where the phase crosses 0 or 0.5. A foot that is overdue keeps the step open after the crossing.
         half = self.phase >= 0.5
         self.phase = float(advance_phase(self.phase, frequency * self._pace, dt))
         if (self.phase >= 0.5) is half and self._overdue == 0.0:
@@ -172,12 +177,14 @@ class GaitPlan:
         return self._end_of_step(gait, may_stop=may_stop)
 
     def _shift(self, gait: Gait, *, may_start: bool, first_swing: int) -> bool:
+        """Start the gait once the weight is there, or stand again if another gait is commanded meanwhile."""
         if gait is not self.gait:
             self._enter(Mode.STANDING, Gait.STANDING)
             return False
         if not may_start:
             return False
         if gait is Gait.WALKING:
+            # The left foot swings from phase 0 on, the right one from 0.5.
             self._enter(Mode.WALKING, gait, 0.5 * first_swing)
         else:
             self._enter(Mode.LEAPING, gait)
@@ -185,6 +192,7 @@ class GaitPlan:
         return True
 
     def _end_of_step(self, gait: Gait, *, may_stop: bool) -> bool:
+        """Change feet, or change between stance and flight, or stop; return whether a foot lifts off."""
         stops = gait is not self.gait and may_stop
         if self.mode is Mode.WALKING:
             if stops:
@@ -192,11 +200,11 @@ class GaitPlan:
             self._set_swing()
             return not stops
         if self.airborne:
-            self._last = stops
+            self._last = stops  # a series of leaps stops by a flight that lands on both feet
             return True
         if self._last:
             self._enter(Mode.LANDING, self.gait)
-            self._gather = self._gather_time + self.step_time
+            self._gather = self._gather_time + self.step_time  # the clock has ended: this time alone ends the landing
         return False
 
     def _enter(self, mode: Mode, gait: Gait, phase: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""From a smooth command to task targets and contacts, whatever the gait: who stands, who swings, which tasks count."""
+"""From a smooth command to task targets and contacts in every gait: who stands, who swings, which tasks count."""
 
 import math
 
@@ -6,47 +6,47 @@ import numpy as np
 
 from hugwbc.gait import Gait
 from hugwbc.mbc import feet
-from hugwbc.mbc.command_filter import SmoothCommand
+from hugwbc.mbc.command_filter import GaitState, SmoothCommand, VelocityTrim
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.references import References
+from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.standing import Standing
 from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task
-from hugwbc.mbc.velocity_trim import VelocityTrim
 from hugwbc.mbc.walking import Walking
 from hugwbc.robot import SIDES, load_robot
 
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
-_LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher and still carry load
-_STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]
-_STRAY_SPEED, _STRAY_TIME = 0.3, 0.15  # [m/s], [s], beyond which a robot is not as fast as commanded
-_POSITION_JUMP = 0.05  # [m], of the pelvis in a tick, beyond its velocity: the position jumps, not the robot
+_LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher than the other and still carry load
+_STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]: below these the robot may stop
+_STRAY_SPEED, _STRAY_TIME = 0.3, 0.15  # [m/s], [s]: excess of speed that counts as a push, and its time constant
+_POSITION_JUMP = 0.05  # [m], in one tick beyond the velocity: such a step of the pelvis is the estimator's, not real
 
 
 class Locomotion:
     """Owns the gait plan and the tasks that depend on it.
 
+    In every tick the ground is updated first, then the gait clock, then the references, and last the gait in progress.
+
     Attributes:
-        plan: the gait clock.
-        ground: as the feet have found it.
+        plan: gait clock.
+        ground: the ground as the feet have found it.
         references: heading, height and orientation of the pelvis.
         contact: whether the left and the right foot stand, shape (2,), bool.
-        footholds: where the soles' centres of the feet in the air are to land, world [m], shape (2, 2); NaN for the
-            others.
-        momentum, stance, swing, free_leg: tasks.
+        footholds: where the centres of the soles in the air should land, world [m], shape (2, 2); NaN for the others.
+        momentum: task of the angular momentum.
+        stance, swing, free_leg: tasks of the left and the right leg.
     """
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
         self.plan = GaitPlan(params.gather_time)
-        self.ground = Ground()
-        self.references = References(params)
+        self.ground = feet.Ground()
+        self.references = References(params, self.plan, self.ground)
         self._standing = Standing(params, self.plan, self.references)
         self._walking = Walking(params, self.plan, self.references, self.ground)
-        self._leap = Leap(params)
+        self._leap = Leap(params, self.plan, self.references)
         self._trim = VelocityTrim(params)
         self.momentum = AngularMomentumTask(params)
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
@@ -76,10 +76,11 @@ class Locomotion:
         self._excess = 0.0
 
     def tasks(self) -> list[Task]:
-        """The tasks that count at this tick."""
+        """Return the tasks that count in this tick."""
         self.momentum.planned = self._leap.momentum_rate
         tasks: list[Task] = [self.references.orientation, self.momentum]
         if self.plan.legs:
+            # The force plan moves the centre of mass in the stance of a leap, and nothing does in flight.
             if self.planned_forces is not None:
                 tasks.append(self._leap.motion)
         else:
@@ -91,13 +92,19 @@ class Locomotion:
         return tasks
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
-        """Advance the plan by one tick and set every target."""
+        """Advance the plan by one tick and set every target.
+
+        Args:
+            dynamics: robot model at the current state.
+            command: command to follow.
+            dt: time since the last tick [s].
+        """
         plan, standing = self.plan, self._standing
         self.footholds[:] = np.nan
         self._follow_jumps(dynamics, dt)
         standing.catching = max(standing.catching - dt, 0.0)
         catching = standing.catching > 0.0
-        # A leap's feet are judged by their place: they land at once, or not at all.
+        # Leaps take the ground to be level, and judge their feet by height: they land at once or not at all.
         walks = self.contact & (not plan.legs)
         self.ground.update(dynamics, walks, self.references.yaw, dt)
         if plan.mode is Mode.WALKING:
@@ -111,9 +118,9 @@ class Locomotion:
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,
         )
-        # The leg of a hop leans inwards by 0.2 rad, and the foot with it.
+        # The leg of a hop leans inwards by 0.2 rad and stands on the edge of its sole: that is where the ground pushes.
         dynamics.edge = float(dynamics.robot.sole_y[1]) if len(plan.legs) == 1 else 0.0
-        self.references.update(dynamics, command, plan, self.ground, dt)
+        self.references.update(dynamics, command, dt)
         if plan.mode is Mode.WALKING:
             self._walk(dynamics, command, dt, lift_off)
         elif plan.legs:
@@ -122,7 +129,7 @@ class Locomotion:
             self.contact[:] = True
             self._trim.reset()
             self._excess = 0.0
-            self._leap.fly()
+            self._leap.release()
             standing.update(dynamics)
         for foot, stance in enumerate(self.stance):
             if self.contact[foot]:
@@ -130,7 +137,7 @@ class Locomotion:
                 stance.slope = float(self.ground.slopes[foot])
 
     def _follow_jumps(self, dynamics: Dynamics, dt: float) -> None:
-        """Where the position jumps, as an estimator's may, all that is remembered in the world jumps along."""
+        """Move all that is remembered in the world along when the position jumps, as an estimator's may."""
         pelvis = dynamics.frame("pelvis")
         offset = pelvis.position - self._position - pelvis.velocity[:3] * dt
         self._position = pelvis.position
@@ -143,18 +150,18 @@ class Locomotion:
 
     @property
     def foothold(self) -> np.ndarray | None:
-        """The foothold of the only foot in the air, world [m], shape (2,); None if none or both are."""
+        """Foothold of the only foot in the air, world [m], shape (2,); None if none or both are."""
         planned = self.footholds[np.isfinite(self.footholds[:, 0])]
         return planned[0] if len(planned) == 1 else None
 
     @property
     def out_of_reach(self) -> int:
-        """Ticks since the reset in which the foothold of a walk was out of reach."""
+        """Number of ticks since the reset in which the foothold of a walk was out of reach."""
         return self._walking.out_of_reach
 
     @property
     def failed_plans(self) -> int:
-        """Force plans since the reset that were not solved."""
+        """Number of force plans since the reset that were not solved."""
         return self._leap.failures
 
     @property
@@ -163,28 +170,25 @@ class Locomotion:
         return self._leap.forces
 
     @property
-    def settled(self) -> bool:
-        """Whether the robot has stood long enough to have come to rest."""
-        return self._standing.settled
-
-    @property
-    def waiting(self) -> bool:
-        """Whether the weight is still on its way onto the leg that is to hop.
-
-        A series that begins with a turn at full speed, before the foot has anything to push against, rolls over.
-        """
-        return self.plan.mode is Mode.SHIFTING and self.plan.gait.hops
-
-    @property
-    def stray(self) -> float:
-        """By how much the robot walks faster along the heading than commanded [m/s]; 0 for what steps and starts do."""
-        return self._excess if abs(self._excess) > _STRAY_SPEED and self.plan.mode is Mode.WALKING else 0.0
+    def state(self) -> GaitState:
+        """What the legs are doing, for the command filter."""
+        walks = self.plan.mode is Mode.WALKING
+        return GaitState(
+            stepping=not self._standing.settled,
+            running=self.plan.gait,
+            # A series of hops that starts with a turn at full speed, before the foot can push against the ground, rolls
+            # over: first the weight has to be over that foot.
+            waiting=self.plan.mode is Mode.SHIFTING and self.plan.gait.hops,
+            # Ordinary steps and starts change the speed as well, but by less.
+            stray=self._excess if abs(self._excess) > _STRAY_SPEED and walks else 0.0,
+        )
 
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:
-        """Whether the ground may push at each of the QP's contact points, shape (4,), bool.
+        """Return whether the ground may push at each contact point of the QP, shape (4,), bool.
 
-        The lowest end of a standing foot always, the other end once it is about as low or the sole rests: a foot that
-        lands on its toe first must not count on its heel. A foot that has just come down, not before it carries.
+        It always may at the lowest end of a standing foot. At the other end it may once that is about as low or the
+        sole rests, since a foot that lands on its toe must not rely on its heel. At a foot that has just come down it
+        may only once the foot carries weight.
         """
         pushes = []
         for foot, (carries, rests) in enumerate(zip(self.contact.tolist(), self.ground.resting.tolist(), strict=True)):
@@ -194,7 +198,7 @@ class Locomotion:
                 continue
             heights = feet.end_heights(dynamics, foot)
             lowest = min(heights)
-            if self.plan.legs:  # a landing presses one end into the ground: the other end is not in the air for that
+            if self.plan.legs:  # a landing presses one end into the ground, which does not lift the other one off it
                 lowest = max(lowest, self.references.ground)
             pushes += [height < lowest + _LEVEL_TOLERANCE for height in heights]
         return np.array(pushes)
@@ -212,47 +216,34 @@ class Locomotion:
             walking.lift_off(dynamics)
             self._trim.end_step()
         task = self.swing[swing]
-        self.footholds[swing] = walking.update(dynamics, command, command.velocity + self._trim.value, task, dt)
+        tick = Tick(dynamics, command, command.velocity + self._trim.value, dt)
+        self.footholds[swing] = walking.update(tick, task)
         task.weight = self._swing_weights["ground"]
         self.contact[stance], self.contact[swing] = True, walking.landed
 
     def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
-        plan, leap, references = self.plan, self._leap, self.references
+        plan, leap = self.plan, self._leap
         self._measure(dynamics, command, dt)
-        velocity = command.velocity + self._trim.value
+        tick = Tick(dynamics, command, command.velocity + self._trim.value, dt)
         if lift_off:
             self._trim.end_step()
-            for foot in plan.legs:
-                leap.trajectories[foot].start(dynamics.frame(feet.SOLES[foot]).position)
+            leap.lift_off(dynamics)
             self.contact[:] = False
         if plan.airborne:
             for foot in plan.legs:
-                self._fly(dynamics, command, foot, velocity, dt)
+                self.footholds[foot] = leap.fly(tick, foot, self.swing[foot])
+                self.swing[foot].weight = self._swing_weights["flight"]
+                self.contact[foot] |= leap.lands(dynamics, foot)
         else:
             self.contact[:] = False
             self.contact[list(plan.legs)] = True
         if all(self.contact[foot] for foot in plan.legs):
-            leap.push(dynamics, command, plan, references.orientation, velocity, references.height.target, dt)
+            leap.push(tick)
         else:
-            leap.fly()
-
-    def _fly(self, dynamics: Dynamics, command: SmoothCommand, foot: int, velocity: np.ndarray, dt: float) -> None:
-        """Path of a foot in flight."""
-        plan, leap, references, task = self.plan, self._leap, self.references, self.swing[foot]
-        elapsed, trajectory = plan.step_time - plan.remaining, leap.trajectories[foot]
-        yaw = leap.landing_yaw(command, plan, references.yaw)
-        pivot = leap.foothold(dynamics, command, plan, references.yaw, velocity, foot, references.ground)
-        self.footholds[foot] = feet.sole_about(pivot, yaw, references.balance)
-        trajectory.advance(self.footholds[foot], command.l, references.ground, elapsed, plan.remaining, dt)
-        if elapsed > self._params.early_contact_phase * plan.step_time:
-            height = min(feet.end_heights(dynamics, foot)) - references.ground
-            self.contact[foot] |= height < self._params.early_contact_height
-        task.position, task.velocity = trajectory.position, trajectory.velocity
-        task.acceleration = trajectory.acceleration
-        task.yaw, task.pitch = yaw, feet.swing_pitch(dynamics, foot, references.to_heading)
-        task.weight = self._swing_weights["flight"]
+            leap.release()
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
+        """Return whether the robot can stand where the current step ends: slow, and with its feet side by side."""
         if math.hypot(*command.velocity.tolist()) > _STOP_SPEED or abs(command.omega) > _STOP_TURN:
             return False
         if self.plan.legs:
@@ -261,7 +252,10 @@ class Locomotion:
         return abs(float(self.references.to_heading[0].dot(gap[:2]))) < _STOP_STRIDE
 
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
-        """Downward speed of a foot that should stand [m/s]: until it carries, or without foot forces by its height."""
+        """Return the downward speed of a foot that should stand [m/s].
+
+        It goes down until it carries weight or, without foot forces, until its height is that of the ground.
+        """
         touched = None if self.plan.legs else self.ground.touched(dynamics, foot)
         if touched is not None:
             return 0.0 if touched else _SETTLE_SPEED

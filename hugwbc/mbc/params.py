@@ -1,28 +1,32 @@
-"""Every gain, weight and limit of the model-based controller, in one place."""
+"""Every gain, weight and limit of the `qp` controller, in one place."""
 
 import dataclasses
 import math
 
 from hugwbc.errors import ConfigError
 
-# Divisors and bounds, which mean nothing at 0 or below it.
+# Divisors and bounds, which have no meaning at 0 or below.
 _POSITIVE = (
     *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon"),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *("leg_length", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
-    # Of pairs the largest rate and the largest rate of it,
+    # Pairs of the largest rate and the largest acceleration,
     *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
-    # and stiffness and damping, whose ratio is the speed at which a gap is closed.
+    # and of stiffness and damping, whose ratio is the speed at which a gap is closed.
     *("waist_gains", "arm_gains", "takeover_gains", "free_leg_gains"),
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class ControllerParams:
-    """Numbers of the whole-body controller.
+    """Gains, weights and limits of `WholeBodyController`.
 
-    A task's cost is weight * (acceleration error)^2, so weights of tasks with the same unit compare directly. Gains are
-    natural: stiffness in 1/s^2, damping in 1/s, and multiply errors, not torques.
+    The cost of a task is weight * (acceleration error)^2, so that weights of tasks with the same unit compare directly.
+    Costs are squared accelerations [m^2/s^4] or [rad^2/s^4]; weights of motions therefore have no unit. A pair called
+    `gains` is stiffness [1/s^2] and damping [1/s]: both multiply errors of motion and give accelerations, not torques.
+
+    Raises:
+        ConfigError: if a number is not finite, or a divisor or bound is not above 0.
     """
 
     # --- whole-body QP
@@ -33,90 +37,113 @@ class ControllerParams:
     max_normal_force: float = 2000.0
     """Largest normal force of one contact point [N]."""
     joint_margin: float = 0.02
-    """Distance to a joint's position limit that is kept [rad]."""
+    """Distance that is kept from a joint's position limit [rad]."""
     speed_fraction: float = 1.6
-    """Share of every joint's speed limit that may be used. Above 1: the high swings of the command range need it, and
-    the simulation, like the learned policy's, does not limit speed. Choose 1 for a machine that does."""
+    """Share of every joint's speed limit that may be used. It is above 1 because the high swings of the command range
+    need it, and because the simulation does not limit speed, for the learned policy either. Choose 1 for a machine that
+    does."""
     joint_brake: float = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
     joint_horizon: float = 0.02
-    """Time in which a joint speed above the admissible one is taken back [s]."""
+    """Time in which a joint speed above the admissible one is reduced to it [s]."""
     acceleration_regularisation: float = 1e-3
-    """Weight on every generalised acceleration."""
+    """Weight of every generalised acceleration."""
     force_regularisation: float = 1e-5
-    """Weight on every contact force component [1/kg^2]."""
+    """Weight of every component of a contact force [1/kg^2]."""
     qp_tolerance: float = 1e-5
     """Absolute residual at which the QP counts as solved."""
     qp_max_iterations: int = 25
-    """Bound on outer iterations of one solve."""
+    """Largest number of outer iterations of one solve."""
 
     # --- tasks: weights, stiffness [1/s^2], damping [1/s]
     contact_weight: float = 2000.0
+    """Weight of a standing foot's line contact: far above all other tasks, yet soft enough for the QP to stay feasible
+    on any ground."""
     contact_damping: float = 30.0
+    """Damping of the velocity of a standing foot [1/s]."""
     contact_pitch_stiffness: float = 100.0
+    """Stiffness with which a standing sole turns to the slope of the ground [1/s^2]."""
     height_weight: float = 300.0
-    """Dominates, so that the QP never raises the pelvis to buy normal force for a fast swing."""
+    """Weight of the pelvis's height. It dominates, so that the QP never raises the pelvis to gain normal force for a
+    fast swing."""
     height_gains: tuple[float, float] = (120.0, 22.0)
+    """Gains of the pelvis's height [1/s^2], [1/s]."""
     orientation_weight: tuple[float, float, float] = (4.0, 20.0, 10.0)
-    """Roll, pitch and yaw. Low roll: the line-shaped feet cannot hold it while a leg swings fast."""
+    """Weights of the pelvis's roll, pitch and yaw. Roll is low: the line-shaped feet cannot hold it while a leg swings
+    fast."""
     orientation_gains: tuple[float, float] = (300.0, 30.0)
+    """Gains of the pelvis's orientation [1/s^2], [1/s]."""
     com_weight: float = 300.0
-    """Standing: balance comes before posture."""
+    """Weight of the centre of mass when standing: balance comes before posture."""
     travel_weight: float = 10.0
-    """Walking: the pelvis along the heading."""
+    """Weight of the pelvis's motion along the heading when walking."""
     travel_damping: float = 0.0
+    """Damping of that motion about the commanded speed [1/s]; 0 follows the pendulum alone."""
     com_gains: tuple[float, float] = (30.0, 11.0)
+    """Gains of the centre of mass when standing [1/s^2], [1/s]."""
     swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
+    """Weights of a swinging foot's position, world x, y and z."""
     swing_gains: tuple[float, float] = (700.0, 50.0)
+    """Gains of that position [1/s^2], [1/s]."""
     swing_rotation_weight: tuple[float, float] = (2.0, 10.0)
-    """Pitch and yaw. Low pitch: a high swing turns the sole where the ankle ends."""
+    """Weights of a swinging foot's pitch and yaw. Pitch is low: a high swing turns the sole where the range of the
+    ankle ends."""
     swing_rotation_gains: tuple[float, float] = (300.0, 30.0)
+    """Gains of pitch and yaw [1/s^2], [1/s]."""
     waist_weight: float = 2.0
+    """Weight of the waist joint."""
     waist_gains: tuple[float, float] = (100.0, 20.0)
+    """Gains of the waist joint [1/s^2], [1/s]."""
     arm_weight: float = 0.5
+    """Weight of arm joints without external control: they hold the nominal pose, but yield."""
     arm_gains: tuple[float, float] = (100.0, 20.0)
+    """Gains of arm joints without external control [1/s^2], [1/s]."""
     takeover_weight: float = 20.0
-    """Weight of arm joints under external control: prescribed motion, which the rest of the body balances."""
+    """Weight of arm joints under external control: a prescribed motion that the rest of the body balances."""
     takeover_gains: tuple[float, float] = (1600.0, 80.0)
+    """Gains of arm joints under external control [1/s^2], [1/s]; lower if the control period is long."""
     takeover_speed: float = 8.0
     """Largest speed with which an arm joint closes a gap to an external target [rad/s]."""
     momentum_weight: tuple[float, float, float] = (0.002, 0.002, 0.002)
-    """Angular momentum about the centre of mass: roll, pitch, yaw [1/(kg m^2)^2]."""
+    """Weights of the rate of the angular momentum about the world's x, y and z [1/(kg m^2)^2]."""
     momentum_damping: float = 5.0
+    """Damping of the angular momentum without a force plan [1/s]."""
 
     # --- walking
     step_width: float = 0.20
-    """Distance between the two feet's centre lines when walking in place [m]."""
+    """Distance between the centre lines of the feet when walking in place [m]."""
     min_foot_distance: float = 0.08
     """Smallest lateral distance between the feet [m]."""
     max_foot_distance: float = 0.75
-    """Largest one [m]: what the hips' roll allows, and a crouch."""
+    """Largest lateral distance between the feet [m], which the roll of the hips and a crouch allow."""
     max_step: tuple[float, float] = (-0.60, 0.75)
-    """Reach of a step along the heading, from the stance foot [m]."""
+    """Reach of a step along the heading, backward and forward from the stance foot [m]."""
     cop_reach: float = 0.065
-    """Largest distance of the centre of pressure from the ankle, along the foot [m]: what the ankle torque holds."""
+    """Largest distance of the centre of pressure from the ankle along the foot [m], which the ankle torque can hold."""
     cop_gain: float = 1.5
-    """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 it converges."""
+    """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 the latter
+    converges."""
     long_step: float = 0.4
-    """Distance from the stance foot of a foothold for which the pelvis comes down, as far as the legs need [m]."""
+    """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
     leg_length: float = 0.785
-    """Distance between hip and ankle that a leg is not to exceed then [m]; straight it is 0.8."""
+    """Largest distance between hip and ankle in such a step [m]; that of a straight leg is 0.8."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
-    """Change of the pelvis's height for it [m/s], [m/s^2]."""
+    """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)
-    """The same on the way back: a foot that is far away still has to be lifted."""
+    """Largest rate and acceleration with which it rises again [m/s], [m/s^2]: slow, because a foot that is far away
+    still has to be lifted."""
     max_crouch: float = 0.25
-    """Largest such change [m]."""
+    """Largest such lowering of the pelvis [m]."""
     step_timing: float = 0.2
     """Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time."""
     step_timing_tolerance: float = 0.02
-    """Distance by which a foothold may be missed before that [m]."""
+    """Distance by which a foothold may be missed before the step is retimed [m]."""
     step_timing_weight: float = 0.005
-    """Cost of a change of the step's duration by its whole length, beside that of a missed foothold [m^2]."""
+    """Cost of a relative change of a step's duration by 1, compared with a squared missed distance [m^2]."""
     swing_acceleration: float = 120.0
     """Largest acceleration along the ground of a swing that is hurried [m/s^2]."""
     landing_height: float = -0.001
-    """Height below the ground at which a swing ends, so that it ends on it [m]."""
+    """Height relative to the ground at which a swing ends [m]; a little below, so that the foot touches."""
     landing_speed: float = 0.05
     """Downward speed at which a swing ends [m/s]."""
     search_speed: float = 0.4
@@ -126,88 +153,94 @@ class ControllerParams:
     early_contact_height: float = 0.0005
     """Height of heel or toe below which a descending foot counts as landed [m]."""
     shift_time: float = 0.22
-    """Shortest weight shift in double support before the first step [s]."""
+    """Shortest shift of the weight in double support before the first step [s]."""
     max_shift_time: float = 0.6
-    """Longest weight shift [s]."""
+    """Longest shift of the weight [s]."""
     capture_distance: float = 0.11
-    """Standing: distance of the divergent component from the middle of the feet, along the heading, beyond which the
-    robot steps to catch itself [m]."""
+    """Distance of the divergent component from the middle of the feet along the heading, beyond which a standing robot
+    steps to catch itself [m]."""
     capture_margin: float = 0.01
-    """The same across: how far inside the outer foot it may come [m]."""
+    """Distance inside the centre line of the outer foot, beyond which the same holds across the heading [m]."""
     capture_time: float = 1.0
-    """How long it then steps in place, at least [s]."""
+    """Shortest time for which the robot then steps in place [s]."""
     settle_time: float = 0.6
-    """Standing time after the last step before the limits of walking on h are lifted [s]."""
+    """Time of standing after the last step before the limits of walking on h are lifted [s]."""
     velocity_integral: float = 0.25
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
     velocity_integral_bound: float = 0.15
-    """Largest velocity error of a step that counts there [m/s]."""
+    """Velocity error at which the error of a step is clipped for that [m/s]."""
     velocity_integral_change: float = 0.05
-    """Change of the commanded velocity within a step beyond which the step's error does not count [m/s]."""
+    """Change of the commanded velocity within a step beyond which the error of the step does not count [m/s]."""
     max_velocity_trim: float = 0.3
-    """Bound on that correction [m/s]."""
+    """Largest correction of the velocity plan [m/s]."""
 
     # --- jumping and hopping
     motion_weight: tuple[float, float, float] = (10.0, 10.0, 100.0)
-    """Leaping: the centre of mass as the force plan moves it, along the world's axes."""
+    """Weights of the centre of mass in a leap, which follows the force plan, world x, y and z."""
     planned_momentum_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Leaping: angular momentum as the force plan moves it: roll, pitch, yaw [1/(kg m^2)^2]."""
+    """Weights of the rate of the angular momentum in a leap, which follows the force plan, about the world's x, y and z
+    [1/(kg m^2)^2]."""
     planned_force_weight: float = 1e-4
-    """Weight on the departure of every contact force from the force plan [1/kg^2]."""
+    """Weight of the departure of every contact force from the force plan [1/kg^2]."""
     leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.02)
-    """Pelvis in the stance of a leap: the plan of the angular momentum comes first."""
+    """Weights of the pelvis's roll, pitch and yaw in the stance of a leap: the plan of the angular momentum comes
+    first."""
     flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
-    """Pelvis in flight, where angular momentum is conserved: turning it costs the legs their places."""
+    """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
+    pelvis moves the legs from their places."""
     flight_swing_weight: tuple[float, float, float, float, float] = (40.0, 40.0, 40.0, 2.0, 10.0)
-    """Feet in flight, where no foot has to bear the reaction: x, y, z, pitch and yaw."""
+    """Weights of a foot's x, y, z, pitch and yaw in flight, where no other foot has to bear the reaction."""
     mpc_intervals: int = 6
-    """Intervals of constant force in a stance."""
+    """Number of intervals of constant force in the rest of a stance."""
     mpc_period: float = 0.01
     """Time between two force plans [s]."""
     mpc_shortest_stance: float = 0.03
-    """Time to take-off below which the plan does not shrink [s]."""
+    """Time to take-off below which the plan does not become shorter [s]."""
     mpc_velocity_weight: float = 100.0
-    """Weights of the force plan, per squared m/s, m, rad, rad/s: horizontal velocity at take-off,"""
+    """Force plan: weight of the horizontal velocity at take-off [s^2/m^2]."""
     mpc_rise_weight: float = 1000.0
-    """vertical velocity at take-off,"""
+    """Force plan: weight of the vertical velocity at take-off [s^2/m^2]."""
     mpc_height_weight: float = 10000.0
-    """height at take-off,"""
+    """Force plan: weight of the height at take-off [1/m^2]."""
     mpc_sway_weight: float = 30.0
-    """horizontal velocity on the way,"""
+    """Force plan: weight of the horizontal velocity on the way, per time [s/m^2]."""
     mpc_tilt_weight: float = 20.0
-    """tilt on the way,"""
+    """Force plan: weight of the mean squared tilt on the way [1/rad^2]."""
     mpc_landing_tilt_weight: float = 300.0
-    """tilt at the landing,"""
+    """Force plan: weight of the tilt at the landing [1/rad^2]."""
     mpc_spin_weight: float = 10.0
-    """angular velocity at take-off,"""
+    """Force plan: weight of the angular velocity at take-off [s^2/rad^2]."""
     mpc_force_weight: float = 5.0
-    """and departure of the forces from an even vertical push, in units of the robot's weight, per time."""
+    """Force plan: weight of the forces' departure from an even vertical push, in units of the robot's weight, per time
+    [1/s]."""
     gather_time: float = 0.3
-    """By which the first and the last stance of a series of leaps are longer [s]."""
+    """Time by which the first and the last stance of a series of leaps are longer [s]."""
     leap_width: float = 0.36
-    """Distance between the feet's centre lines when jumping in place [m]."""
+    """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
     hop_placement: float = 1.0
-    """Share of the distance between foot and centre of mass that takes out what a hop has too much of."""
+    """Share that is used of the distance between foot and centre of mass that would take out all excess momentum."""
     jump_calm: float = 0.04
-    """Distance of the divergent component from the middle of the feet at which a series of jumps may begin [m]."""
+    """Distance of the divergent component from the middle of the feet at which a series of jumps may start [m]."""
     hop_shift_time: float = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
     hop_shift_tolerance: float = 0.03
-    """Distance of the weight from the hopping foot at which the first hop may begin [m]."""
+    """Distance of the weight from the hopping foot at which the first hop may start [m]."""
     hop_overshoot: float = 0.07
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
-    """Lowering of the pelvis for a hop: its leg leans, and must still reach the ground [m]."""
+    """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
     free_leg_weight: float = 2.0
+    """Weight of the joints of the leg that does not hop."""
     free_leg_gains: tuple[float, float] = (100.0, 20.0)
+    """Gains of these joints [1/s^2], [1/s]."""
     free_leg_posture: tuple[float, ...] = (0.0, 0.0, -1.0, 1.9, -0.82)
-    """Hip yaw, roll, pitch, knee and ankle of the leg that does not hop [rad]."""
+    """Hip yaw, roll and pitch, knee and ankle of the leg that does not hop [rad]."""
     leap_depth: float = -0.26
-    """Lowest h at the bottom of the stance of a leap [m]."""
+    """Lowest h at the bottom of the stance of a jump [m]."""
     hop_depth: float = -0.19
-    """The same for a hop [m]."""
+    """Lowest h at the bottom of the stance of a hop [m]."""
     leap_tuck: float = 1.5
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 
@@ -216,9 +249,9 @@ class ControllerParams:
     """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
     can reach."""
     balance_margin: tuple[float, float] = (0.012, 0.03)
-    """Distance of that point from the foremost one that the ankle's range allows, standing and walking [m]."""
+    """Distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]."""
     speed_lowering: float = 0.05
-    """Lowering of the pelvis per m/s of forward speed above `lowering_from` [m / (m/s)]."""
+    """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
     clearance_at_nominal: float = 0.31
@@ -226,29 +259,29 @@ class ControllerParams:
     clearance_speed: float = 1.0
     """Speed above which the apex is lowered [m/s]."""
     clearance_per_speed: float = 0.08
-    """Lowering of the apex that the leg reaches, per speed above that [m / (m/s)]."""
+    """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
-    """Largest l f^2 of a swing [m Hz^2]; the feet slip beyond."""
+    """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
     swing_reaction_per_speed: float = 0.3
-    """Share of that which is lost per speed above `clearance_speed` [1 / (m/s)]."""
+    """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
-    """Lowest swing apex [m]; it is kept even where the height command leaves less."""
+    """Lowest swing apex [m]; it is kept even where the height command leaves less room."""
     walking_room: float = 0.045
     """Forward travel of the centre of mass from the ankle that the stance leg must allow even in place [m]."""
     backward_room: float = 0.1
-    """Further room per backward speed [s]."""
+    """Additional room per m/s of backward speed [s]."""
 
-    # --- command filter: largest rate and largest rate of the rate
+    # --- command filter: largest rates and accelerations
     velocity_rate: tuple[float, float, float] = (1.5, 1.5, 2.0)
-    """Change of v_x, v_y [m/s^2] and omega [rad/s^2]."""
+    """Largest rates of v_x, v_y [m/s^2] and omega [rad/s^2]."""
     frequency_rate: float = 2.0
-    """Change of f [Hz/s]."""
+    """Largest rate of f [Hz/s]."""
     height_rate: tuple[float, float] = (0.35, 2.0)
-    """Change of h [m/s], [m/s^2]."""
+    """Largest rate and acceleration of h [m/s], [m/s^2]."""
     pitch_rate: tuple[float, float] = (0.8, 4.0)
-    """Change of p [rad/s], [rad/s^2]."""
+    """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
     waist_rate: tuple[float, float] = (2.0, 10.0)
-    """Change of w [rad/s], [rad/s^2]."""
+    """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
 
     # --- output
     joint_stiffness: float = 0.1
@@ -256,7 +289,8 @@ class ControllerParams:
     joint_damping: float = 0.3
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
     hold_time: float = 0.06
-    """How long the last good command is held when no new one can be found, before the joints are only damped [s]."""
+    """Time for which the last good command is held when no new one can be found, before the joints are only damped
+    [s]."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -11,7 +11,7 @@ from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.proxsuite_build import proxqp
-from hugwbc.mbc.tasks.task import TaskTerms
+from hugwbc.mbc.tasks import TaskTerms
 from hugwbc.robot import SIDES, Robot
 
 CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "toe"))
@@ -20,15 +20,24 @@ _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
 _INNER_ITERATIONS = 20
-_LARGEST_DEMAND = 1e4  # of a task [its unit / s^2]: far above what a robot can do, far below what a solver cannot
+_LARGEST_DEMAND = 1e4  # of a task [its unit / s^2]: far more than a robot can do, yet small enough for the solver
 _INFEASIBILITY_TOLERANCE = 1e-12
-# Of ProxQP. Its default of 1e-6 is a tenth of the weight on the forces: it holds them at their last values, which costs
-# an iteration in every walking tick and four times the error.
+# ProxQP penalises the distance from its last iterate by this much. Its default, 1e-6, is a tenth of the weight on the
+# forces and holds them at their last values, which costs an iteration in every walking tick and four times the error.
 _PROXIMAL_WEIGHT = 1e-7
 
 
 def friction_pyramid(friction: float) -> np.ndarray:
-    """Rows of a pyramid inside the friction cone about the vertical: times a force, none is above 0; shape (4, 3)."""
+    """Return the pyramid inside the friction cone about the vertical.
+
+    Dividing by the square root of 2 puts the pyramid's edges on the cone, so that a force on them does not slip either.
+
+    Args:
+        friction: friction coefficient of the cone.
+
+    Returns:
+        Four rows, shape (4, 3); a force is inside the pyramid if none of its products with them is above 0.
+    """
     slope = friction / math.sqrt(2.0)
     return np.array([[1.0, 0.0, -slope], [-1.0, 0.0, -slope], [0.0, 1.0, -slope], [0.0, -1.0, -slope]])
 
@@ -46,10 +55,10 @@ class QpSolution(NamedTuple):
 
     Attributes:
         status: whether they can be used.
-        iterations: of the solver.
-        acceleration: dv/dt, in the dynamics' order, shape (nv,).
-        forces: of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3).
-        torque: in the robot's joint order [N*m], shape (19,).
+        iterations: iterations of the solver.
+        acceleration: dv/dt in the order of the dynamics, shape (nv,).
+        forces: forces of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3).
+        torque: joint torques in the robot's joint order [N*m], shape (19,).
     """
 
     status: QpStatus
@@ -60,7 +69,7 @@ class QpSolution(NamedTuple):
 
 
 class WholeBodyQp:
-    r"""Weighted least squares over accelerations and contact forces, torques eliminated.
+    r"""Weighted least squares over accelerations and contact forces, with the torques eliminated.
 
     .. math::
         \min_{\dot v, f}\; & \sum_i \| J_i \dot v + \dot J_i v - a_i^* \|^2_{W_i}
@@ -70,19 +79,29 @@ class WholeBodyQp:
         & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad\text{(4 points)} \\
         & \dot v_j^{min}(q, v) \le \dot v_j \le \dot v_j^{max}(q, v) \quad\text{(joint range and speed)}
 
-    The size never changes: forces where the ground does not push have neither effect nor bounds, so that their cost
-    makes them zero, and the solver has no constraint to work on. Without the joint-range bounds the problem
-    is always feasible (any torque is consistent with some acceleration), so that they are dropped for one tick if the
-    solver fails with them. Every solve is bounded by `qp_max_iterations` outer and 20 inner iterations; the
-    closest-feasible mode of ProxQP is never used, since its run time is not bounded.
+    The size of the problem never changes. Where the ground does not push, the force keeps its variables but loses its
+    effect and its bounds: its cost makes it zero, and the solver has no constraint to work on.
+
+    Without the joint-range bounds the problem is always feasible, since any torque is consistent with some
+    acceleration. If the solver fails with these bounds, they are dropped for one tick.
+
+    Every solve is bounded by `qp_max_iterations` outer and 20 inner iterations. The closest-feasible mode of ProxQP is
+    never used, since its run time is not bounded.
     """
 
     def __init__(self, params: ControllerParams, robot: Robot, nv: int, columns: np.ndarray) -> None:
-        """Set up for `nv` velocities, of which `columns` are the robot's joints."""
+        """Set up the matrices and the solver.
+
+        Args:
+            params: gains, weights and limits.
+            robot: limits of the joints.
+            nv: number of generalised velocities.
+            columns: places of the robot's joints in them, shape (19,).
+        """
         self._params = params
         self._nv = nv
         self._columns = in_place(columns)
-        # Inside, joints are in the order of the velocities.
+        # Internally the joints are in the order of the generalised velocities.
         self._joints = slice(_BASE, nv)
         order = np.argsort(columns)
         self._highest_torque = params.torque_fraction * robot.torque_limit[order]
@@ -94,7 +113,9 @@ class WholeBodyQp:
         self._H = np.zeros((size, size))
         self._diagonal = np.einsum("ii->i", self._H)  # a view
         self._g = np.zeros(size)
-        # Equation of motion of base and joints, then friction: A and C are its first and its other rows.
+        # Rows: equation of motion of the base, of the joints, then friction. The base has no motor, so its six rows are
+        # equalities (A); those of the joints are their torques, bounded like friction (C). All names below are views,
+        # so that a tick fills the matrices in place.
         self._rows = np.zeros((_BASE + joints + 4 * len(CONTACT_POINTS), size))
         self._motion, self._A, self._C = self._rows[:nv], self._rows[:_BASE], self._rows[_BASE:]
         self._b = np.zeros(_BASE)
@@ -118,7 +139,7 @@ class WholeBodyQp:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the previous solution; the next solve starts cold."""
+        """Forget the previous solution, so that the next solve starts cold."""
         self._solver = proxqp.dense.QP(len(self._g), _BASE, len(self._low), True)
         settings = self._solver.settings
         settings.eps_abs = self._params.qp_tolerance
@@ -126,7 +147,7 @@ class WholeBodyQp:
         settings.max_iter = self._params.qp_max_iterations
         # The default inner bound of 1500 lets an infeasible problem run for seconds.
         settings.max_iter_in = _INNER_ITERATIONS
-        # The default takes feasible problems for infeasible when a contact switch leaves the warm start far away.
+        # The default declares feasible problems infeasible when a contact switch leaves the warm start far away.
         settings.eps_primal_inf = settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
@@ -138,13 +159,13 @@ class WholeBodyQp:
         contact: np.ndarray,
         planned: np.ndarray | None = None,
     ) -> QpSolution:
-        """The optimum at the dynamics' state.
+        """Solve for the accelerations, forces and torques that serve the tasks best.
 
         Args:
-            dynamics: updated.
-            terms: of every task.
+            dynamics: robot model at the current state.
+            terms: rows of every task.
             contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
-            planned: forces f* to stay close to [N], shape (4, 3); None for none, f* = 0 with a tiny weight.
+            planned: forces f* to stay close to, world axes [N], shape (4, 3); with None, f* = 0 with a tiny weight.
         """
         self._fill_contact(contact)
         self._fill_cost(terms, planned)
@@ -154,24 +175,26 @@ class WholeBodyQp:
         solved, x, iterations = self._run()
         if not solved:
             status = QpStatus.RELAXED
+            # A failed solve leaves a useless warm start: start cold.
             self._joints_low[:], self._joints_high[:] = -_INFINITY, _INFINITY
             self.reset()
             solved, x, more = self._run()
             iterations += more
-        # The first rows of the constraints are the joints' torques, less the bias.
+        # Multiplied by the solution, the equation of motion gives the torques without the bias.
         nv = self._nv
         torque = (self._motion.dot(x) + dynamics.bias)[self._columns]
         if not solved or not math.isfinite(torque.dot(torque)):
             self.reset()
             status = QpStatus.FAILED
         forces = x[nv:].reshape(-1, 3)
-        forces *= contact[:, None]  # but for the solver's tolerance, they are zero in the air
+        forces *= contact[:, None]  # in the air they are zero up to the solver's tolerance
         return QpSolution(status, iterations, x[:nv], forces, torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
+        """Fill H = J^T W J + regularisation and g = J^T W (drift - acceleration) from all tasks at once."""
         jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
         jacobian = np.concatenate(jacobians)
-        # One concatenation of many small arrays takes hardly longer than one of a third of them.
+        # One concatenation of many small arrays takes hardly longer than one of a third as many.
         drift, acceleration, weight = np.concatenate((*drifts, *accelerations, *weights)).reshape(3, -1)
         lacking = drift - acceleration
         np.minimum(np.maximum(lacking, -_LARGEST_DEMAND, out=lacking), _LARGEST_DEMAND, out=lacking)
@@ -187,6 +210,7 @@ class WholeBodyQp:
             self._g_f.reshape(-1, 3)[self._contact] = -stiffness * planned[self._contact]
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
+        """Fill the equation of motion, M dv/dt - J^T f = torque - bias, and the torque bounds."""
         for columns, stands, name in zip(self._forces, self._contact, CONTACT_POINTS, strict=True):
             if stands:
                 np.negative(dynamics.point_jacobian(name).T, out=columns)
@@ -197,6 +221,7 @@ class WholeBodyQp:
         np.subtract(self._highest_torque, bias, out=self._torques_high)
 
     def _fill_contact(self, contact: np.ndarray) -> None:
+        """Switch the effect and the bounds of the forces whose contact has changed."""
         now = contact.tolist()
         if now == self._contact:
             return
@@ -210,15 +235,15 @@ class WholeBodyQp:
                 self._forces[point][:] = 0.0
 
     def _fill_joint_limits(self, dynamics: Dynamics) -> None:
-        """Bound each joint's acceleration so that it can still brake before its limit, and keeps its speed limit.
+        """Bound each joint's acceleration so that the joint can still brake before its limit and keeps its speed limit.
 
-        Viability: a speed towards the limit of at most sqrt(2 a d), with d the distance left [rad] and a the assumed
-        braking deceleration, and of at most d per `joint_horizon`, since close to the limit the square root falls too
-        steeply to be followed in discrete time; beyond the limit, back within that time.
+        A joint at a distance d [rad] from its limit may move towards it at most at sqrt(2 a d), with a the assumed
+        braking deceleration, and at most at d per `joint_horizon`: close to the limit the square root falls too steeply
+        to be followed in discrete time. A joint beyond its limit has to come back within that horizon.
         """
         brake, horizon = self._params.joint_brake, self._params.joint_horizon
         q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
-        # Distances to both limits, then the highest speeds towards them.
+        # Rows of both arrays: towards the upper and towards the lower limit. First the distances, then the speeds.
         np.subtract(self._highest, q, out=self._left_each[0])
         np.subtract(q, self._lowest, out=self._left_each[1])
         np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
@@ -230,11 +255,11 @@ class WholeBodyQp:
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:
-        """H, g, A, b, C, lower and upper bound of C x, lower and upper bound of x, as last solved."""
+        """H, g, A, b, C, the bounds of C x (lower, upper) and those of x (lower, upper), as last solved."""
         return self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high
 
     def _run(self) -> tuple[bool, np.ndarray, int]:
-        """Whether it is solved, the solution and the number of iterations."""
+        """Solve, and return whether that succeeded, the solution and the number of iterations."""
         solver = self._solver
         if self._started:
             solver.update(*self.problem, False)

@@ -1,4 +1,4 @@
-"""What the leg's joint ranges leave: found by inverse kinematics of the squatting robot, soles level."""
+"""What the joint ranges of the legs allow, found by inverse kinematics of the squatting robot with level soles."""
 
 import bisect
 
@@ -6,36 +6,43 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.state import GRAVITY
 
 _LEVEL_SHANK = 0.80  # [rad], lean of the shank up to which the ankle keeps the sole level
-_LEAD = 0.03  # [s], by which the sole turns before the shank forces it to
-# Foremost centre of mass relative to the ankles [m] over pelvis height h [m], at zero pitch and with the ankle 0.02 rad
-# short of its limit: the shank cannot lean further, so that a deep squat sits back.
+_LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
+# Foremost centre of mass relative to the ankles [m] as a function of pelvis height h [m], at zero pitch and with the
+# ankle 0.02 rad short of its limit. The shank cannot lean further then, so that a deep squat sits back.
 _HEIGHTS = (-0.30, -0.25, -0.20, -0.10, 0.0)
 _FOREMOST = (-0.059, -0.036, 0.007, 0.148, 0.251)
-_FOREMOST_PER_PITCH = 0.20  # [m/rad], of pelvis pitch
+_FOREMOST_PER_PITCH = 0.20  # [m/rad], forward shift of that point per pelvis pitch
 
 
 def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> float:
-    """Piecewise linear through ascending points, constant beyond them: NumPy's `interp`, without its arrays."""
+    """Interpolate linearly between ascending points, constant beyond them: NumPy's `interp` without its arrays."""
     x = min(max(x, xs[0]), xs[-1])
     k = min(bisect.bisect_right(xs, x), len(xs) - 1)
     return ys[k - 1] + (ys[k] - ys[k - 1]) * (x - xs[k - 1]) / (xs[k] - xs[k - 1])
 
 
 def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool) -> float:
-    """Nominal centre of pressure, and of mass when standing, forward of the ankle [m]."""
+    """Return the nominal centre of pressure, and of mass when standing, forward of the ankle [m].
+
+    Args:
+        params: margins.
+        h: pelvis height above nominal [m].
+        p: pelvis pitch [rad].
+        walking: whether the margin of walking holds instead of that of standing.
+    """
     foremost = _interpolate(h, _HEIGHTS, _FOREMOST) + _FOREMOST_PER_PITCH * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
 
 
 def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float) -> float:
-    """Lowest h at which the stance ankle still lets the body pass over a level foot [m].
+    """Return the lowest h at which the stance ankle still lets the body pass over a level foot [m].
 
-    The centre of mass travels half a step to either side of the pivot; a squat leaves no room for that.
+    The centre of mass travels half a step to either side of the pivot, and a squat leaves no room for that.
 
     Args:
         params: margins.
-        speed: along the heading [m/s].
-        step_time: [s].
+        speed: speed along the heading [m/s].
+        step_time: duration of a step [s].
         p: pelvis pitch [rad].
     """
     # Backwards the landing foot is behind the body, where the shank leans most.
@@ -45,16 +52,16 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
 
 
 def highest_clearance(params: ControllerParams, h: float, f: float, speed: float) -> float:
-    """Highest swing apex [m] that the leg reaches in time and that a narrow foot can push off for.
+    """Return the highest swing apex that the leg reaches in time and whose reaction a narrow foot can bear [m].
 
-    Knee and ankle bound it by the height of the pelvis; the reaction of the swing, which grows with l f^2, bounds it by
-    the frequency. A fast walk leaves less of both.
+    Knee and ankle bound the apex by the height of the pelvis. The reaction of the swing, which grows with l f^2, bounds
+    it by the frequency. A fast walk leaves less of both.
 
     Args:
         params: bounds.
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
-        speed: along the heading [m/s].
+        speed: speed along the heading [m/s].
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
@@ -63,17 +70,31 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
 
 
 def leap_rise(f: float) -> float:
-    """Height that the body rises in the flight of a leap, and sinks in its stance [m]: g T^2 / 8 with T = 1 / (2 f)."""
+    """Return by how much the body rises in the flight of a leap and sinks in its stance [m].
+
+    A flight of duration T = 1 / (2 f) rises by g T^2 / 8.
+
+    Args:
+        f: stride frequency [Hz].
+    """
     return GRAVITY / (32.0 * f**2)
 
 
 def lowest_leaping_height(params: ControllerParams, f: float, legs: int) -> float:
-    """Lowest h at take-off that leaves room to sink in the stance of a leap on one leg or two [m]."""
+    """Return the lowest h at take-off that leaves room to sink in the stance of a leap [m].
+
+    Args:
+        params: depths at the bottom of the stance.
+        f: stride frequency [Hz].
+        legs: number of legs that leap, 1 or 2.
+    """
     return (params.hop_depth if legs == 1 else params.leap_depth) + leap_rise(f)
 
 
 def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> float:
-    """Highest apex of the feet in a leap [m]: they rise with the body, and cannot be drawn in further than in a walk.
+    """Return the highest apex of the feet in a leap [m].
+
+    The feet rise with the body and cannot be drawn in further than in a walk.
 
     Args:
         params: bounds.
@@ -85,11 +106,11 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> floa
 
 
 def toe_down(shank_pitch: float, shank_rate: float, slope: float = 0.0) -> float:
-    """Pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
+    """Return the pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 
     Args:
         shank_pitch: lean of the shank, forward positive [rad].
-        shank_rate: its rate [rad/s].
-        slope: of the ground, toe down positive [rad].
+        shank_rate: rate of the lean [rad/s].
+        slope: slope of the ground, positive with the toe down [rad].
     """
     return max(shank_pitch + _LEAD * shank_rate - _LEVEL_SHANK, slope)

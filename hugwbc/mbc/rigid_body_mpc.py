@@ -1,4 +1,9 @@
-"""Contact forces of a stance that ends in flight, by model-predictive control of the robot as a single rigid body."""
+"""Contact forces of a stance that ends in flight, by model-predictive control of the robot as a single rigid body.
+
+Forces of a single rigid body by a condensed QP are due to Di Carlo et al. (Dynamic locomotion in the MIT Cheetah 3
+through convex model-predictive control, IROS 2018). Here the horizon ends at the take-off instead of receding, the
+flight enters in closed form, and the legs are not massless.
+"""
 
 import dataclasses
 
@@ -10,7 +15,7 @@ from hugwbc.mbc.qp import friction_pyramid
 from hugwbc.state import GRAVITY
 
 _INFINITY = 1e20
-_TOLERANCE = 1e-4  # of forces in units of the robot's weight
+_TOLERANCE = 1e-4  # residual of forces in units of the robot's weight
 _ITERATIONS, _INNER_ITERATIONS = 50, 20
 _INFEASIBILITY_TOLERANCE = 1e-9
 
@@ -20,13 +25,13 @@ class RigidBody:
     """The robot as one body, in axes along the heading.
 
     Attributes:
-        mass: [kg].
+        mass: mass of the robot [kg].
         inertia: angular momentum per angular velocity of the pelvis while the feet stay [kg m^2], shape (3, 3).
         coupling: angular momentum per velocity of the centre of mass while the feet stay [kg m], shape (3, 3).
-        frozen_inertia: of all links together about the centre of mass [kg m^2], shape (3, 3).
-        com, velocity: of the centre of mass [m], [m/s], shape (3,).
+        frozen_inertia: inertia of all links together about the centre of mass [kg m^2], shape (3, 3).
+        com, velocity: position and velocity of the centre of mass [m], [m/s], shape (3,).
         tilt: rotation from the desired to the actual orientation of the pelvis [rad], shape (3,).
-        momentum: angular, about the centre of mass [kg m^2/s], shape (3,).
+        momentum: angular momentum about the centre of mass [kg m^2/s], shape (3,).
     """
 
     mass: float
@@ -41,13 +46,13 @@ class RigidBody:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stance:
-    """What the ground may do until the feet leave it, in the axes of the body.
+    """Where and for how long the ground can push, in the axes of the body.
 
     Attributes:
-        points: where the ground pushes [m], shape (P, 3); two points a foot, foot after foot.
-        ankles: axes of the feet's ankle joints [m], shape (P / 2, 3).
+        points: contact points [m], two per foot, foot after foot, shape (P, 3).
+        ankles: points on the axes of the ankle joints [m], shape (P / 2, 3).
         lateral: directions of these axes, shape (P / 2, 3).
-        time_left: until the feet leave the ground [s], positive.
+        time_left: time until the feet leave the ground [s], positive.
     """
 
     points: np.ndarray
@@ -58,12 +63,12 @@ class Stance:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TakeOff:
-    """Where the stance is to lead, in the axes of the body.
+    """Where the stance should lead, in the axes of the body.
 
     Attributes:
-        height: of the centre of mass when the feet leave the ground [m].
-        velocity: of the centre of mass then [m/s], shape (3,).
-        spin: angular velocity, now and then [rad/s], shape (3,).
+        height: height of the centre of mass when the feet leave the ground [m].
+        velocity: velocity of the centre of mass at that moment [m/s], shape (3,).
+        spin: desired angular velocity, now and at take-off [rad/s], shape (3,).
         flight: duration of the flight that follows [s]; zero to come to rest.
     """
 
@@ -75,12 +80,12 @@ class TakeOff:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ForcePlan:
-    """What the ground is to do until the feet leave it.
+    """Forces of the ground until the feet leave it.
 
     Attributes:
         solved: whether the solver converged.
-        forces: on each point, in N intervals of equal length [N], shape (N, P, 3).
-        interval: its length [s].
+        forces: force on each point in N intervals of equal length [N], shape (N, P, 3).
+        interval: length of an interval [s].
     """
 
     solved: bool
@@ -88,39 +93,49 @@ class ForcePlan:
     interval: float
 
     def at(self, time: float) -> np.ndarray:
-        """Forces at a time after the plan was made [N], shape (P, 3)."""
+        """Return the forces at a time [s] after the plan was made [N], shape (P, 3)."""
         return self.forces[min(int(time / self.interval), len(self.forces) - 1)]
 
 
 class RigidBodyMpc:
-    r"""Forces over the rest of a stance and the flight after it.
+    r"""Planner of the forces over the rest of a stance, with the flight after it in view.
 
     .. math::
         m \ddot c = \sum_i f_i + m g, \qquad \dot k = \sum_i (r_i - \bar c) \times f_i, \qquad
         k = I (\dot\theta + \omega_d) + K (\dot c - \dot r) + (I_0 - I)\, \omega_r
 
-    The legs weigh as much as the trunk, so that it matters how they move: they keep the feet where the plan has them,
-    and :math:`\dot r`, :math:`\omega_r` are velocity and turning rate of the feet: zero in stance; in flight, on
-    average twice those of the body, since the feet catch up. I is the inertia that the pelvis then feels, I_0 that of
-    the frozen robot. The centre of mass in the moment arm, c bar, keeps its height and its horizontal velocity: the
-    problem is then linear and is solved again, many times per stance. The rest of the stance is cut into
-    `mpc_intervals` equal parts of constant force, so that the grid always ends where the feet leave the ground; the
+    The legs weigh as much as the trunk, so their motion matters. They keep the feet where the plan has them:
+    :math:`\dot r` and :math:`\omega_r` are the velocity and the turning rate of the feet. Both are zero in stance. In
+    flight they are on average twice those of the body, since the feet have to catch up. I is the inertia that the
+    pelvis then feels, :math:`I_0` that of the frozen robot.
+
+    The centre of mass in the moment arm, :math:`\bar c`, keeps its height and its horizontal velocity. This makes the
+    problem linear; it is corrected by solving again, many times per stance. The rest of the stance is cut into
+    `mpc_intervals` equal parts of constant force, so that the grid always ends where the feet leave the ground. The
     flight is ballistic, with k conserved. States are eliminated (condensed): the unknowns are the forces of the
     scheduled contacts, in units of the robot's weight.
 
-    The cost asks for height and velocity at take-off, for an upright body then and at the landing, for small departures
-    from the velocity on the way, and for forces close to an even vertical push. Constraints: friction pyramids, which
-    include that the ground does not pull, and the moment that the ankles hold.
+    The cost asks for the height and velocity of the take-off, for an upright body at take-off and landing, for small
+    departures from the velocity on the way, and for forces close to an even vertical push. The constraints are friction
+    pyramids, which also keep the ground from pulling, and the moment that the ankles hold.
     """
 
     def __init__(self, params: ControllerParams, points: int, ankle_torque: float) -> None:
-        """Set up for a number of contact points, two a foot, and an ankle torque limit [N m]."""
+        """Set up the constraints and the solver.
+
+        Args:
+            params: weights and limits.
+            points: number of contact points, two per foot.
+            ankle_torque: torque limit of one ankle [N m].
+        """
         self._params = params
         self._ankle_torque = params.torque_fraction * ankle_torque
         self._points = points
         self._intervals = params.mpc_intervals
         width = 3 * points
         size = self._intervals * width
+        # Every interval has the same rows: four of friction per point, then one of the ankle per foot. The matrix is
+        # block diagonal, since no constraint ties the forces of two intervals to each other.
         self._rows = 4 * points + points // 2
         self._C = np.zeros((self._intervals, self._rows, self._intervals, width))
         friction = np.kron(np.eye(points), friction_pyramid(params.friction))
@@ -132,7 +147,7 @@ class RigidBodyMpc:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the previous solution."""
+        """Forget the previous solution, so that the next solve starts cold."""
         self._solver = proxqp.dense.QP(self._size, 0, self._intervals * self._rows, False)
         settings = self._solver.settings
         settings.eps_abs = _TOLERANCE
@@ -142,7 +157,16 @@ class RigidBodyMpc:
         self._started = False
 
     def solve(self, body: RigidBody, stance: Stance, target: TakeOff) -> ForcePlan:
-        """The forces to apply from now on; with `solved` false those of a quiet stand."""
+        """Plan the forces from now on.
+
+        Args:
+            body: robot at this moment.
+            stance: where and for how long the ground can push.
+            target: where the stance should lead.
+
+        Returns:
+            The plan; if it is not `solved`, its forces are those of a quiet stand.
+        """
         time_left = max(stance.time_left, self._params.mpc_shortest_stance)
         try:
             x = self._run(body, stance, target, time_left)
@@ -150,13 +174,14 @@ class RigidBodyMpc:
             x = None
         solved = x is not None
         if x is None:
+            # Without a solution the ground carries the robot's weight, evenly, until the next plan.
             self.reset()
             x = np.tile([0.0, 0.0, 1.0 / self._points], self._intervals * self._points)
         forces = body.mass * GRAVITY * x.reshape(self._intervals, self._points, 3)
         return ForcePlan(solved, forces, time_left / self._intervals)
 
     def _run(self, body: RigidBody, stance: Stance, target: TakeOff, time_left: float) -> np.ndarray | None:
-        """Optimal forces, in units of the robot's weight, shape (size,); None if there are none."""
+        """Return the optimal forces in units of the robot's weight, shape (size,); None if none were found."""
         weight = body.mass * GRAVITY
         influence, moments = self._influence(body, stance, time_left)
         H, g = self._cost(body, target, influence, moments, time_left)
@@ -175,8 +200,13 @@ class RigidBodyMpc:
         return x if solved else None
 
     def _influence(self, body: RigidBody, stance: Stance, time_left: float) -> tuple[np.ndarray, np.ndarray]:
-        """Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and of the tilt [rad/s^2], shape (N, 3, 3 P)."""
+        """Return the accelerations per unit of force: what the forces of one interval do to the body in it.
+
+        Returns:
+            Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and of the tilt [rad/s^2], shape (N, 3, 3 P).
+        """
         times = (np.arange(self._intervals) + 0.5) * time_left / self._intervals
+        # Moment arms about the predicted centre of mass, which travels horizontally only.
         com = body.com + np.outer(times, body.velocity * [1.0, 1.0, 0.0])
         arms = stance.points[None] - com[:, None]  # (N, P, 3)
         cross = np.zeros((self._intervals, 3, self._points, 3))
@@ -189,15 +219,16 @@ class RigidBodyMpc:
     def _cost(
         self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """H and g of the condensed problem: all that is asked for, and forces close to an even push."""
+        """Return H and g of the condensed problem: what is asked of the motion, and forces close to an even push."""
         parts = self._asked(body, target, linear, angular, time_left)
         matrix = np.concatenate([block * np.sqrt(weight) for block, _, weight in parts])
         wanted = np.concatenate([value * np.sqrt(weight) for _, value, weight in parts])
+        # The force weight also makes H regular, since different forces may cause the same motion.
         H = matrix.T @ matrix
         force_weight = self._params.mpc_force_weight * (time_left / self._intervals)
         H.flat[:: self._size + 1] += force_weight
         g = -(wanted @ matrix)
-        # The mean force that brings the vertical velocity to that of the take-off, shared evenly.
+        # An even push has the mean force that brings the vertical velocity to that of the take-off, and no other part.
         mean = 1.0 + (target.velocity[2] - body.velocity[2]) / (GRAVITY * time_left)
         g[2::3] -= force_weight * max(mean, 0.0) / self._points
         return H, g
@@ -205,7 +236,10 @@ class RigidBodyMpc:
     def _asked(
         self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
     ) -> tuple[tuple[np.ndarray, np.ndarray, float], ...]:
-        """What the cost asks of the motion: rows over the forces, their wanted values, and the weight of each part."""
+        """Return what the cost asks of the motion: rows over the forces, their wanted values, the weight of each part.
+
+        The motion is linear in the forces: their effect should equal what is wanted minus the motion without forces.
+        """
         params, n = self._params, self._intervals
         dt = time_left / n
         # Effect of the acceleration in interval j on velocity and position at the end of interval k.
@@ -218,19 +252,22 @@ class RigidBodyMpc:
             np.linalg.solve(body.inertia, x) for x in (body.momentum, body.coupling, body.frozen_inertia)
         )
         spin = spin - target.spin
-        # Rate of the tilt in flight beyond that which the angular momentum gives.
+        # In flight the feet catch up with the body at twice its speed. The momentum of the legs then changes the rate
+        # of the tilt beyond what the total angular momentum gives.
         drift = sway[:, :2] @ target.velocity[:2] - 2.0 * (frozen - np.eye(3)) @ target.spin
         if target.flight == 0.0:
             drift = np.zeros(3)
+        # The motion without forces: a ballistic centre of mass, and a body that keeps its angular momentum.
         free_velocity = body.velocity + np.outer(t, [0.0, 0.0, -GRAVITY])
         free_height = body.com[2] + body.velocity[2] * time_left - 0.5 * GRAVITY * time_left**2
         path = np.outer(t, body.velocity) + np.outer(0.5 * t**2, [0.0, 0.0, -GRAVITY])
         free_tilt = body.tilt + np.outer(t, spin) - path @ sway.T
 
         def rows(weights: np.ndarray, block: np.ndarray) -> np.ndarray:
-            """Row vectors of sum over j of weights_kj block_j: shape (K * rows, size)."""
+            """Return the rows of sum over j of weights_kj block_j, shape (K * rows, size)."""
             return (weights[:, :, None, None] * block).swapaxes(1, 2).reshape(-1, self._size)
 
+        # With the feet fixed, motion of the centre of mass takes its share K of the angular momentum from the trunk.
         velocity_rows = rows(speed, linear[:2])
         tilt_rows = rows(place, angular - sway @ linear)
         last = speed[-1:]
@@ -249,7 +286,7 @@ class RigidBodyMpc:
         )
 
     def _fill_ankles(self, stance: Stance, weight: float) -> None:
-        """Moment of the ground about each ankle within the ankle's torque."""
+        """Bound the moment of the ground about each ankle by the ankle's torque."""
         for foot in range(self._points // 2):
             pair = slice(2 * foot, 2 * foot + 2)
             # lateral . (arm x f) = (lateral x arm) . f

@@ -1,4 +1,4 @@
-"""Standing on both feet: balance, the weight on its way to where the first step needs it, and when to step instead."""
+"""Standing on both feet: balance, the shift of the weight before a first step, and when to step to avoid a fall."""
 
 import math
 
@@ -13,38 +13,38 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References
 from hugwbc.mbc.tasks import CentreOfMassTask
 
-_SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m]
+_SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m], of the divergent component, and from the feet's centre lines
 
 
 class Standing:
-    """Sets the target of the centre of mass, and watches the balance.
+    """Sets the target of the centre of mass and watches the balance.
 
     Attributes:
         com: task of the centre of mass.
-        ready: whether the weight is where the commanded gait can begin.
-        catching: for how long the robot still steps to catch itself [s].
-        first_swing: the foot that those steps begin with, 0 left or 1 right.
+        ready: whether the weight is where the commanded gait can start.
+        catching: remaining time for which the robot steps to catch itself [s].
+        first_swing: foot that those steps start with, 0 for left, 1 for right.
     """
 
     def __init__(self, params: ControllerParams, plan: GaitPlan, references: References) -> None:
-        """Set up for a plan and its references, which others update."""
+        """Set up for a gait plan and its references, which the caller updates first in every tick."""
         self._params, self._plan, self._references = params, plan, references
         self.com = CentreOfMassTask(params)
         self.reset()
 
     def reset(self) -> None:
-        """Calm."""
+        """Forget all pushes and shifts."""
         self.ready = False
         self.catching = 0.0
         self.first_swing = 0
 
     @property
     def settled(self) -> bool:
-        """Whether the robot stands, and has stood long enough to have come to rest: only then may it squat deeply."""
+        """Whether the robot has stood long enough to have come to rest; only then may it squat deeply."""
         return self._plan.mode is Mode.STANDING and self._plan.elapsed >= self._params.settle_time
 
     def update(self, dynamics: Dynamics) -> None:
-        """Centre of mass between the feet; before the first step, across to where that step needs it."""
+        """Place the centre of mass between the feet or, before a first step, where that step needs it."""
         params, plan, references = self._params, self._plan, self._references
         pivots = [feet.pivot(dynamics, foot, references.balance) for foot in range(2)]
         middle = 0.5 * (pivots[0] + pivots[1])
@@ -56,18 +56,23 @@ class Standing:
         to_heading = references.to_heading
         deviation, between = to_heading.dot(pendulum.dcm - middle[:2]), to_heading.dot((pivots[0] - pivots[1])[:2])
         if plan.mode is not Mode.SHIFTING:
-            # A robot that is loaded to one side, unknown to the plan, never gets nearer.
+            # A robot with a load on one side, of which the plan knows nothing, never gets closer: time makes it ready.
             self.ready = math.hypot(*deviation.tolist()) < params.jump_calm or self.settled
             self._watch_balance(deviation, between)
         elif plan.gait is Gait.WALKING:
             self._shift_for_a_step(pivots, pendulum)
         else:
-            # The weight is to come over the outer foot, and may pass it a little.
+            # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             self._shift_onto(pivots[0 if plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
 
     def _shift_for_a_step(self, pivots: list[np.ndarray], pendulum: Pendulum) -> None:
-        """Move the divergent component to where the first step of a walk, of the left foot, begins."""
+        """Move the divergent component to where the first step of a walk, of the left foot, starts.
+
+        A constant centre of pressure p takes it from xi to xi_T = p + (xi - p) e^{omega T} in the time T that is left.
+        Solved for p, with xi_T the offset of the periodic gait from the right foot, that is the feedback. The centre of
+        mass then follows the pendulum over p, without a servo.
+        """
         params, plan, to_heading = self._params, self._plan, self._references.to_heading
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
         width = max(params.step_width, params.min_foot_distance)
@@ -81,23 +86,32 @@ class Standing:
         self.ready = bool(arrived or plan.elapsed >= params.max_shift_time)
 
     def _shift_onto(self, pivot: np.ndarray, middle: np.ndarray, pendulum: Pendulum) -> None:
-        """Move the centre of mass over the foot that is to hop."""
+        """Move the centre of mass over the hopping foot.
+
+        Args:
+            pivot: nominal centre of pressure of that foot, world x and y [m], shape (2,).
+            middle: point between the feet, world x and y [m], shape (2,).
+            pendulum: robot as a pendulum about the middle of the feet.
+        """
         share = min(self._plan.elapsed / self._params.hop_shift_time, 1.0)
         self.com.target = middle + share * (pivot - middle)
         gaps = (float(np.linalg.norm(point - pivot)) for point in (pendulum.com, pendulum.dcm))
-        # With time the demands fall: an estimated position may never quite arrive.
+        # The tolerance grows with time, because an estimated position may never quite arrive.
         patience = max(self._plan.elapsed / self._params.hop_shift_time - 2.0, 1.0)
         self.ready = share >= 1.0 and max(gaps) < self._params.hop_shift_tolerance * min(patience, 2.0)
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.
 
+        Outside the support area no centre of pressure can bring it back (the capture point of Pratt et al., Humanoids
+        2006): the only way not to fall is a step.
+
         Args:
-            deviation: of the divergent component from the middle of the feet, heading frame [m], shape (2,).
-            between_feet: from the right to the left foot, heading frame [m], shape (2,).
+            deviation: divergent component relative to the middle of the feet, heading frame [m], shape (2,).
+            between_feet: vector from the right to the left foot, heading frame [m], shape (2,).
         """
         across = 0.5 * abs(between_feet[1]) - self._params.capture_margin
         if abs(deviation[0]) > self._params.capture_distance or abs(deviation[1]) > across:
             self.catching = self._params.capture_time
-            # Pushed to the left, stand on the left foot and bring the right one along; the next left step goes out.
+            # Pushed to the left, the left foot carries: the right one comes along first, then the left one steps out.
             self.first_swing = 1 if deviation[1] > 0.0 else 0

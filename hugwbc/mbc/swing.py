@@ -1,18 +1,18 @@
-"""Trajectory of the swing foot: a quintic, re-planned at every tick from its own state to a moving target."""
+"""Trajectory of the swing foot: a quintic, planned again at every tick from its own state to a moving target."""
 
 import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
 
-_SHORTEST = 0.02  # [s], below which a quintic to a moving target would ask for unbounded accelerations
+_SHORTEST = 0.02  # [s]; a shorter quintic to a moving target would ask for unbounded accelerations
 
 
 def quintic_advance(
     x: float, v: float, a: float, x_end: float, v_end: float, a_end: float, T: float, dt: float
 ) -> tuple[float, float, float]:
-    """Position, velocity and acceleration after `dt` on the quintic from a state to a target.
+    """Return position, velocity and acceleration after `dt` on the quintic from a state to a target.
 
-    One axis at a time: on three numbers, floats are several times faster than arrays.
+    It works on one axis at a time: on three numbers, floats are several times faster than arrays.
 
     Args:
         x: position now.
@@ -22,8 +22,9 @@ def quintic_advance(
         v_end: velocity after T.
         a_end: acceleration after T.
         T: duration [s], positive.
-        dt: [s]; beyond the end of the quintic, its end.
+        dt: time from now [s]; beyond T it counts as T.
     """
+    # What the constant-acceleration motion lacks at T in position, velocity and acceleration, each in units of length.
     position = x_end - (x + v * T + 0.5 * a * T * T)
     velocity = (v_end - (v + a * T)) * T
     acceleration = (a_end - a) * T * T
@@ -40,10 +41,12 @@ def quintic_advance(
 
 
 class SwingTrajectory:
-    """Sole of one foot from lift-off through the apex to the foothold.
+    """Path of one sole from lift-off through the apex to the foothold.
+
+    It starts from its own planned state and not from the measured foot, so that tracking errors do not feed back.
 
     Attributes:
-        position, velocity, acceleration: of the plan, in the world [m], [m/s], [m/s^2], shape (3,).
+        position, velocity, acceleration: planned motion, world axes [m], [m/s], [m/s^2], shape (3,).
     """
 
     def __init__(self, params: ControllerParams) -> None:
@@ -51,14 +54,14 @@ class SwingTrajectory:
         self.start(np.zeros(3))
 
     def start(self, position: np.ndarray) -> None:
-        """Begin a swing at rest."""
+        """Start a swing at rest at a position in the world [m], shape (3,)."""
         self.position = np.array(position, dtype=float)
         self.velocity = np.zeros(3)
         self.acceleration = np.zeros(3)
         self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
 
     def shift(self, offset: np.ndarray) -> None:
-        """Move the plan, as the world's origin has moved [m], shape (3,)."""
+        """Move the plan after the estimate of the position jumped by `offset` [m], shape (3,)."""
         self._axes = tuple((x + by, v, a) for (x, v, a), by in zip(self._axes, offset.tolist(), strict=True))
         self.position = self.position + offset
 
@@ -74,22 +77,23 @@ class SwingTrajectory:
         landing: float | None = None,
         overdue: float = 0.0,
     ) -> None:
-        """Move the plan on by `dt`.
+        """Advance the plan by one tick.
 
         Args:
-            foothold: where the sole's centre is to land, world x and y [m], shape (2,).
-            apex: sole height above the ground half way [m].
-            ground: height of the ground [m].
-            elapsed: since lift-off [s].
-            remaining: until touch-down [s].
-            dt: [s].
-            landing: height of the ground at the foothold, if it is another [m].
+            foothold: where the centre of the sole should land, world x and y [m], shape (2,).
+            apex: height of the sole above the ground half-way [m].
+            ground: height of the ground in the world [m].
+            elapsed: time since lift-off [s].
+            remaining: time until touch-down [s].
+            dt: duration of the tick [s].
+            landing: height of the ground at the foothold, if different [m].
             overdue: time for which the foot should already have touched the ground [s].
         """
         to_apex = 0.5 * (elapsed + remaining) - elapsed
         if to_apex > 0.0:
             height, speed, until = ground + apex, 0.0, to_apex
         else:
+            # Ends a little below the ground and still moving down, so that it touches. Overdue, it goes on searching.
             searching = self._params.search_speed if overdue > 0.0 else self._params.landing_speed
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining

@@ -1,5 +1,7 @@
-"""The model-based whole-body controller: gait plan, tasks and QP behind the interface of every controller."""
+"""The `qp` controller: command filter, gait plan, tasks and whole-body QP behind the interface of every controller."""
 
+import dataclasses
+import enum
 import math
 from typing import NamedTuple
 
@@ -10,33 +12,88 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.diagnostics import Diagnostics, Output, TaskError
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.locomotion import Locomotion
-from hugwbc.mbc.odometry import LegOdometry
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.prediction import Predictor
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
+from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 
-_LARGEST_SQUARE = 1e12  # of the norm of a state: beyond, products overflow
-_NOTABLE = 1e-3  # [rad], from which on a change of an arm's target is reported
-_LARGEST_EXCESS = 0.1  # of an orientation's squared norm over 1; an IMU that died may give zeros
+_LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
+_NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
+_LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
+
+
+class Output(enum.Enum):
+    """Where a joint command came from."""
+
+    SOLUTION = "solution"
+    HELD = "last good solution"
+    DAMPING = "damping"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TaskError:
+    """Desired minus actual value of one task, with its unit."""
+
+    value: np.ndarray
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Diagnostics:
+    """State of the controller after a tick.
+
+    Attributes:
+        output: where the joint command came from.
+        status: outcome of the QP; FAILED also when it was not tried because the state was unusable.
+        iterations: iterations of the QP solver.
+        mode: mode of the gait plan.
+        swing: side of the swinging foot of a walk, or None.
+        contact_forces: force of the ground by contact point, world axes [N], each of shape (3,).
+        task_errors: error by task name.
+        next_foothold: where the centre of the sole in the air should land, world x and y [m], shape (2,); None if no
+            foot or both are in the air. The controller's `footholds` has both.
+        fallbacks: number of ticks since the reset whose command did not come from a solution.
+        relaxed: number of ticks since the reset in which the joint limits had to be dropped.
+        out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
+        failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
+        report: what was clamped, replaced or not followed in the command.
+    """
+
+    output: Output = Output.DAMPING
+    status: QpStatus = QpStatus.FAILED
+    iterations: int = 0
+    mode: Mode = Mode.STANDING
+    swing: str | None = None
+    contact_forces: dict[str, np.ndarray] = dataclasses.field(
+        default_factory=lambda: {name: np.zeros(3) for name in CONTACT_POINTS}
+    )
+    task_errors: dict[str, TaskError] = dataclasses.field(default_factory=dict)
+    next_foothold: np.ndarray | None = None
+    fallbacks: int = 0
+    relaxed: int = 0
+    out_of_reach: int = 0
+    failed_plans: int = 0
+    report: tuple[str, ...] = ()
 
 
 class WholeBodyController:
-    """Walks and stands by inverse dynamics.
+    """Walks, leaps and stands by inverse dynamics: the controller `qp`.
 
-    A state without position or velocity is completed from the legs (`LegOdometry`).
+    A state without position or velocity is completed from the legs (`LegOdometry`), a late one is carried to the
+    present (`Predictor`).
 
     Attributes:
         name: "qp".
-        carries_arms: that its torques bear the arms' weight, which external arm targets need not.
+        carries_arms: whether the torques of the controller bear the arms' weight, so that external arm targets need
+            not allow for it.
         period: time between two calls of `act` [s].
         params: gains, weights and limits.
-        dynamics: the robot model at the last state.
+        dynamics: robot model at the last state.
     """
 
     name = "qp"
@@ -45,15 +102,15 @@ class WholeBodyController:
     def __init__(
         self, params: ControllerParams | None = None, *, period: float = 0.002, dynamics: Dynamics | None = None
     ) -> None:
-        """Set up.
+        """Set up the controller.
 
         Args:
-            params: gains, weights and limits.
-            period: time between two calls of `act` [s]; 0.002 to 0.01, and 0.02 with reduced tracking.
-            dynamics: a robot model other than the shared one.
+            params: gains, weights and limits; None for the defaults.
+            period: time between two calls of `act` [s]; 0.002 to 0.01, or 0.02 with reduced tracking.
+            dynamics: robot model; None for that of the shared H1.
 
         Raises:
-            ConfigError: if the period is not above 0.
+            ConfigError: if the period is not finite and above 0.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
@@ -65,7 +122,7 @@ class WholeBodyController:
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
-        for gains in (self._kp, self._kd):  # every command has the same ones
+        for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params)
         self._locomotion = Locomotion(self.params)
@@ -90,29 +147,33 @@ class WholeBodyController:
 
     @property
     def phase(self) -> float:
-        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1)."""
         return self._locomotion.plan.phase
 
     @property
     def stepping(self) -> bool:
-        """Whether that clock runs: not while the robot stands or shifts its weight before the first step."""
+        """Whether the gait clock runs; it does not while the robot stands or shifts its weight for a first step."""
         return self._locomotion.plan.stepping
 
     @property
     def footholds(self) -> np.ndarray:
-        """Where the soles of the feet in the air are to land, world x and y [m], shape (2, 2); NaN for the others."""
+        """Where the soles of the feet in the air should land, world x and y [m], shape (2, 2); NaN for the others."""
         return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)
 
     @property
     def planned_acceleration(self) -> np.ndarray | None:
-        """Joint accelerations that the last command is to cause [rad/s^2], shape (19,); None where it is a fallback."""
+        """Joint accelerations that the last command should cause [rad/s^2], shape (19,); None for a fallback."""
         outcome = self._outcome
         if outcome is None or outcome.solution is None or outcome.output is not Output.SOLUTION:
             return None
         return outcome.solution.acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past and start from this state, standing."""
+        """Forget the past and start from this state, standing.
+
+        Args:
+            state: state to start from; if it is unusable, the first usable one of `act` takes its place.
+        """
         self._clear()
         self._qp.reset()
         self._locomotion.plan.reset()
@@ -133,10 +194,15 @@ class WholeBodyController:
         self._started = True
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The joint command for the next period; never raises on bad numbers, never returns NaN.
+        """Return the joint command for the next period. It never raises on bad numbers and never returns NaN.
 
-        Unusable states and unsolved QPs are counted; the last good command is held for a while, then the joints are
-        damped. `diagnostics` tells.
+        After an unusable state or an unsolved QP the last good command is held for a while, then the joints are damped.
+        `diagnostics` counts both.
+
+        Args:
+            state: measured or estimated state; position, velocity and foot forces may be missing.
+            command: command to follow.
+            upper_body: targets of the arm joints under external control.
         """
         if not _usable(state):
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
@@ -144,14 +210,7 @@ class WholeBodyController:
             self._start(state)
         state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
         self.dynamics.update(state)
-        smooth, report = self._filter.update(
-            command,
-            self.period,
-            stepping=not self._locomotion.settled,
-            running=self._locomotion.plan.gait,
-            waiting=self._locomotion.waiting,
-            stray=self._locomotion.stray,
-        )
+        smooth, report = self._filter.update(command, self.period, self._locomotion.state)
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
@@ -162,13 +221,18 @@ class WholeBodyController:
             return self._fall_back(solution, report)
         self._relaxed += solution.status is QpStatus.RELAXED
         self._held = 0
+        # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
         self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
         return self._last
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
-        """Targets of waist and arms; arms under external control are prescribed motion."""
+        """Set the targets of waist and arms; arm joints under external control become prescribed motion.
+
+        Returns:
+            What was ignored or clamped in the targets.
+        """
         params, robot = self.params, self._robot
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         if not upper_body.indicator:
@@ -186,7 +250,7 @@ class WholeBodyController:
         self._arms.target[:] = np.where(mask, target, robot.nominal[robot.arms])
         self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
         self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
-        # Sampled at the control period, a servo must stay well below the sampling frequency.
+        # A servo that is sampled at the control period must stay well below the sampling frequency, or it oscillates.
         stiffness = min(params.takeover_gains[0], (0.4 / self.period) ** 2)
         damping = min(params.takeover_gains[1], 0.8 / self.period)
         self._arms.stiffness[:] = np.where(mask, stiffness, params.arm_gains[0])
@@ -194,7 +258,7 @@ class WholeBodyController:
         return report
 
     def _free_arms(self) -> None:
-        """The arms hold the nominal pose, as far as the rest of the body lets them."""
+        """Let the arms hold the nominal pose, as far as the rest of the body allows."""
         arms, params = self._arms, self.params
         arms.target[:] = self._nominal_arms
         arms.rate[:] = 0.0
@@ -203,10 +267,10 @@ class WholeBodyController:
         self._arms_free = True
 
     def _joint_command(self, state: RobotState, solution: QpSolution) -> JointCommand:
-        """Feed-forward torque, and a weak PD about the motion that it should cause.
+        """Return the feed-forward torque with a weak PD about the motion that it should cause.
 
-        The PD's targets are those of the middle of the period, so that along the predicted motion its torque averages
-        to zero, while it damps what departs from it between two ticks.
+        The targets of the PD belong to the middle of the period. Along the predicted motion its torque then averages to
+        zero, while it damps departures from that motion between two ticks.
         """
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
@@ -219,9 +283,10 @@ class WholeBodyController:
         )
 
     def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
+        """Return the last good command for up to `hold_time`, then one that only damps the joints."""
         self._fallbacks += 1
         self._held += 1
-        self._predictor.record(np.zeros(self.dynamics.nv))
+        self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
         if self._last is not None and self._held * self.period <= self.params.hold_time:
             self._outcome = _Outcome(Output.HELD, solution, report, [], [])
             return self._last
@@ -233,7 +298,7 @@ class WholeBodyController:
 
     @property
     def diagnostics(self) -> Diagnostics:
-        """What the last tick did; put together when it is read."""
+        """What the last tick did; assembled when it is read."""
         if self._outcome is None:
             return Diagnostics()
         output, solution, report, tasks, terms = self._outcome
@@ -258,7 +323,7 @@ class WholeBodyController:
 
 
 class _Outcome(NamedTuple):
-    """What `diagnostics` is made of."""
+    """What a tick leaves for `diagnostics`, which few callers read, to assemble."""
 
     output: Output
     solution: QpSolution | None
@@ -268,14 +333,12 @@ class _Outcome(NamedTuple):
 
 
 def _usable(state: RobotState) -> bool:
-    """Whether what the controller reads is finite and of a reasonable norm, and the orientation a unit quaternion.
-
-    A NaN compares as false.
-    """
+    """Return whether a state is finite and of reasonable size, and its orientation a unit quaternion."""
     values = [state.q, state.dq, state.orientation, state.angular_velocity]
     values += [value for value in (state.position, state.velocity) if value is not None]
     if state.foot_force is not None:
         values.append(state.foot_force.ravel())
     together = np.concatenate(values)
     turned = abs(state.orientation.dot(state.orientation) - 1.0) < _LARGEST_EXCESS
+    # One dot product checks all: with any NaN or infinity in it, the comparison is false.
     return bool(together.dot(together) < _LARGEST_SQUARE and turned) and math.isfinite(state.age)

@@ -5,7 +5,7 @@ import torch
 
 from hugwbc.evaluation.conditions import NOISE_INTERVAL
 from hugwbc.kinematics import Kinematics
-from hugwbc.learned.env.arm_targets import NoiseTargets
+from hugwbc.learned.env.arm_intervention import NoiseTargets
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 

@@ -1,21 +1,25 @@
-"""A self-contained page with tables and plots of one or more runs."""
+"""The report of a comparison: a self-contained page with tables and plots of one or more runs."""
 
+import json
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from hugwbc.evaluation.tables import Cell, Table
-from hugwbc.files import write_whole
+from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
-from hugwbc.viz.framing import LABEL_COLOURS, Trace
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
+from hugwbc.viz.replay import write_replay
 
 
 def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
-    """One column for each run, one row for each number of its nested summary, named by its path.
+    """Return a table with a column for each run and a row for each number of its summary, named by its path.
 
     Args:
-        title: of the table.
-        summaries: for each run its summary: numbers, or mappings of them to any depth.
+        title: title of the table.
+        summaries: the summary of each run: numbers, or mappings of numbers to any depth.
     """
     flat = {name: dict(_flatten(summary)) for name, summary in summaries.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
@@ -39,14 +43,14 @@ def report_html(
     subtitle: str = "",
     links: Mapping[str, str] | None = None,
 ) -> str:
-    """The page; needs no network.
+    """Return the page, which loads nothing.
 
     Args:
-        title: of the page.
-        traces: 1 to 4 runs, plotted in the colours of `LABEL_COLOURS`.
-        tables: above the plots.
+        title: title of the page.
+        traces: one to four runs, plotted in the colours of `LABEL_COLOURS`.
+        tables: tables above the plots.
         subtitle: a sentence below the title.
-        links: text and address of other pages, such as the replay beside this one.
+        links: texts and addresses of other pages, such as the replay of the same runs.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -75,8 +79,40 @@ def write_report(
     subtitle: str = "",
     links: Mapping[str, str] | None = None,
 ) -> None:
-    """Write `report_html` to a file."""
+    """Write the page of `report_html` to a file."""
     write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
+
+
+def write_comparison(
+    folder: pathlib.Path, summary: Mapping[str, Any], figures: Table, traces: Sequence[Trace]
+) -> list[pathlib.Path]:
+    """Write summary.json, report.html and replay.html of a comparison and return their paths.
+
+    Args:
+        folder: folder of the files.
+        summary: `evaluation.comparison.comparison_summary`.
+        figures: `evaluation.comparison.figure_table`.
+        traces: 1 to 4 runs.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    title = f"hugwbc compare: {summary['script']}"
+    write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
+    safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
+    counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}
+    write_replay(folder / "replay.html", traces, title=title)
+    write_report(
+        folder / "report.html",
+        title,
+        traces,
+        [figures, summary_table("Safety filter", counters)],
+        subtitle=f"Sensors with noise, seed {summary['seed']}."
+        if summary["noise"]
+        else "Exact sensors, nothing random.",
+        links={"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"},
+    )
+    return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
 
 
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:

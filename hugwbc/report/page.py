@@ -1,4 +1,4 @@
-"""Self-contained pages of text, tables and pictures that load nothing and follow the reader's light or dark theme."""
+"""Self-contained pages of text, tables and pictures, which load nothing and follow the reader's light or dark theme."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from hugwbc.evaluation.tables import Cell, Marked, Table, cell_text
 from hugwbc.viz.plots import Panel
 
-_LONG_TEXT = 24  # characters; a column with a longer cell is a column of text, which wraps
+_LONG_TEXT = 24  # characters; a column with a longer text wraps its lines
 
 
 def page_html(title: str, body: Sequence[str]) -> str:
-    """Return a page as HTML.
+    """Return a page.
 
     Args:
-        title: title of the page, as text.
+        title: title of the page, as plain text.
         body: parts of the page, as HTML.
     """
     return _TEMPLATE.replace("@TITLE@", html.escape(title)).replace("@BODY@", "\n".join(part for part in body if part))
@@ -25,27 +25,27 @@ def heading(text: str, level: int = 2) -> str:
 
 
 def anchor(text: str) -> str:
-    """Return the anchor of the heading with that text."""
+    """Return the name of a heading's anchor."""
     return html.escape("-".join("".join(c if c.isalnum() else " " for c in text.lower()).split()))
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph of text."""
+    """Return a paragraph of plain text."""
     return f"<p>{html.escape(text)}</p>"
 
 
 def bullets(lines: Sequence[str]) -> str:
-    """Return a bulleted list of sentences."""
+    """Return a list of sentences."""
     return "<ul>\n" + "\n".join(f"<li>{html.escape(line)}</li>" for line in lines) + "\n</ul>"
 
 
 def links(addresses: Mapping[str, str]) -> str:
-    """Return links in one line, from texts to addresses of pages or headings."""
+    """Return links in one line, from their texts and addresses."""
     return " · ".join(f'<a href="{html.escape(to)}">{html.escape(text)}</a>' for text, to in addresses.items())
 
 
 def legend(names: Sequence[str], colours: Sequence[str], dashed: str = "") -> str:
-    """Return a legend of the colours, and of the dashed line if it has a name."""
+    """Return a legend: the name of each colour, and of the dashed line if it has one."""
     pairs = zip(names, colours, strict=False)
     parts = [f'<span><i style="background:{colour}"></i>{html.escape(name)}</span>' for name, colour in pairs]
     if dashed:
@@ -54,7 +54,7 @@ def legend(names: Sequence[str], colours: Sequence[str], dashed: str = "") -> st
 
 
 def pictures(panels: Sequence[Panel]) -> str:
-    """Return pictures, side by side where there is room."""
+    """Return pictures side by side, as many as the width allows."""
     figures = "\n".join(
         f"<figure><figcaption>{html.escape(panel.title)}</figcaption>{panel.svg}</figure>" for panel in panels
     )
@@ -62,7 +62,7 @@ def pictures(panels: Sequence[Panel]) -> str:
 
 
 def table_html(table: Table, level: int = 2) -> str:
-    """Return a table with its title and note; a table that is wider than the page scrolls by itself."""
+    """Return a table with its title and note; a table wider than the page scrolls on its own."""
     columns = [[row[index] for row in table.rows] for index in range(len(table.columns))]
     wordy = [any(isinstance(cell, str) and len(cell) > _LONG_TEXT for cell in column) for column in columns]
     head = "".join(map(_column_head, table.columns, wordy))

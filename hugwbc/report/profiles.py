@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hugwbc.errors import UnknownNameError
-from hugwbc.evaluation.engine.campaign import Cell
+from hugwbc.evaluation.engine import Cell
 from hugwbc.evaluation.protocols import PROTOCOLS
 from hugwbc.runtime.controllers import ControllerSpec
 

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
 from hugwbc.evaluation.protocols.protocol import Measured

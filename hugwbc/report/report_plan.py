@@ -6,7 +6,7 @@ import pathlib
 from collections.abc import Sequence
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine.campaign import Cell, CellResult
+from hugwbc.evaluation.engine import Cell, CellResult
 from hugwbc.evaluation.protocols import PROTOCOLS
 from hugwbc.evaluation.protocols.intervention import TRAINED
 from hugwbc.learned.policy.policy import shipped_policies

@@ -1,19 +1,42 @@
-"""Run a robot: the control loop, rollouts and their records, safety, estimation, controllers by name."""
+"""Run a robot: the control loop, rollouts and their records, safety, estimation, controllers by name.
 
-from hugwbc.runtime.controllers import ControllerSpec, controller_names, load_controller
-from hugwbc.runtime.loop import CommandSource, Constant, ControlLoop
+The names below are what users need. Modules of hugwbc itself import the submodules.
+"""
+
+from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
+from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
+from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
+from hugwbc.runtime.loop import ArmSource, ControlLoop, upper_body_source
+from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
-from hugwbc.sim import Simulation
+from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.sim import Force, SensorNoise, Simulation, noisy_simulation
 
 __all__ = [
+    "ArmSource",
     "CommandSource",
     "Constant",
     "ControlLoop",
     "ControllerSpec",
+    "EstimatorParams",
+    "FeasibilityLimits",
+    "FollowingSource",
+    "Force",
+    "HoldController",
+    "Moment",
+    "SafetyConfig",
+    "SafetyFilter",
+    "SafetyReport",
+    "SensorNoise",
     "Simulation",
+    "StateEstimator",
     "Trace",
     "controller_names",
+    "feasible",
     "load_controller",
+    "noisy_simulation",
     "rollout",
+    "upper_body_source",
 ]

@@ -1,8 +1,8 @@
-"""Controllers by name or path, as on the command line: ours, a plug-in's, a policy folder, a foreign policy.
+"""Controllers by name or path, as on the command line: built-in, plug-in, policy folder, or foreign policy.
 
-A plug-in is an entry point in the group `hugwbc.controllers`: something to call that gives an object with the members
-of `hugwbc.controller.Controller`. If it has a parameter `policy`, that receives what the user gave with --policy, or
-None. Ours are registered in the same way.
+A plug-in is an entry point in the group `hugwbc.controllers`: a callable that returns an object with the members of
+`hugwbc.controller.Controller`. If the callable has a parameter `policy`, it receives the value of --policy, or None.
+The built-in controllers are registered in the same way.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ from hugwbc.runtime.foreign.network import SUFFIXES
 from hugwbc.state import RobotState
 
 GROUP = "hugwbc.controllers"
-# As in pyproject.toml, for a source tree that is not installed and has no metadata.
+# The same entries as in pyproject.toml, for a source tree that is not installed and therefore has no metadata.
 _OURS = {
     "learned": "hugwbc.runtime.controllers:learned_controller",
     "qp": "hugwbc.mbc:WholeBodyController",
@@ -37,7 +37,7 @@ _PATHS = "the path of a policy folder or file, or of a contract (.yaml)"
 
 
 class HoldController:
-    """Holds the nominal pose with the PD gains and turns the waist as commanded: the baseline that does not balance."""
+    """A baseline that does not balance: it holds the nominal pose by PD and turns the waist as commanded."""
 
     name = "hold"
     period = 0.02
@@ -46,17 +46,20 @@ class HoldController:
         self.robot = load_robot()
 
     def reset(self, state: RobotState) -> None:
-        """Nothing to forget."""
+        """Do nothing; there is no past to forget."""
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The nominal pose, with the commanded waist angle and external arm targets."""
+        """Return the nominal pose with the commanded waist angle and external arm targets."""
         q = self.robot.nominal.copy()
         q[self.robot.waist] = command.w
         return override_arms(JointCommand.position(self.robot, np.asarray(q)), upper_body, self.robot)
 
 
 def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
-    """The HugWBC policy: a shipped one by name, a file or a folder; None for the default.
+    """Load the HugWBC policy.
+
+    Args:
+        policy: name of a shipped policy, a policy file or its folder; None for the default policy.
 
     Raises:
         PolicyFileError: if the policy file is missing, truncated or foreign.
@@ -71,11 +74,11 @@ def load_controller(name: str, policy: str | pathlib.Path | None = None) -> Cont
 
     Args:
         name: one of `controller_names()`, or the path of a policy or of a contract (`ControllerSpec`).
-        policy: a shipped policy's name, or the path of a policy, for a controller that takes one.
+        policy: name of a shipped policy or path of a policy, for a controller that takes one.
 
     Raises:
-        UnknownNameError: if there is neither a controller nor a file of that name.
-        ConfigError: if the controller takes no policy.
+        UnknownNameError: if neither a controller nor a file has that name.
+        ConfigError: if the controller does not take a policy.
         ContractError: if a contract is malformed.
         PolicyFileError: if a policy file is missing, truncated or foreign.
     """
@@ -84,7 +87,7 @@ def load_controller(name: str, policy: str | pathlib.Path | None = None) -> Cont
 
 @functools.cache
 def plugins() -> dict[str, EntryPoint]:
-    """The registered controllers by name, ours first.
+    """Return the registered controllers by name, the built-in ones first.
 
     Raises:
         ConfigError: if two packages register different controllers under one name.
@@ -101,19 +104,19 @@ def plugins() -> dict[str, EntryPoint]:
 
 
 def controller_names() -> tuple[str, ...]:
-    """Names of the registered controllers and of the shipped contracts of foreign policies."""
+    """Return the names of the registered controllers and of the shipped contracts of foreign policies."""
     return (*plugins(), *CONTRACT_NAMES)
 
 
 @dataclasses.dataclass(frozen=True)
 class ControllerSpec:
-    """A controller by name or path: cheap to send to another process, which builds it there.
+    """A controller by name or path, cheap to send to another process that builds it.
 
     Attributes:
-        name: one of `controller_names()`, the path of a policy file or of a folder with one, or the path of a contract
-            of a foreign policy or of a folder with a `contract.yaml`.
-        policy: of the learned controller: name of a shipped policy or path of a policy file; of a foreign policy: its
-            network's file; of a plug-in that takes one, whatever that is; None for the default.
+        name: one of `controller_names()`, the path of a policy file or its folder, or the path of a foreign policy's
+            contract or of a folder with a `contract.yaml`.
+        policy: for the learned controller, the name of a shipped policy or the path of a policy file; for a foreign
+            policy, the file of its network; for a plug-in, whatever it takes; None for the default.
     """
 
     name: str
@@ -131,13 +134,13 @@ class ControllerSpec:
             self._check_policy()
 
     def _check_policy(self) -> None:
-        """Refuse a policy that nobody would read.
+        """Refuse a policy that would not be used.
 
         Raises:
-            ConfigError: if the controller takes none.
+            ConfigError: if the controller does not take a policy.
         """
         if self.name not in plugins():
-            raise ConfigError(f"controller '{self.name}' takes no policy: it is one; leave out '{self.policy}'")
+            raise ConfigError(f"controller '{self.name}' takes no policy because it is one; leave out '{self.policy}'")
         if not _takes_policy(_loaded(plugins()[self.name])):
             raise ConfigError(
                 f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
@@ -146,23 +149,23 @@ class ControllerSpec:
 
     @classmethod
     def parse(cls, words: str) -> "ControllerSpec":
-        """From `NAME`, or `NAME=POLICY`, as lists of controllers on the command line have it."""
+        """Build a spec from `NAME` or `NAME=POLICY`, the form used in lists of controllers on the command line."""
         name, equals, policy = words.partition("=")
         return cls(name, policy) if equals and name in controller_names() else cls(words)
 
     @property
     def label(self) -> str:
-        """Short name for tables: tells apart what differs in policy alone."""
+        """Short name for tables, which includes the policy."""
         name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
         return name if self.policy is None else f"{name} {pathlib.Path(self.policy).stem}"
 
     def build(self) -> Controller:
-        """The controller, ready to `reset`.
+        """Build the controller, ready to `reset`.
 
         Raises:
             ContractError: if a contract is malformed.
             PolicyFileError: if a policy file is missing, truncated or foreign.
-            ConfigError: if a plug-in cannot be loaded, or does not give a controller.
+            ConfigError: if a plug-in cannot be loaded or does not return a controller.
         """
         if self.name in plugins():
             return _build_plugin(plugins()[self.name], self.policy)
@@ -180,7 +183,7 @@ class ControllerSpec:
 
     @property
     def training(self) -> str | None:
-        """What moved the arms in the training, one of the paper's; None for what was not trained, or does not say.
+        """The paper's kind of arm motion in training; None for a controller that was not trained or does not say.
 
         Raises:
             PolicyFileError: if a policy file is missing, truncated or foreign.
@@ -193,9 +196,9 @@ class ControllerSpec:
         return trained_with(path)
 
     def identity(self) -> dict[str, Any]:
-        """What the controller's behaviour depends on, as JSON: name, package, modules, digests of files.
+        """Return what the behaviour depends on, as JSON: name, package, modules, digests of files.
 
-        Equal controllers have equal identities on any machine; no path is in it.
+        Equal controllers have equal identities on any machine, because no path is part of it.
 
         Raises:
             PolicyFileError: if one of the files is missing.
@@ -216,13 +219,13 @@ class ControllerSpec:
 
     @property
     def _policy_word(self) -> str | None:
-        """A plug-in's policy that is a word to itself: neither of ours, nor a file or folder."""
+        """A plug-in's policy that is neither a file nor a folder, but a word that only the plug-in knows."""
         ours = self.name not in plugins() or self.name in _OURS
         given = None if self.policy is None or ours else pathlib.Path(self.policy)
         return None if given is None or given.exists() else str(self.policy)
 
     def files(self) -> list[pathlib.Path]:
-        """The files that it is made of: contract and network, or policy."""
+        """Return the files that the controller is built from: contract and network, or policy."""
         given = None if self.policy is None else pathlib.Path(self.policy)
         if self._is_foreign:
             contract = contract_path(self.name)
@@ -240,7 +243,7 @@ class ControllerSpec:
 
 
 def _loaded(entry: EntryPoint) -> Callable[..., Any]:
-    """What a plug-in is made by.
+    """Load the callable that builds a plug-in.
 
     Raises:
         ConfigError: if it cannot be loaded.
@@ -258,7 +261,7 @@ def _takes_policy(factory: Callable[..., Any]) -> bool:
 
 
 def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None) -> Controller:
-    """What a plug-in makes, if that is a controller."""
+    """Build a plug-in and check that it is a controller."""
     factory = _loaded(entry)
     controller = factory(policy=policy) if _takes_policy(factory) else factory()
     if not isinstance(controller, Controller):

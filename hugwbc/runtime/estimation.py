@@ -14,50 +14,51 @@ from hugwbc.state import GRAVITY, RobotState
 _FEET = len(SIDES)
 _SIZE = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
-# [rad], [rad/s], [rad/s^2], [m/s^2]; no sensor of a robot measures as far, a broken one may say anything.
+# [rad], [rad/s], [rad/s^2], [m/s^2]; larger readings come from broken sensors.
 LARGEST_READING = 1e4
-_LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is not bridged by integration
+_LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is integrated for this time only
 _SAME_TIME = 1e-6  # [s]
-_PLANS = 256  # that are kept, from half a second of ticks
+_PLANS = 256  # plans that are kept: half a second of control periods
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
 
 @dataclasses.dataclass(frozen=True)
 class EstimatorParams:
-    """Standard deviations of what the filters believe, and the contact threshold."""
+    """Standard deviations that the filters assume, and the contact threshold."""
 
     gyro: float = 0.02
-    """Of a reading [rad/s]."""
+    """Standard deviation of a gyro reading [rad/s]."""
     accelerometer: float = 0.1
-    """Of a reading [m/s^2]."""
+    """Standard deviation of an accelerometer reading [m/s^2]."""
     encoder: float = 0.005
-    """Of a joint position [rad]."""
+    """Standard deviation of a measured joint position [rad]."""
     joint_velocity: float = 0.3
-    """Of a joint velocity [rad/s]."""
+    """Standard deviation of a measured joint velocity [rad/s]."""
     foot_slip: float = 0.25
-    """Velocity of a foot that stands [m/s]: where it lands it sinks in by 6 mm within 12 ms, and rises again by 5 mm
-    until it lifts off; besides, it slips, and rolls about its centre line. With less, the pelvis's velocity takes that
-    motion for its own."""
+    """Velocity of a standing foot [m/s]. After touch-down it sinks in by 6 mm within 12 ms and rises again by 5 mm
+    until it lifts off; it also slips and rolls about its centre line. With a smaller value, the filter takes this
+    motion for velocity of the pelvis."""
     foot_model: float = 0.002
-    """Of a foot's position relative to the IMU, beside the encoders' [m]: links bend and soles give way."""
+    """Error of a foot's position relative to the IMU, in addition to that of the encoders [m]: links bend and soles
+    give way."""
     contact_force: float = 30.0
-    """Normal force above which a foot stands [N]."""
+    """Normal force above which a foot counts as standing [N]."""
     initial_tilt: float = 0.03
-    """Of the IMU's own orientation, which the filter starts from [rad]."""
+    """Error of the IMU's orientation, from which the filter starts [rad]."""
     initial_velocity: float = 0.1
-    """Of the assumption that the robot starts at rest [m/s]."""
+    """Error of the assumption that the robot starts at rest [m/s]."""
     leg_acceleration: float = 100.0
     """Typical acceleration of a leg joint [rad/s^2]."""
     waist_acceleration: float = 20.0
-    """Of the waist joint [rad/s^2]."""
+    """Typical acceleration of the waist joint [rad/s^2]."""
     arm_acceleration: float = 50.0
-    """Of an arm joint [rad/s^2]."""
+    """Typical acceleration of an arm joint [rad/s^2]."""
     unplanned: float = 0.15
-    """Share of these by which a joint departs from what a controller plans for it."""
+    """Share of these accelerations by which a joint departs from a controller's plan."""
 
 
 class JointFilter:
-    """Kalman filter of every joint's position and velocity, driven by an acceleration, unknown or planned.
+    """A Kalman filter of the position and velocity of every joint, driven by an unknown or planned acceleration.
 
     Attributes:
         q, dq: estimates [rad], [rad/s], shape (19,).
@@ -84,7 +85,7 @@ class JointFilter:
             q: reading [rad], shape (19,).
             dq: reading [rad/s], shape (19,).
             dt: since the last reading [s].
-            planned: accelerations that a controller has planned for that time [rad/s^2], shape (19,).
+            planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
         """
         drive = self._acceleration * dt**2
         predicted_q, predicted_dq = self.q + dt * self.dq, self.dq
@@ -95,7 +96,7 @@ class JointFilter:
         qv = self._qv + dt * (self._vv + 0.5 * drive)
         vv = self._vv + drive
         error_q, error_v = q - predicted_q, dq - predicted_dq
-        # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S.
+        # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S of each joint.
         sq, sv = qq + self._noise[0], vv + self._noise[1]
         inverse = 1.0 / (sq * sv - qv**2)
         gain_qq, gain_qv = (qq * sv - qv**2) * inverse, qv * self._noise[0] * inverse
@@ -106,7 +107,7 @@ class JointFilter:
 
 
 class StateEstimator:
-    r"""Right-invariant extended Kalman filter of the IMU's orientation, velocity and position, and of both feet.
+    r"""A right-invariant extended Kalman filter of the IMU's orientation, velocity and position and of both feet.
 
     On the group :math:`SE_4(3)`, with the error :math:`\hat X X^{-1} = \exp(\xi)`, the linearised dynamics do not
     depend on the estimate, and leg kinematics is a linear observation (Hartley, Ghaffari, Eustice, Grizzle,
@@ -117,15 +118,15 @@ class StateEstimator:
         R\, h_k(q) + p - d_k = 0 \text{ of every standing foot } k
 
     with gyro :math:`\omega`, accelerometer a, and :math:`h_k` the centre of sole k seen from the IMU. A foot in the air
-    is not observed; where it comes down it is entered anew. Absolute position and yaw are not observable: they start at
-    the given ones and drift with the steps. Height is relative to the ground under the first stand. The sensors are
-    taken to be free of bias.
+    is not observed; at touch-down its position is initialised again. Absolute position and yaw are not observable: they
+    start at the given ones and drift with the steps. Height is relative to the ground under the first stand. The
+    sensors are assumed to be free of bias.
 
-    The estimate has smoothed joint positions and velocities as well (`JointFilter`), out of the readings and of what
-    the controller plans.
+    The estimate also contains smoothed joint positions and velocities (`JointFilter`), which use the readings and the
+    controller's plan.
 
     Attributes:
-        contact: which feet stand, shape (2,), bool.
+        contact: whether the left and the right foot stand, shape (2,), bool.
     """
 
     def __init__(self, params: EstimatorParams | None = None) -> None:
@@ -134,19 +135,19 @@ class StateEstimator:
         self._robot = load_robot()
         self._model = pinocchio_model()
         self._data = self._model.createData()
-        self._configuration = pin.neutral(self._model)  # the pelvis stays at the origin
+        self._configuration = pin.neutral(self._model)  # its pelvis stays at the origin
         self._columns = joint_columns(self._model, self._robot)
         self._imu, *self._sole_frames = (self._model.getFrameId(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = self._model.frames[self._imu].placement.translation.copy()
         self._model_noise = self.params.foot_model**2 * np.eye(3)
-        # Variances of what drives velocity and feet at random; orientation and position only follow.
+        # Variances of the random drive of velocity and feet; orientation and position only follow.
         drive = [0.0, self.params.accelerometer, 0.0, *[self.params.foot_slip] * _FEET]
         self._drive = np.repeat(drive, 3) ** 2
         self._joints = JointFilter(self.params, self._robot)
         self.contact = np.zeros(_FEET, dtype=bool)
 
     def reset(self, state: RobotState) -> RobotState:
-        """Start from a robot at rest, in the state's orientation, above its position or else above the origin."""
+        """Start from a robot at rest, at its position or else above the origin, and return the estimate."""
         params = self.params
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._measure_legs(state.q)
@@ -166,19 +167,21 @@ class StateEstimator:
         return self._estimate(state)
 
     def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
-        """The estimate at a new reading: everything but the time, age and forces of `state` is replaced.
+        """Return the estimate at a new reading: all of `state` but its time, age and forces is replaced.
 
-        Readings that lack IMU or foot forces, are not finite or are beyond `LARGEST_READING` are passed on as they are.
+        Readings without IMU or foot forces, with numbers that are not finite, or beyond `LARGEST_READING` are returned
+        unchanged.
 
         Args:
-            state: reading, perhaps of some time ago (`state.age`).
-            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,); kept until the
-                readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of another shape.
+            state: the reading, which may be old (`state.age`).
+            planned: joint accelerations that the controller plans for the present [rad/s^2], shape (19,). They are kept
+                until the readings of the present arrive, and ignored if they are not finite, beyond `LARGEST_READING`
+                or of another shape.
         """
         gyro, accelerometer, force = state.imu_gyro, state.imu_accelerometer, state.foot_force
         if gyro is None or accelerometer is None or force is None or not state.is_finite:
             return state
-        # One such number would stay in the filter for ever.
+        # A single such number would stay in the filter for ever.
         if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq))).max() > LARGEST_READING:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
@@ -195,7 +198,7 @@ class StateEstimator:
         return self._estimate(state)
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
-        """What was planned for the time up to that of the reading; keeps what is planned for the present."""
+        """Store the plan for the present, and return the plan for the time of the reading."""
         if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
             planned = None
         self._plans.append((state.time + state.age, planned))
@@ -207,7 +210,7 @@ class StateEstimator:
         return self._data.oMf[frame].translation
 
     def _measure_legs(self, q: np.ndarray) -> None:
-        """Sole centres seen from the IMU [m], shape (2, 3), and their covariances by the encoders' noise."""
+        """Compute the sole centres seen from the IMU [m], shape (2, 3), and their covariances."""
         model, data, configuration = self._model, self._data, self._configuration
         configuration[self._columns + 1] = q
         pin.computeJointJacobians(model, data, configuration)
@@ -216,7 +219,7 @@ class StateEstimator:
         for foot, index in enumerate(self._sole_frames):
             sole = pin.updateFramePlacement(model, data, index).translation
             jacobian = pin.getFrameJacobian(model, data, index, pin.LOCAL_WORLD_ALIGNED)[:3, 6:]
-            # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
+            # The waist turns the IMU: seen from the IMU, the foot turns the other way about the pelvis's z axis.
             jacobian[:, self._columns[self._robot.waist] - 6] = (sole[1], -sole[0], 0.0)
             jacobian = imu.rotation.T @ jacobian
             self._soles[foot] = imu.rotation.T @ (sole - imu.translation)
@@ -231,14 +234,14 @@ class StateEstimator:
         transition[_VELOCITY, _ORIENTATION] = dt * _GRAVITY_CROSS
         transition[_POSITION, _ORIENTATION] = 0.5 * dt**2 * _GRAVITY_CROSS
         transition[_POSITION, _VELOCITY] = dt * np.eye(3)
-        # The gyro's noise turns the whole estimate about the world's origin, hence the lever arms.
+        # The error is right-invariant: gyro noise turns the whole estimate about the world's origin, hence lever arms.
         lever = np.vstack((np.eye(3), *(pin.skew(x) for x in (self._v, self._p, *self._d))))
         noise = (self.params.gyro * dt) ** 2 * lever @ lever.T
         noise.flat[:: _SIZE + 1] += self._drive * dt**2
         self._P = transition @ self._P @ transition.T + noise
 
     def _enter(self, foot: int) -> None:
-        """A foot comes down: it stands where the legs say."""
+        """Initialise a foot that came down: its position is the one given by the leg kinematics."""
         self._d[foot] = self._p + self._R @ self._soles[foot]
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         self._P[rows] = self._P[_POSITION]
@@ -246,7 +249,7 @@ class StateEstimator:
         self._P[rows, rows] += self._R @ self._soles_noise[foot] @ self._R.T
 
     def _correct(self, foot: int) -> None:
-        """Innovation R h + p - d, which is linear in the error: its position less the foot's."""
+        """Correct by the innovation R h + p - d, which is linear in the error: position error minus foot error."""
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         innovation = self._R @ self._soles[foot] + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]
@@ -262,7 +265,7 @@ class StateEstimator:
         self._P = 0.5 * (self._P + self._P.T)
 
     def _estimate(self, state: RobotState) -> RobotState:
-        """The pelvis below the IMU, by the smoothed waist joint."""
+        """Return the state of the pelvis, found below the IMU by the smoothed waist joint."""
         joints, robot = self._joints, self._robot
         waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
         to_pelvis = rotations.rotation_z(waist)
@@ -274,7 +277,7 @@ class StateEstimator:
             dq=joints.dq.copy(),
             orientation=pin.Quaternion(rotation).coeffs()[[3, 0, 1, 2]],
             angular_velocity=to_pelvis @ gyro - np.array([0.0, 0.0, rate]),
-            # The torso's origin, on the waist's axis, is the pelvis's.
+            # The origins of torso and pelvis coincide, on the waist's axis.
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v - self._R @ (pin.skew(gyro) @ self._imu_in_torso),
         )

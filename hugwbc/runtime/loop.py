@@ -1,32 +1,33 @@
-"""The control loop of one robot in simulation: sense, upper body, controller behind the safety filter, joints."""
+"""The control loop of one robot in simulation: sensors, arms, controller behind the safety filter, joints."""
 
-import dataclasses
 import time
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.controller import CarriesArms, Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.moment import Moment, gait_plan
+from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.scripts.command_source import Constant as Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import BodyReach, HandBack, IKSolution
+from hugwbc.upper_ik import IKSolution, UpperBodySource
 
-CONTACT_FORCE = 1.0  # [N] above which a foot counts as on the ground
+CONTACT_FORCE = 1.0  # [N]; a foot with a larger normal force counts as on the ground
 
 
-class UpperBodySource(Protocol):
-    """What turns hand targets into arm joint targets: `hugwbc.upper_ik.UpperBodySource`, or another."""
+class ArmSource(Protocol):
+    """An object that turns hand targets into arm joint targets, such as `hugwbc.upper_ik.UpperBodySource`."""
 
     @property
     def solution(self) -> IKSolution | None:
-        """The last IK solution; None while the arms are the controller's."""
+        """The last IK solution; None while the controller moves the arms."""
         ...
 
     def reset(self) -> None:
@@ -34,57 +35,41 @@ class UpperBodySource(Protocol):
         ...
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
-        """Arm targets for the next `dt` seconds; no hands gives the arms back.
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the arm targets for the next `dt` seconds, and the command as the hands need it.
 
-        `commanded` is the arm part of the last joint command, None at the start [rad], shape (8,).
+        Args:
+            state: the robot now.
+            hands: the hand targets; None gives the arms back to the controller.
+            command: the user's command; its h, p and w may change for targets that ask for the whole body.
+            dt: length of the control period [s].
+            commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
         """
         ...
 
 
-class CommandSource(Protocol):
-    """What gives commands and hand targets over time: a `hugwbc.scripts.script.Script`, or a `Constant`."""
-
-    def command_at(self, t: float) -> Command:
-        """The command at time t [s]."""
-        ...
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """The hand targets at time t [s]; None leaves the arms to the controller."""
-        ...
-
-
-@runtime_checkable
-class FollowingSource(CommandSource, Protocol):
-    """A command source whose commands depend on where the robot is."""
-
-    def follow(self, state: RobotState) -> None:
-        """See the true state, before each `command_at`."""
-        ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Constant:
-    """The same command and hand targets at all times; without targets the arms are the controller's."""
-
-    command: Command
-    hands: HandTargets | None = None
-
-    def command_at(self, t: float) -> Command:
-        """The command."""
-        return self.command
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """The hand targets."""
-        return self.hands
+def upper_body_source(controller: Controller) -> UpperBodySource:
+    """Return the hand IK for a controller, with gravity compensation unless the controller carries the arms itself."""
+    carries = isinstance(controller, CarriesArms) and controller.carries_arms
+    return UpperBodySource(gravity_compensation=not carries)
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
-    """Physics steps in a period of a controller.
+    """Return the number of physics steps in a control period.
+
+    Args:
+        period: the controller's period [s].
+        timestep: of the physics [s].
+        name: the controller's name, for the message.
 
     Raises:
-        ConfigError: if the period is no multiple of the time step.
+        ConfigError: if the period is not a multiple of the time step.
     """
     substeps = round(period / timestep)
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
@@ -96,16 +81,19 @@ def substeps_of(period: float, timestep: float, name: str) -> int:
 
 
 class ControlLoop:
-    """Everything between the sensors and the joints, at the controller's period.
+    """Everything between the sensors and the joints, run at the controller's period.
+
+    One tick goes downhill, each part once: the source of commands, the arms, the safety filter with the controller
+    inside it, the joints.
 
     Attributes:
         safe: the controller behind its safety filter.
         simulation: the robot.
-        period: of the controller [s].
+        period: the controller's period [s].
         substeps: physics steps in a period.
-        estimator: gives the controller the state from noisy sensors; None where it reads `Simulation.sense` itself.
-        hands: the last hand targets, None where the arms are the controller's.
-        ik_s: time that the last call of the upper-body source took [s].
+        estimator: gives the controller the state from noisy sensors; None if it reads `Simulation.sense` itself.
+        hands: the last hand targets, None where the controller moves the arms.
+        ik_s: time that the last call of the arms' source took [s].
     """
 
     def __init__(
@@ -113,17 +101,25 @@ class ControlLoop:
         controller: Controller,
         source: CommandSource,
         simulation: Simulation,
-        upper_body: UpperBodySource | None = None,
+        upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
+        Args:
+            controller: any object with the members of `Controller`.
+            source: gives commands and hand targets over time.
+            simulation: the robot.
+            upper_body: turns hand targets into arm targets; None ignores hand targets.
+            estimator: estimates the state from the sensors; None if the controller reads them itself.
+
         Raises:
-            ConfigError: if the controller's period is no multiple of the physics time step.
+            ConfigError: if the controller's period is not a multiple of the physics time step.
         """
         self.safe = SafetyFilter(controller)
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
+        self._plan = PlanView(controller)
         self.simulation = simulation
         self.upper_body = upper_body
         self.estimator = estimator
@@ -132,8 +128,6 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
-        self._hand_back = HandBack()
-        self._body_reach: BodyReach | None = None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -143,67 +137,47 @@ class ControlLoop:
         self.safe.reset(self._estimate)
         self.hands, self.ik_s = None, 0.0
         self._commanded_arms = None
-        self._hand_back.reset()
-        self._body_reach = None
         if self.upper_body is not None:
             self.upper_body.reset()
 
     def decide(self, t: float) -> JointCommand:
-        """The joint command for the next period, from what the sensors say at time t [s]."""
+        """Return the joint command for the next period, from what the sensors say at time t [s]."""
         state = self.simulation.sense() if self.estimator is None else self._estimate
-        arms = UpperBody.none()
+        if self._following is not None:
+            self._following.follow(self.simulation.state())
+        command, arms = self.source.command_at(t), UpperBody.none()
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
-            arms = self.upper_body.update(state, self.hands, self.period, self._commanded_arms)
+            arms, command = self.upper_body.update(state, self.hands, command, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
-        if self._following is not None:
-            self._following.follow(self.simulation.state())
-        wanted = self._reached(self.source.command_at(t), state)
-        filtered = self.safe.act(state, wanted, arms)
-        command = self._hand_back(filtered, arms, self.period)
-        if command is not filtered:  # a sum of two commands within the limits need not be
-            command = self.safe.limited(command)
-        self._commanded_arms = command.q[self.simulation.robot.arms]
-        return command
-
-    def _reached(self, command: Command, state: RobotState) -> Command:
-        """The command, with h, p and w as hand targets need them that ask for the whole body.
-
-        Targets that the arms do not follow, such as the last ones of a stream that has ended, ask for nothing.
-        """
-        followed = self.upper_body is not None and self.upper_body.solution is not None
-        hands = self.hands if followed else None
-        if self._body_reach is None:
-            if hands is None or not hands.whole_body:
-                return command
-            self._body_reach = BodyReach()
-        return self._body_reach.update(hands, state, command, self.period)
+        joints = self.safe.act(state, command, arms)
+        self._commanded_arms = joints.q[self.simulation.robot.arms]
+        return joints
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s], the estimator following every physics step; the true state."""
+        """Apply a joint command for a duration [s] and return the true state; the estimator sees every physics step."""
         if self.estimator is None:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
-        planned = getattr(self.safe.controller, "planned_acceleration", None)  # not every controller plans
+        planned = self._plan.acceleration
         for _ in range(max(1, round(duration / timestep))):
             self.simulation.step(command, timestep)
             self._estimate = self.estimator.update(self.simulation.sense(), planned)
         return self.simulation.state()
 
     def moment(self) -> Moment:
-        """What a picture shows now."""
+        """Return what a picture shows now."""
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
-        phase, foothold = gait_plan(self.safe.controller)
         return Moment(
             qpos=simulation.data.qpos.copy(),
             gait=int(self.safe.command.gait),
-            phase=phase,
+            phase=self._plan.phase,
             foot_contact=foot_contacts(state),
             foot_force=state.foot_force.copy(),
             pressure_centre=simulation.pressure_centres,
-            foothold=foothold.copy(),
+            foothold=self._plan.footholds,
             hand_target_world=world_targets(self.hands, state),
             arm_target=self._arm_target(),
         )
@@ -218,7 +192,7 @@ class ControlLoop:
 
     @property
     def reachable(self) -> np.ndarray:
-        """Whether there is a left and a right hand target that can be reached, shape (2,), bool."""
+        """Whether the left and the right hand have a target within reach, shape (2,), bool."""
         solution = None if self.upper_body is None else self.upper_body.solution
         if solution is None or self.hands is None:
             return np.zeros(2, dtype=bool)
@@ -226,13 +200,13 @@ class ControlLoop:
 
 
 def foot_contacts(state: RobotState) -> np.ndarray:
-    """Whether the left and the right foot are on the ground, shape (2,), bool."""
+    """Return whether the left and the right foot are on the ground, shape (2,), bool."""
     assert state.foot_force is not None
     return state.foot_force[:, 2] > CONTACT_FORCE
 
 
 def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
-    """Hand targets in the world at this state [m], shape (2, 3); NaN where there is none."""
+    """Return the hand targets in the world frame at this state [m], shape (2, 3); NaN for a hand without one."""
     if hands is None:
         return np.full((2, 3), np.nan)
     if hands.frame == "world":

@@ -1,28 +1,28 @@
-"""What a picture of a robot shows, at one time: the same whether it is drawn live or replayed from a record."""
+"""What a picture of a robot shows at one time, the same whether it is drawn live or replayed from a record."""
 
 import dataclasses
 
 import numpy as np
 
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, HasFootholds, HasPhase, HasPlannedAcceleration
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
-    """One robot at one time, all in the world frame.
+    """One robot at one time, in the world frame.
 
     Attributes:
-        qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
         gait: value of `Gait`.
-        phase: the controller's common phase of the gait, in [0, 1); NaN where it keeps none.
+        phase: the controller's common gait phase in [0, 1); NaN without one.
         foot_contact: whether the left and the right foot are on the ground, shape (2,), bool.
         foot_force: ground reaction on each foot [N], shape (2, 3).
-        pressure_centre: where it acts [m], NaN for a foot in the air, shape (2, 3).
-        foothold: where the controller plans to put the middle of each sole next, x and y [m], shape (2, 2); NaN for a
-            foot that it has no plan for.
-        hand_target_world: targets of both hands [m], NaN where there is none, shape (2, 3).
-        arm_target: arm joint positions that the inverse kinematics or a motion wants [rad], shape (8,); NaN where the
-            arms are the controller's.
+        pressure_centre: point where that force acts [m], shape (2, 3); NaN for a foot in the air.
+        foothold: where the controller plans to put the centre of each sole next, x and y [m], shape (2, 2); NaN for a
+            foot without a plan.
+        hand_target_world: targets of both hands [m], shape (2, 3); NaN without one.
+        arm_target: arm joint positions that the inverse kinematics or a motion asks for [rad], shape (8,); NaN where
+            the controller moves the arms.
     """
 
     qpos: np.ndarray
@@ -39,8 +39,29 @@ class Moment:
 MOMENT_FIELDS = tuple(field.name for field in dataclasses.fields(Moment))
 
 
-def gait_plan(controller: Controller) -> tuple[float, np.ndarray]:
-    """A controller's `phase` and `footholds`, members that it may have or not; NaN, shape (2, 2), in their place."""
-    phase = getattr(controller, "phase", np.nan)
-    footholds = getattr(controller, "footholds", np.full((2, 2), np.nan))
-    return phase, footholds
+class PlanView:
+    """A controller's plan, as far as it has one; which parts it has is found out once, here.
+
+    See `hugwbc.controller.HasPhase`, `HasFootholds` and `HasPlannedAcceleration`.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        """Look at a controller."""
+        self._phase = controller if isinstance(controller, HasPhase) else None
+        self._footholds = controller if isinstance(controller, HasFootholds) else None
+        self._acceleration = controller if isinstance(controller, HasPlannedAcceleration) else None
+
+    @property
+    def phase(self) -> float:
+        """The common gait phase in [0, 1); NaN without one."""
+        return np.nan if self._phase is None else self._phase.phase
+
+    @property
+    def footholds(self) -> np.ndarray:
+        """The planned footholds, world x and y [m], shape (2, 2); NaN without a plan. The array is the caller's."""
+        return np.full((2, 2), np.nan) if self._footholds is None else self._footholds.footholds.copy()
+
+    @property
+    def acceleration(self) -> np.ndarray | None:
+        """The planned joint accelerations [rad/s^2], shape (19,); None without a plan."""
+        return None if self._acceleration is None else self._acceleration.planned_acceleration

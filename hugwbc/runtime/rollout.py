@@ -1,4 +1,4 @@
-"""One run of a controller in simulation, and the record of it that metrics, plots and replays read."""
+"""One run of a controller in simulation and its record."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,8 +9,8 @@ from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import CommandSource, ControlLoop, UpperBodySource, foot_contacts
-from hugwbc.runtime.moment import MOMENT_FIELDS
+from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop, foot_contacts
+from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.sim import Disturber, Force, Simulation
 
@@ -19,31 +19,36 @@ def rollout(
     controller: Controller,
     source: CommandSource,
     simulation: Simulation,
-    upper_body: UpperBodySource | None = None,
+    upper_body: ArmSource | None = None,
     *,
     duration: float,
     estimator: StateEstimator | None = None,
     forces: Sequence[Force] = (),
     on_progress: Callable[[float], None] | None = None,
+    on_moment: Callable[[Moment], None] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
-    The loop runs at the controller's period, the physics at its own time step, and the record is taken every
-    `RECORD_PERIOD`. The controller reads `Simulation.sense`, or the estimator that does; the record the true state.
+    The loop runs at the controller's period and the physics at its own time step; a sample is recorded every
+    `RECORD_PERIOD`. The controller reads `Simulation.sense` or an estimator; the record holds the true state.
 
     Args:
-        controller: whatever implements `Controller`.
-        source: commands and hand targets over time.
-        simulation: is reset to the nominal stand at the origin.
-        upper_body: turns hand targets into arm targets; without it hand targets are ignored.
-        duration: [s].
-        estimator: of the state from the sensors; None where the controller reads them itself.
-        forces: that act on the robot.
-        on_progress: called with the fraction done, about fifty times a simulated second.
+        controller: any object with the members of `Controller`.
+        source: gives commands and hand targets over time.
+        simulation: the robot; it is reset to the nominal stand at the origin.
+        upper_body: turns hand targets into arm targets (`upper_body_source`); without it, hand targets are ignored.
+        duration: length of the run [s].
+        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        forces: external forces on the robot.
+        on_progress: called with the fraction done, about fifty times per simulated second.
+        on_moment: called at each sample of the record, with what a picture shows.
+
+    Returns:
+        The record of the run.
 
     Raises:
-        ConfigError: if the duration is not above 0, or the controller's period is no multiple of the time step.
-        UnknownNameError: if no link has the name of a force's.
+        ConfigError: if the duration is not above 0, or the controller's period is not a multiple of the time step.
+        UnknownNameError: if a force names a link that does not exist.
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
@@ -58,7 +63,9 @@ def rollout(
         if upper_body is not None:
             recorder.ik_ms.append(loop.ik_s * 1e3)
         if recorder.due(t):
-            recorder.sample(t, joint_command)
+            moment = recorder.sample(t, joint_command)
+            if on_moment is not None:
+                on_moment(moment)
             if on_progress is not None:
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t):
@@ -67,7 +74,7 @@ def rollout(
 
 
 class _Recorder:
-    """Collects the samples of one run and watches the feet at every physics step."""
+    """A collector of the samples of one run, which watches the feet at every physics step."""
 
     def __init__(self, loop: ControlLoop, disturber: Disturber) -> None:
         self.loop = loop
@@ -83,11 +90,11 @@ class _Recorder:
         self._samples = 0
 
     def due(self, t: float) -> bool:
-        """Whether the next sample is due at time t."""
+        """Return whether the next sample is due at time t [s]."""
         return t >= self._samples * RECORD_PERIOD - 1e-9
 
     def advance(self, command: JointCommand, t: float) -> bool:
-        """Step the physics through one control period, noting touch-downs; whether the robot is still up."""
+        """Step the physics through one control period, note touch-downs, and return whether the robot is still up."""
         dt, data = self.simulation.timestep, self.simulation.data
         for substep in range(self.loop.substeps):
             self.disturber.update(t + substep * dt, data.qpos, data.xfrc_applied)
@@ -98,8 +105,8 @@ class _Recorder:
             self._last_contact[self._contact] = now
         return not self.simulation.fallen
 
-    def sample(self, t: float, command: JointCommand) -> None:
-        """Add one row of everything at time t."""
+    def sample(self, t: float, command: JointCommand) -> Moment:
+        """Add a sample at time t [s]; return the part of it that a picture shows."""
         self._samples += 1
         state = self.simulation.state()
         self.kinematics.update(state)
@@ -122,9 +129,10 @@ class _Recorder:
         }
         for name, value in row.items():
             self.rows.setdefault(name, []).append(value)
+        return moment
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
-        """The record of the run."""
+        """Return the record of the run."""
         left, right = (np.array(times) for times in self.touch_downs)
         return Trace(
             name=self.loop.safe.name,

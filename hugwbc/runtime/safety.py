@@ -1,4 +1,4 @@
-"""A filter around any controller: what is out of range or not finite is clamped or replaced, and counted."""
+"""A filter around any controller that clamps or replaces bad values in both directions and counts each change."""
 
 import dataclasses
 import time
@@ -6,11 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hugwbc.commands import Command
+from hugwbc.blends import smooth_step
+from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.state import RobotState
+
+HAND_BACK_TIME = 0.5  # [s] in which the step to the controller's own arm command fades
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,9 +21,9 @@ class SafetyConfig:
     """Settings of the filter.
 
     Attributes:
-        hold_s: how long the last good joint command is repeated when there is no new one, before damping [s].
-        guard: whether combinations of commands that the legs do not allow are changed (`hugwbc.runtime.feasibility`).
-        damping_gain: joint damping while there is nothing else to do, as a multiple of the robot's own kd.
+        hold_s: how long the last good joint command is repeated without a new one, before the joints are damped [s].
+        guard: whether to change combinations of commands that the legs do not allow (`hugwbc.runtime.feasibility`).
+        damping_gain: joint damping in that last resort, as a multiple of the robot's own kd.
     """
 
     hold_s: float = 0.1
@@ -34,13 +37,13 @@ class SafetyReport:
 
     Attributes:
         ticks: calls of `act`.
-        commands_clamped: calls per command name whose value was out of range or NaN.
-        commands_guarded: calls per command name whose value the others did not allow.
+        commands_clamped: calls in which a command value was out of range or NaN, by command name.
+        commands_guarded: calls in which the other values did not allow a command value, by command name.
         upper_body_rejected: external arm targets that were not eight finite numbers; the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
-        bad_states: states with NaN or infinity, or an orientation that is no unit quaternion.
-        bad_outputs: joint commands of the controller with NaN or infinity, or of another size.
-        failures: exceptions of the controller, and answers that are no joint command.
+        bad_states: states with NaN or infinity, or with an orientation that is not a unit quaternion.
+        bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.
+        failures: exceptions of the controller, and return values that are not joint commands.
         held: ticks on which the last good joint command was repeated.
         damped: ticks on which the joints were damped.
         positions_limited: joint commands with a position target that was clamped.
@@ -66,23 +69,66 @@ class SafetyReport:
 
 
 def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest position target of each joint [rad]: its limits widened by torque_limit / kp, shape (19,)."""
+    """Return the lowest and highest position target of each joint [rad], each of shape (19,).
+
+    A PD joint turns the distance to its target into torque. To give its full torque at a position limit, its target
+    must lie torque_limit / kp beyond that limit.
+    """
     margin = robot.torque_limit / robot.kp
     return robot.lower - margin, robot.upper + margin
 
 
-class SafetyFilter:
-    """A controller that wraps another one and keeps what passes in both directions within limits.
+class HandBack:
+    """A blend from the last external arm command to the controller's own arm command.
 
-    - Commands are clamped to the range of their gait (`Command.clamp`), and combinations that the legs do not allow to
-      the nearest that they do (`feasibility.feasible`); `command` is the clamped one. External arm targets are clamped
-      to the joint limits.
-    - A state that is not usable (`RobotState.is_usable`), a joint command that is not finite, or an exception, repeats
-      the last good joint command for `hold_s` seconds, then damps the joints. After damping the controller is reset on
-      the first good state.
-    - Position targets are clamped to the joint limits widened by torque_limit / kp: a PD joint asks for torque by the
-      distance of its target, and needs that much to give its full torque at a limit. Feed-forward torques are clamped
-      to the torque limits.
+    During a hand-back the arms return to where the controller's own command was before the takeover
+    (`hugwbc.upper_ik.Takeover`). Its arm swing may have moved on meanwhile. The remaining difference is added to the
+    controller's command at first and fades over `HAND_BACK_TIME`.
+    """
+
+    def __init__(self, arms: np.ndarray) -> None:
+        """Set up the blend for the joints `arms`, indices of shape (8,)."""
+        self._arms = arms
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget any difference."""
+        self._last: np.ndarray | None = None
+        self._offset = np.zeros(self._arms.size)
+        self._elapsed = HAND_BACK_TIME
+
+    def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
+        """Return the command without a jump of the arms where `upper_body` releases them.
+
+        Args:
+            command: the controller's joint command within the limits.
+            upper_body: the external control that the controller was given.
+            dt: time since the last call [s].
+        """
+        if upper_body.indicator:
+            self._last, self._elapsed = command.q[self._arms].copy(), 0.0
+            return command
+        if self._last is not None:
+            self._offset, self._last = self._last - command.q[self._arms], None
+        if self._elapsed >= HAND_BACK_TIME or not command.is_finite:
+            return command
+        q = command.q.copy()
+        q[self._arms] += (1.0 - smooth_step(self._elapsed / HAND_BACK_TIME)) * self._offset
+        self._elapsed += dt
+        return dataclasses.replace(command, q=q)
+
+
+class SafetyFilter:
+    """A wrapper of a controller that keeps what passes in both directions within limits.
+
+    - Commands are clamped to the range of their gait (`Command.clamp`; `command` holds the result). Combinations that
+      the legs do not allow become the nearest ones that they do (`feasibility.feasible`). External arm targets are
+      clamped to the joint limits.
+    - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
+      repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
+      is reset on the first good state.
+    - Position targets are clamped to `target_limits`, feed-forward torques to the torque limits.
+    - When external control releases the arms, the step to the controller's own arm command fades (`HandBack`).
     - Every change is counted in `report()`.
     """
 
@@ -97,16 +143,17 @@ class SafetyFilter:
         """Wrap a controller.
 
         Args:
-            controller: what to wrap; `name` and `period` are taken from it.
+            controller: the controller; the filter takes over its `name` and `period`.
             config: settings; None for the defaults.
             robot: limits and gains; None for the H1.
-            clock: seconds, to time the controller.
+            clock: returns seconds, to time the controller.
         """
         self.controller = controller
         self.config = config or SafetyConfig()
         self.robot = robot or load_robot()
         self.name, self.period = controller.name, controller.period
         self._q_low, self._q_high = target_limits(self.robot)
+        self._hand_back = HandBack(self.robot.arms)
         self._clock = clock
         self.last_tick_s = 0.0
         self.command = Command()
@@ -116,11 +163,12 @@ class SafetyFilter:
         self._counts: dict[str, int] = {}
         self._clamped: dict[str, int] = {}
         self._guarded: dict[str, int] = {}
-        self._messages: dict[str, str] = {}
+        self._first: dict[str, str | CommandChange] = {}  # event of each kind, in order
         self._asked: Command | None = None
         self._last = JointCommand.position(self.robot, q.copy())
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
+        self._hand_back.reset()
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
@@ -129,44 +177,52 @@ class SafetyFilter:
             self.controller.reset(state)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The controller's joint command within all limits, or the last good one, or damping."""
+        """Return the controller's joint command within all limits, or the last good one, or damping."""
         feasible_command, upper_body = self.admit(command, upper_body)
         output = self._controller_output(state, feasible_command, upper_body)
         if output is None:
-            return self._fallback(state)
-        self._missing_s = 0.0
-        self._last = self.limited(output)
-        return self._last
+            filtered = self._fallback(state)
+        else:
+            self._missing_s = 0.0
+            # What a fallback repeats is the controller's own command; the fade below goes on on top of it.
+            filtered = self._last = self.limited(output)
+        smooth = self._hand_back(filtered, upper_body, self.period)
+        # The sum of a command and a difference may exceed limits that each of them keeps.
+        return filtered if smooth is filtered else self.limited(smooth)
 
     def admit(self, command: Command, upper_body: UpperBody) -> tuple[Command, UpperBody]:
-        """What of a command and of external arm targets reaches the controller in one tick; counts what is changed.
+        """Return the command and the external arm targets that may reach the controller, and count what was changed.
 
-        The first half of `act`, for those who call the controller themselves, such as for many robots at once.
+        This is the first half of `act`, for callers that run the controller themselves, such as for many robots.
         """
         self._count("ticks")
         self.command = self._valid_command(command)
         return self._feasible_command(self.command), self._valid_upper_body(upper_body)
 
     def report(self) -> SafetyReport:
-        """The counters since `reset`."""
+        """Return the counters since `reset`."""
         return SafetyReport(
             **self._counts,
             commands_clamped=dict(self._clamped),
             commands_guarded=dict(self._guarded),
-            messages=tuple(self._messages.values()),
+            messages=tuple(
+                f"command {event}" if isinstance(event, CommandChange) else event for event in self._first.values()
+            ),
         )
 
     def _count(self, counter: str, message: str = "") -> None:
         self._counts[counter] = self._counts.get(counter, 0) + 1
         if message:
-            self._messages.setdefault(counter, message)
+            self._first.setdefault(counter, message)
+
+    def _count_changes(self, kind: str, counts: dict[str, int], changes: tuple[CommandChange, ...]) -> None:
+        for change in changes:
+            counts[change.name] = counts.get(change.name, 0) + 1
+            self._first.setdefault(f"{kind} {change.name}", change)
 
     def _valid_command(self, command: Command) -> Command:
         valid, changes = command.clamp()
-        for line in changes:
-            name = line.split(" ", 1)[0]
-            self._clamped[name] = self._clamped.get(name, 0) + 1
-            self._messages.setdefault(f"command {name}", f"command {line}")
+        self._count_changes("clamp", self._clamped, changes)
         return valid
 
     def _feasible_command(self, command: Command) -> Command:
@@ -175,10 +231,7 @@ class SafetyFilter:
         if command != self._asked:
             self._asked, self._guard = command, feasible(command)
         guarded, changes = self._guard
-        for line in changes:
-            name = line.split(" ", 1)[0]
-            self._guarded[name] = self._guarded.get(name, 0) + 1
-            self._messages.setdefault(f"guard {name}", f"command {line}")
+        self._count_changes("guard", self._guarded, changes)
         return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
@@ -197,7 +250,7 @@ class SafetyFilter:
         return upper_body
 
     def _controller_output(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand | None:
-        """The controller's own answer, or None if there is no usable one."""
+        """Return the controller's own joint command, or None if it gave no usable one."""
         if not state.is_usable:
             self._count("bad_states", "the state is not finite, or has no orientation: holding, then damping")
             return None
@@ -232,7 +285,7 @@ class SafetyFilter:
         return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd * self.config.damping_gain, tau=zero)
 
     def limited(self, output: JointCommand) -> JointCommand:
-        """A controller's finite joint command within all limits; counts what is changed."""
+        """Return a finite joint command within all limits, and count what was changed."""
         q = np.clip(output.q, self._q_low, self._q_high)
         tau = np.clip(output.tau, -self.robot.torque_limit, self.robot.torque_limit)
         for counter, before, after in (("positions_limited", output.q, q), ("torques_limited", output.tau, tau)):

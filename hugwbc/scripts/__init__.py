@@ -1,1 +1,32 @@
-"""What a robot is asked to do over time: command scripts, hand paths, arm motions, and the shipped scripts."""
+"""What a robot is asked to do over time: command scripts, hand paths, arm motions, and the shipped scripts (*.yaml)."""
+
+from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.hand_paths import Circle, Grid, HandPath, Hold, Line, Swing, Wander
+from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion, load_motions
+from hugwbc.scripts.recorded_path import read_path
+from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
+from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+
+__all__ = [
+    "SCRIPT_NAMES",
+    "ArmMotion",
+    "Circle",
+    "CommandSource",
+    "Constant",
+    "FollowingSource",
+    "Grid",
+    "HandMotion",
+    "HandPath",
+    "Hold",
+    "Line",
+    "Script",
+    "Segment",
+    "Swing",
+    "Wander",
+    "generate_motions",
+    "load_motion",
+    "load_motions",
+    "load_script",
+    "read_path",
+    "while_walking",
+]

@@ -1,7 +1,7 @@
-"""Ways that a hand goes over time: points, lines, grids, circles, swings and random walks.
+"""Paths of a hand over time: points, lines, grids, circles, swings and random walks.
 
-A path knows its own time only: it starts at t = 0, and its last position holds for ever. Coordinates are those of the
-frame that the motion names (see `hugwbc.targets.HandTargets`). Recorded paths are in `hugwbc.scripts.recorded_path`.
+A path starts at t = 0, and its last position holds for ever. Coordinates are in the frame that the hand motion names
+(see `hugwbc.targets.HandTargets`). Recorded paths are in `hugwbc.scripts.recorded_path`.
 """
 
 import dataclasses
@@ -19,30 +19,30 @@ from hugwbc.targets import position
 Point = tuple[float, float, float]
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
-MOST_POINTS = 100_000  # of a grid: at a second each, more than a day
+MOST_POINTS = 100_000  # in a grid; at one second each, they take more than a day
 
 
 @dataclasses.dataclass(frozen=True)
 class HandPath:
-    """Position of a hand over time; the kinds of path derive from it."""
+    """The position of a hand over time; base class of all paths."""
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s] since the path's start, shape (3,) [m]."""
+        """Return the position at time `t` [s] since the path's start [m], shape (3,)."""
         raise NotImplementedError
 
     def mirrored(self) -> "HandPath":
-        """The path of the other hand in a mirror: y changes sign."""
+        """Return the mirrored path for the other hand: y changes sign."""
         return Mirrored(self)
 
 
 @dataclasses.dataclass(frozen=True)
 class Mirrored(HandPath):
-    """Another hand's path with the sign of y changed."""
+    """The path of the other hand with the sign of y changed."""
 
     path: HandPath
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         return self.path.at(t) * [1.0, -1.0, 1.0]
 
 
@@ -56,7 +56,7 @@ class Hold(HandPath):
         position("hand path's point", self.point)
 
     def at(self, t: float) -> np.ndarray:
-        """The point, shape (3,) [m]."""
+        """Return the point [m], shape (3,)."""
         return np.array(self.point, dtype=float)
 
 
@@ -65,10 +65,10 @@ class Line(HandPath):
     """Straight legs from point to point, each with a minimum-jerk speed profile.
 
     Attributes:
-        points: at least two [m].
-        leg_time: of each leg [s].
-        dwell: at each point, the first one included [s].
-        repeat: go back through the points and start again, for ever.
+        points: at least two points [m].
+        leg_time: time of each leg [s].
+        dwell: pause at each point, including the first [s].
+        repeat: whether to go back through the points and start again, for ever.
     """
 
     points: tuple[Point, ...]
@@ -86,7 +86,7 @@ class Line(HandPath):
             raise TargetError(f"line's dwell is {self.dwell}; give a finite number of seconds from 0")
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         legs = len(self.points) - 1
         leg, within = divmod(max(t, 0.0), self.leg_time + self.dwell)
         way = leg + smooth_step((within - self.dwell) / self.leg_time)
@@ -100,14 +100,14 @@ class Line(HandPath):
 
 @dataclasses.dataclass(frozen=True)
 class Grid(HandPath):
-    """A visit to every point of a box-shaped grid, from neighbour to neighbour: x slowest, z fastest.
+    """A visit to every point of a box-shaped grid, from neighbour to neighbour: x changes slowest, z fastest.
 
     Attributes:
-        centre: of the box [m].
-        size: of the box along x, y and z [m].
-        count: points along x, y and z.
-        leg_time: from point to point [s].
-        dwell: at each point [s].
+        centre: centre of the box [m].
+        size: size of the box along x, y and z [m].
+        count: number of points along x, y and z.
+        leg_time: time from point to point [s].
+        dwell: pause at each point [s].
     """
 
     centre: Point
@@ -124,7 +124,7 @@ class Grid(HandPath):
             raise TargetError(
                 f"grid's count is {self.count}; give three whole numbers from 1, in all 2 to {MOST_POINTS} points"
             )
-        self._line.at(0.0)  # refuses bad times now, not in the control loop
+        self._line.at(0.0)  # raises on bad times now instead of in the control loop
 
     @functools.cached_property
     def _line(self) -> Line:
@@ -144,20 +144,20 @@ class Grid(HandPath):
         return self._line.points
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         return self._line.at(t)
 
 
 @dataclasses.dataclass(frozen=True)
 class Circle(HandPath):
-    """Round and round, counter-clockwise about an axis through the centre.
+    """A circle, run through counter-clockwise about an axis through its centre.
 
     Attributes:
-        centre: [m].
-        radius: [m].
-        axis: of the turn: about z the hand starts towards x, about x towards y, about y towards z.
-        period: of a turn [s].
-        phase: where the hand starts, in turns.
+        centre: centre of the circle [m].
+        radius: radius of the circle [m].
+        axis: axis of rotation. The hand starts on the x side of a circle about z, y of x, and z of y.
+        period: time of a turn [s].
+        phase: angle at which the hand starts, in turns.
     """
 
     centre: Point
@@ -177,7 +177,7 @@ class Circle(HandPath):
             raise UnknownNameError("axis", self.axis, AXES)
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         angle = 2.0 * math.pi * (t / self.period + self.phase)
         normal = AXES.index(self.axis)
         point = np.array(self.centre, dtype=float)
@@ -188,13 +188,13 @@ class Circle(HandPath):
 
 @dataclasses.dataclass(frozen=True)
 class Swing(HandPath):
-    """A hand that swings about a point: position = centre + amplitude * sin(2 pi (t / period + phase)), by axis.
+    """A swing about a point: position = centre + amplitude * sin(2 pi (t / period + phase)), for each axis.
 
     Attributes:
-        centre: [m].
-        amplitude: along x, y and z [m].
-        phase: of each axis, in periods; (0, 0.25, 0) makes an ellipse of x and y.
-        period: [s].
+        centre: middle of the swing [m].
+        amplitude: amplitudes along x, y and z [m].
+        phase: phase of each axis, in periods; (0, 0.25, 0) makes an ellipse of x and y.
+        period: time of a swing [s].
     """
 
     centre: Point
@@ -208,20 +208,20 @@ class Swing(HandPath):
         _check_times("swing", period=self.period)
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         angle = 2.0 * math.pi * (t / self.period + np.asarray(self.phase))
         return np.asarray(self.centre) + np.asarray(self.amplitude) * np.sin(angle)
 
 
 @dataclasses.dataclass(frozen=True)
 class Wander(HandPath):
-    """A random walk: from one uniformly drawn point of a box to the next, for ever; the same for the same seed.
+    """A random walk between points drawn uniformly from a box, for ever; equal seeds give equal walks.
 
     Attributes:
-        centre: of the box [m].
-        size: of the box along x, y and z [m].
-        leg_time: from point to point [s].
-        seed: of the points.
+        centre: centre of the box [m].
+        size: size of the box along x, y and z [m].
+        leg_time: time from point to point [s].
+        seed: seed of the points.
     """
 
     centre: Point
@@ -237,7 +237,7 @@ class Wander(HandPath):
             raise TargetError(f"wander's seed is {self.seed}; give a whole number from 0")
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         leg, within = divmod(max(t, 0.0), self.leg_time)
         before, after = self._corner(int(leg)), self._corner(int(leg) + 1)
         return before + smooth_step(within / self.leg_time) * (after - before)

@@ -17,16 +17,16 @@ from hugwbc.errors import MotionFileError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 
-MOTION_FPS = 50.0  # [Hz], the learned controller's rate; motions are resampled to it
-FRAME_RATES = (0.1, 1e4)  # [Hz], of motions in files; what is far from any camera's is a mistake
+MOTION_FPS = 50.0  # [Hz]; motions are resampled to this rate, which is the learned controller's
+FRAME_RATES = (0.1, 1e4)  # [Hz], the valid range in files; rates far from any camera's are mistakes
 _FIELDS = ("fps", "joint_names", "positions")
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
 _UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, MemoryError, NotImplementedError, RuntimeError,
     zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-# Uniform arm targets of the intervention noise [rad] of the left arm; the right arm's are their mirror image (the
-# authors' ranges).
+# Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them; those of the right
+# arm are their mirror image.
 _LEFT_NOISE = {
     "shoulder_pitch": (-2.6, 2.6),
     "shoulder_roll": (-0.3, 3.0),
@@ -34,12 +34,12 @@ _LEFT_NOISE = {
     "elbow": (-1.2, 2.5),
 }
 _MIRRORED = ("shoulder_roll", "shoulder_yaw")
-_REACH = 0.6  # of generated motions, as a fraction of the noise range around nominal
-_SEGMENT = (0.4, 1.6)  # [s], from one posture of a generated motion to the next
+_REACH = 0.6  # range of generated motions around nominal, as a fraction of the noise range
+_SEGMENT = (0.4, 1.6)  # [s], time from one posture of a generated motion to the next
 
 
 def arm_noise_range() -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper arm targets of the intervention noise, order of `Robot.arm_names` [rad], each of shape (8,)."""
+    """Return the lower and upper bounds of the intervention noise, order of `Robot.arm_names` [rad], shape (8,)."""
     bounds = []
     for name in load_robot().arm_names:
         side, part = name.removesuffix("_joint").split("_", 1)
@@ -54,9 +54,9 @@ class ArmMotion:
     """Joint positions of both arms over time.
 
     Attributes:
-        name: of the motion, such as its file's.
+        name: name of the motion, such as that of its file.
         fps: frames per second.
-        positions: order of `Robot.arm_names` [rad], shape (frames, 8).
+        positions: joint positions in the order of `Robot.arm_names` [rad], shape (frames, 8).
     """
 
     name: str
@@ -65,13 +65,13 @@ class ArmMotion:
 
     @property
     def duration(self) -> float:
-        """From the first to the last frame [s]."""
+        """Time from the first to the last frame [s]."""
         return (len(self.positions) - 1) / self.fps
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities at time `t` [s], by linear interpolation [rad], [rad/s], each of shape (8,).
+        """Return positions [rad] and velocities [rad/s] at time `t` [s], each of shape (8,), by linear interpolation.
 
-        Before its start and after its end a motion rests.
+        The motion rests before its start and after its end.
         """
         frame = t * self.fps
         if not 0.0 <= frame < len(self.positions) - 1:
@@ -80,14 +80,14 @@ class ArmMotion:
         return before + (frame - int(frame)) * (after - before), self.fps * (after - before)
 
     def resampled(self, fps: float = MOTION_FPS) -> "ArmMotion":
-        """The motion at another rate, by linear interpolation; what is left of the last interval is dropped."""
+        """Return the motion at another rate by linear interpolation; an incomplete last interval is dropped."""
         frames = int(np.floor(self.duration * fps + 1e-9)) + 1
         index = np.arange(frames) / fps * self.fps
         columns = [np.interp(index, np.arange(len(self.positions)), column) for column in self.positions.T]
         return ArmMotion(self.name, fps, np.stack(columns, axis=1))
 
     def save(self, path: pathlib.Path) -> None:
-        """Write a motion file, whose name should end in .npz; its folder is made."""
+        """Write a motion file, whose name should end in .npz; its folder is created."""
         content = io.BytesIO()
         names = np.array(load_robot().arm_names)
         np.savez(content, fps=np.array(self.fps), joint_names=names, positions=self.positions)
@@ -98,7 +98,7 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     """Read a motion file; positions outside the joint limits are clamped to them.
 
     Raises:
-        MotionFileError: if the file cannot be read, lacks a field or an arm joint, or holds what is no motion.
+        MotionFileError: if the file cannot be read, lacks a field or an arm joint, or does not hold a motion.
     """
     arrays = read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]
@@ -125,26 +125,26 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
 
 
 def is_real(array: np.ndarray) -> bool:
-    """Whether an array holds real numbers: neither text nor complex ones."""
+    """Return whether an array holds real numbers, neither text nor complex ones."""
     return array.dtype.kind in "fiu"
 
 
 def is_frame_rate(value: np.ndarray) -> bool:
-    """Whether an array holds one number within `FRAME_RATES`."""
+    """Return whether an array holds one number within `FRAME_RATES`."""
     return value.size == 1 and is_real(value) and FRAME_RATES[0] <= value.item() <= FRAME_RATES[1]
 
 
 def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """All arrays of an .npz file by name.
+    """Read all arrays of an .npz file by name.
 
     Raises:
-        MotionFileError: if it cannot be read, is no .npz, or holds pickled objects.
+        MotionFileError: if the file cannot be read, is not an .npz file, or holds pickled objects.
     """
     try:
         with pathlib.Path(path).open("rb") as stream:
-            # NumPy takes what is no archive for a pickle, and advises to allow that.
+            # NumPy takes any other file for a pickle and advises to allow pickles.
             if not zipfile.is_zipfile(stream):
-                raise MotionFileError(f"cannot read {path}: it is no .npz archive")
+                raise MotionFileError(f"cannot read {path}: it is not an .npz archive")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except _UNREADABLE as error:
@@ -152,10 +152,10 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 
 def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
-    """Joint names as text.
+    """Return joint names as text.
 
     Raises:
-        MotionFileError: if one is there twice.
+        MotionFileError: if a name occurs twice.
     """
     found = [str(name) for name in np.ravel(names)]
     twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
@@ -165,10 +165,10 @@ def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
 
 
 def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
-    """All motion files of a folder, in the order of their names.
+    """Read all motion files of a folder, in the order of their names.
 
     Raises:
-        MotionFileError: if there is none, or one cannot be used.
+        MotionFileError: if the folder has no motion files, or one cannot be used.
     """
     paths = sorted(pathlib.Path(folder).glob("*.npz"))
     if not paths:
@@ -177,14 +177,14 @@ def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
 
 
 def generate_motions(seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:
-    """Arm motions that need no recording: minimum-jerk movements between random postures, at `MOTION_FPS`.
+    """Generate arm motions without recordings: minimum-jerk movements between random postures, at `MOTION_FPS`.
 
-    Every movement takes 0.4 to 1.6 s. Postures are uniform over the middle 60 % of the noise range, around nominal.
+    Each movement takes 0.4 to 1.6 s. Postures are uniform over the middle 60 % of the noise range, around nominal.
 
     Args:
-        seed: of the postures and times.
+        seed: seed of the postures and times.
         count: number of motions.
-        duration: of each [s].
+        duration: length of each motion [s].
     """
     rng = np.random.default_rng(seed)
     return [ArmMotion(f"generated-{index}", MOTION_FPS, _generate(rng, duration)) for index in range(count)]

@@ -1,4 +1,4 @@
-"""Ways of a hand that somebody has recorded: samples over time, read from CSV files."""
+"""Recorded paths of a hand: samples over time, read from CSV files."""
 
 import csv
 import dataclasses
@@ -14,11 +14,11 @@ from hugwbc.targets import position
 
 @dataclasses.dataclass(frozen=True)
 class Recorded(HandPath):
-    """A path from samples, linear between them.
+    """A path through samples, linear between them.
 
     Attributes:
-        time: of the samples, rising [s].
-        points: [m], as many.
+        time: times of the samples, increasing [s].
+        points: positions at these times [m].
     """
 
     time: tuple[float, ...]
@@ -40,19 +40,23 @@ class Recorded(HandPath):
         return np.array(self.time, dtype=float), np.array(self.points, dtype=float)
 
     def at(self, t: float) -> np.ndarray:
-        """Position at time `t` [s], shape (3,) [m]."""
+        """Return the position at time `t` [s] [m], shape (3,)."""
         time, points = self._arrays
         return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
 
 
 def read_path(path: pathlib.Path) -> Recorded:
-    """A recorded path from a CSV file with the columns t, x, y, z [s, m], one header line; empty lines do not count.
+    """Read a recorded path from a CSV file with a header line and the columns t, x, y, z [s, m].
+
+    Empty lines are skipped.
 
     Raises:
-        TargetError: if the file cannot be read or a line of it is not four numbers.
+        TargetError: if the file cannot be read or a line does not hold four numbers.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin their files with a mark
+        with path.open(
+            newline="", encoding="utf-8-sig"
+        ) as file:  # spreadsheets start their files with a byte order mark
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TargetError(f"cannot read the hand path {path}: {error}; give a CSV file with columns t,x,y,z") from error

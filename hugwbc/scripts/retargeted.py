@@ -1,7 +1,7 @@
-"""Retargeted arm motions as others write them: other field names, other joint names, missing joints, unequal lengths.
+"""Retargeted arm motions of other projects: other field names and joint names, missing joints, unequal lengths.
 
-Motion sets such as AMASS may not be shipped. Whoever has one, retargeted to the H1, reads it with `load_retargeted` and
-writes motion files (see `hugwbc.scripts.motion`) with `ArmMotion.save`.
+Motion sets such as AMASS may not be redistributed. To use one that is retargeted to the H1, read it with
+`load_retargeted` and write motion files (see `hugwbc.scripts.motion`) with `ArmMotion.save`.
 """
 
 import dataclasses
@@ -17,17 +17,17 @@ from hugwbc.scripts.motion import FRAME_RATES, ArmMotion, is_frame_rate, is_real
 _FPS = ("fps", "mocap_framerate", "mocap_frame_rate", "framerate")
 _NAMES = ("joint_names", "dof_names")
 _POSITIONS = ("positions", "joint_pos", "dof_pos", "dof")
-LARGEST_ANGLE = 2.0 * np.pi  # [rad]; no joint of the robot goes as far
+LARGEST_ANGLE = 2.0 * np.pi  # [rad]; no joint of the robot can turn that far
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Retargeted:
-    """A motion, and what had to be done to it.
+    """A motion, and how the file had to be changed.
 
     Attributes:
-        motion: of the eight arm joints, in radians.
-        missing: arm joints that the file does not have; they stay at their nominal position.
-        dropped_frames: frames at the end that not all joints had.
+        motion: motion of the eight arm joints.
+        missing: arm joints that the file lacks; they stay at their nominal positions.
+        dropped_frames: number of frames at the end that some joints lack.
         clamped: share of the angles that lay outside the joint limits.
     """
 
@@ -41,14 +41,14 @@ def load_retargeted(path: pathlib.Path, mapping: Mapping[str, str] | None = None
     """Read an .npz with one array of all joints and their names, or with one array per joint.
 
     Args:
-        path: of the file; pickled objects in it are refused.
-        mapping: the file's name of a joint to the robot's, for names that differ in more than case and the endings
+        path: path of the file; pickled objects in it are refused.
+        mapping: the robot's name for each of the file's joint names that differs in more than case and the endings
             `_joint` and `_link`.
 
     Raises:
-        MotionFileError: if the file cannot be read, has no frame rate or none of the arm joints, holds what is not
-            finite, or angles that must be degrees.
-        UnknownNameError: if the mapping leads to what is no joint of the robot.
+        MotionFileError: if the file cannot be read, lacks a frame rate or all arm joints, or holds angles that are not
+            finite or are in degrees.
+        UnknownNameError: if the mapping names a joint that the robot does not have.
     """
     fields = read_arrays(path)
     rate = next((fields[name] for name in _FPS if name in fields), None)
@@ -79,7 +79,7 @@ def _plain(name: str) -> str:
 
 
 def _columns(path: pathlib.Path, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The angles of every joint that the file names."""
+    """Return the angles of every joint in the file, by name."""
     names = next((fields[name] for name in _NAMES if name in fields), None)
     positions = next((fields[name] for name in _POSITIONS if name in fields), None)
     if names is None or positions is None:

@@ -1,8 +1,8 @@
 """Command scripts: what the robot is asked to do over time, the same for every controller.
 
-A script is a list of segments of plain numbers. Within a segment the commands ramp smoothly from the previous
-segment's values to its own, and then hold; the gait switches at once, at the segment's start. `script_file` reads
-scripts from YAML; the shipped ones are in `hugwbc/scripts`.
+A script is a list of segments. Within a segment the commands ramp smoothly from the previous segment's values to its
+own, and then hold; the gait switches at the segment's start. `script_file` reads scripts from YAML; the shipped ones
+are in `hugwbc/scripts`.
 """
 
 import bisect
@@ -27,7 +27,7 @@ DEFAULT_RAMP = 1.0  # [s]
 
 @dataclasses.dataclass(frozen=True)
 class HandMotion:
-    """Paths of the hands, in one frame; None for a hand that rests beside the body. The rest as in `HandTargets`."""
+    """Paths of the hands in one frame; None for a hand that rests next to the body. See `HandTargets` for the rest."""
 
     left: HandPath | None
     right: HandPath | None
@@ -45,7 +45,7 @@ class HandMotion:
         self.at(0.0)
 
     def at(self, t: float) -> HandTargets:
-        """Targets at time `t` [s] since the motion's start."""
+        """Return the targets at time `t` [s] since the motion's start."""
         left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
         return HandTargets(left, right, self.frame, *self._directions, self.together, self.whole_body)
 
@@ -63,16 +63,17 @@ class HandMotion:
 
 @dataclasses.dataclass(frozen=True)
 class Segment:
-    """A stretch of a script.
+    """One segment of a script.
 
     Attributes:
-        label: what happens, for people.
-        duration: [s].
-        gait: from the segment's start.
-        commands: values by name, reached after `ramp`; commands that are not named go to their default.
-        hands: None leaves the arms to the controller. A motion equal to the previous segment's goes on, another starts.
-        motion: of the arm joints, instead of hands; goes on and starts likewise, and rests at its end.
-        ramp: time from the previous segment's values to this one's [s]; for the hands as well.
+        label: description for people.
+        duration: length of the segment [s].
+        gait: gait from the segment's start.
+        commands: values by name, reached after `ramp`; all other commands go to their defaults.
+        hands: paths of the hands; None leaves the arms to the controller. Paths equal to the previous segment's
+            continue; others start.
+        motion: motion of the arm joints, instead of hands. It continues or starts likewise, and rests at its end.
+        ramp: time from the previous segment's values to this segment's, for commands and hands [s].
     """
 
     label: str
@@ -96,10 +97,10 @@ class Segment:
         self.command()
 
     def command(self) -> Command:
-        """The command at the end of the ramp.
+        """Return the command at the end of the ramp.
 
         Raises:
-            UnknownNameError: if a name in `commands` is no command.
+            UnknownNameError: if a name in `commands` is not the name of a command.
             CommandError: if a value is not finite or not in the gait's range.
         """
         try:
@@ -108,22 +109,22 @@ class Segment:
             raise CommandError(f"segment '{self.label}': {error}") from None
 
     def blend(self, elapsed: float) -> float:
-        """How much of the way from the previous segment's values has been covered after `elapsed` [s], in [0, 1]."""
+        """Return the share of the ramp that is done after `elapsed` [s], in [0, 1]."""
         return 1.0 if self.ramp == 0.0 else smooth_step(elapsed / self.ramp)
 
     def blend_rate(self, elapsed: float) -> float:
-        """How fast `blend` rises after `elapsed` [s], in 1/s."""
+        """Return the rate of `blend` after `elapsed` [s], in 1/s."""
         return 0.0 if self.ramp == 0.0 else smooth_rate(elapsed / self.ramp) / self.ramp
 
 
 @dataclasses.dataclass(frozen=True)
 class Script:
-    """Segments one after the other, checked when it is made: no ramp leaves the range of its gait.
+    """A sequence of segments. The constructor checks that no ramp leaves the range of its gait.
 
     Attributes:
-        name: for tables and files.
-        segments: at least one.
-        about: what it shows, for people.
+        name: name for tables and files.
+        segments: at least one segment.
+        about: description for people.
     """
 
     name: str
@@ -142,7 +143,7 @@ class Script:
 
     @functools.cached_property
     def _hand_starts(self) -> list[float]:
-        """When the hand motion of each segment began: with the first of the segments that share it [s]."""
+        """Start time of each segment's hand motion, which is that of the first segment that shares it [s]."""
         starts: list[float] = []
         begin = 0.0
         for index, segment in enumerate(self.segments):
@@ -159,24 +160,24 @@ class Script:
 
     @property
     def duration(self) -> float:
-        """Of all segments [s]."""
+        """Total length of all segments [s]."""
         return self._ends[-1]
 
     def _locate(self, t: float) -> tuple[int, float]:
-        """Index of the segment at time `t` and the time since its start [s]; times outside are moved to the ends."""
+        """Return the segment's index at time `t` and the time since its start [s]; times outside move to the ends."""
         index = min(bisect.bisect_right(self._ends, t), len(self.segments) - 1)
         start = self._ends[index - 1] if index else 0.0
         return index, min(max(t - start, 0.0), self.segments[index].duration)
 
     def command_at(self, t: float) -> Command:
-        """The command at time `t` [s]; the script starts from the default command, and its end holds for ever."""
+        """Return the command at time `t` [s]; a script starts at the default command, and its end holds for ever."""
         index, elapsed = self._locate(t)
         segment = self.segments[index]
         before, after = self._values[index], self._values[index + 1]
         return Command.from_array(before + segment.blend(elapsed) * (after - before), segment.gait)
 
     def hands_at(self, t: float) -> HandTargets | None:
-        """The targets of hands or arm joints at time `t` [s], or None where the arms are the controller's."""
+        """Return the targets of hands or arm joints at time `t` [s]; None where the controller moves the arms."""
         index, elapsed = self._locate(t)
         segment = self.segments[index]
         if segment.motion is not None:
@@ -203,18 +204,18 @@ class Script:
 
 
 def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> np.ndarray | None:
-    """Between two targets of a hand; at once where it had none before."""
+    """Interpolate between two targets of a hand; without one of them there is nothing to blend."""
     return end if start is None or end is None else start + blend * (end - start)
 
 
 def check_transition(before: Segment, after: Segment) -> None:
     """Refuse a segment that cannot follow another.
 
-    Ranges are boxes and ramps are convex: if the start of a ramp is valid in the new gait, all of it is.
+    Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
 
     Raises:
         CommandError: if the ramp would start outside the range of the new gait.
-        TargetError: if both have hands, in different frames.
+        TargetError: if both have hands in different frames.
     """
     start = before.command()
     for name in COMMAND_NAMES:
@@ -235,14 +236,14 @@ def check_transition(before: Segment, after: Segment) -> None:
 
 
 def while_walking(script: Script, v_x: float) -> Script:
-    """The script with a walk under it: where it stands, or walks on the spot, the robot walks ahead instead.
+    """Return the script with a walk added: where the robot stands or walks on the spot, it walks ahead instead.
 
     Args:
-        script: whose hands, heights, pitches and waist angles stay.
-        v_x: forward velocity of the segments without one of their own [m/s].
+        script: the script; its hands, heights, pitches and waist angles stay.
+        v_x: forward velocity of the segments without a velocity of their own [m/s].
 
     Raises:
-        CommandError: if the walking gait does not admit a value.
+        CommandError: if a value is outside the range of the walking gait.
     """
     segments = []
     for segment in script.segments:

@@ -1,25 +1,25 @@
-"""Scripts as YAML files: read without surprises, and refused with the line that is wrong.
+"""Scripts as YAML files; errors name the line that is wrong.
 
     segments:
       - label: wave
         duration: 3
-        gait: standing            # optional, as everything but label and duration
+        gait: standing            # optional, like everything but label and duration
         commands: {h: -0.1}
         ramp: 1
         hands:
           frame: pelvis           # pelvis, heading or world
           right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
-          together: true          # both hands hold one thing
+          together: true          # both hands hold one object
           whole_body: true        # h, p and w may help
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
-          right: mirror           # of the left; leave a hand out to let it rest
+          right: mirror           # mirror image of the left; a hand that is left out rests
       - label: gesture
         duration: 5
         motion: wave.npz          # arm joints from a motion file (see `hugwbc.scripts.motion`), instead of hands
 
-A path is one of `hold`, `line`, `grid`, `circle`, `swing`, `wander`, with the fields of the class of that name in
-`scripts.hand_paths`, or `file`, the path of a CSV file (t, x, y, z) relative to the script. YAML anchors may repeat
-parts. Motion files are relative to the script as well.
+A path is one of `hold`, `line`, `grid`, `circle`, `swing` and `wander`, with the fields of the class of that name in
+`scripts.hand_paths`, or `file`, the path of a CSV file (t, x, y, z). Paths of CSV and motion files are relative to the
+script. YAML anchors may repeat parts.
 """
 
 import dataclasses
@@ -44,14 +44,14 @@ _HINT = "write `segments:` and below it a list, each with label and duration; `f
 
 
 def load_script(name: str | pathlib.Path) -> Script:
-    """A shipped script by name, or a script from a YAML file.
+    """Load a shipped script by name, or a script from a YAML file.
 
     Args:
         name: one of `SCRIPT_NAMES`, or the path of a file that ends in .yaml or .yml.
 
     Raises:
-        UnknownNameError: if no script is shipped under that name.
-        ScriptError: if the file cannot be read or is no valid script, with its line.
+        UnknownNameError: if no shipped script has that name.
+        ScriptError: if the file cannot be read or is not a valid script; it names the line.
     """
     path = pathlib.Path(name)
     if path.suffix in (".yaml", ".yml"):
@@ -62,31 +62,31 @@ def load_script(name: str | pathlib.Path) -> Script:
 
 
 def read_script(path: pathlib.Path) -> Script:
-    """The script of a YAML file, named after the file.
+    """Read a script from a YAML file; its name is that of the file.
 
     Raises:
-        ScriptError: if the file cannot be read or is no valid script, with its line.
+        ScriptError: if the file cannot be read or is not a valid script; it names the line.
     """
     reader = _Reader(path)
     return reader.script(reader.load("script", _HINT))
 
 
 def parse_script(text: str, path: pathlib.Path) -> Script:
-    """The script that a YAML text says.
+    """Parse a script from YAML text.
 
     Args:
-        text: YAML.
-        path: for the name, the messages, and the files that it names.
+        text: the YAML text.
+        path: path that gives the name, stands in the messages, and is the base of relative paths.
 
     Raises:
-        ScriptError: if it is no valid script, with its line.
+        ScriptError: if the text is not a valid script; it names the line.
     """
     reader = _Reader(path)
     return reader.script(reader.compose(text, _HINT))
 
 
 class _Reader(YamlReader):
-    """Turns YAML nodes into parts of a script."""
+    """A reader that turns YAML nodes into parts of a script."""
 
     def __init__(self, path: pathlib.Path) -> None:
         super().__init__(path, ScriptError)
@@ -118,7 +118,7 @@ class _Reader(YamlReader):
         return self.checked(node, Segment, **fields)
 
     def motion(self, node: yaml.Node) -> ArmMotion:
-        """The same object for the same file, so that a motion can go on from segment to segment."""
+        """Return the same object for the same file, so that a motion can continue from segment to segment."""
         path = self.path.parent / self.text(node)
         if path not in self._motions:
             self._motions[path] = self.checked(node, load_motion, path)
@@ -198,7 +198,7 @@ _PATHS: dict[str, type[HandPath]] = {
     "swing": hand_paths.Swing,
     "wander": hand_paths.Wander,
 }
-# How to read the fields of the paths, by their type.
+# A reader for each type of the paths' fields.
 _FIELDS: dict[str, Read] = {
     str(field.type): read
     for cls, name, read in (

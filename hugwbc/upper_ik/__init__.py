@@ -1,12 +1,11 @@
-"""Hand targets to arm joints: inverse kinematics, gravity compensation, and the hand-over of the arms and back."""
+"""Hand targets to arm joints: inverse kinematics, gravity compensation, and the takeover of the arms."""
 
 from hugwbc.upper_ik.body_reach import BodyReach, BodyReachConfig
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
-from hugwbc.upper_ik.hand_back import HandBack
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
-from hugwbc.upper_ik.takeover import Takeover, TakeoverConfig, UpperBodySource
-from hugwbc.upper_ik.watch import TargetCounts, TargetWatch
+from hugwbc.upper_ik.source import TargetCounts, TargetWatch, UpperBodySource
+from hugwbc.upper_ik.takeover import Takeover, TakeoverConfig
 
 __all__ = [
     "ArmDamping",
@@ -15,7 +14,6 @@ __all__ = [
     "BodyReach",
     "BodyReachConfig",
     "GravityCompensation",
-    "HandBack",
     "IKSolution",
     "Takeover",
     "TakeoverConfig",

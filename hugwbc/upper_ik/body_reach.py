@@ -1,4 +1,4 @@
-"""Reaching with the whole body: h, p and w chosen so that hands come to targets outside the arms' workspace."""
+"""Whole-body reach: h, p and w that bring the hands to targets outside the arms' workspace."""
 
 import dataclasses
 
@@ -20,12 +20,12 @@ _BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
 
 @dataclasses.dataclass(frozen=True)
 class BodyReachConfig:
-    """Settings.
+    """Settings of the whole-body reach.
 
     Attributes:
-        speed: of h, p and w [m/s, rad/s, rad/s]: what both controllers follow without losing balance.
-        body_weight: of the pull of h, p and w towards the command, against 1 for the hands [m^2/rad^2]; well above that
-            of the arms' posture, so that the arms go first.
+        speed: highest speed of h, p and w [m/s, rad/s, rad/s]; both controllers follow it without losing balance.
+        body_weight: weight of the pull of h, p and w towards the command, relative to 1 for the hands [m^2/rad^2]. It
+            is well above the weight of the arms' posture, so that the arms move first.
         arm: settings of the arms.
     """
 
@@ -41,20 +41,20 @@ class BodyReachConfig:
 
 
 class BodyReach:
-    """A virtual robot on a column: its pelvis goes up and down and pitches, its waist turns, its arms reach.
+    """A virtual robot on a column, whose pelvis moves up and down and pitches, whose waist turns and whose arms reach.
 
     In every tick it takes one step of the arms' inverse kinematics (see `Descent`) with h, p and w as three more
-    joints, within the ranges of the gait. They are pulled towards the commanded values so much more than the arms
-    towards their posture, that they move noticeably only where the arms do not suffice. The real arms are not touched:
-    their own inverse kinematics goes on from where the pelvis really is.
+    joints, within the ranges of the gait. Their pull towards the commanded values is much stronger than the arms' pull
+    towards their posture, so that they move noticeably only where the arms are not enough. The real arms are not
+    affected: their own inverse kinematics continues from where the pelvis really is.
 
-    A target in the pelvis frame can only be reached by w, one in the heading frame by p and w, one in the world by all.
+    Only w helps with a target in the pelvis frame, p and w with one in the heading frame, and all three with one in the
+    world frame.
 
     Attributes:
-        values: h, p and w now [m, rad, rad], shape (3,).
-        rejected: how many ticks had targets, a state, a command or a time step that were not usable; each kept the last
-            values.
-        failures: how many steps the solver failed in; each kept the last values.
+        values: current h, p and w [m, rad, rad], shape (3,).
+        rejected: number of ticks with unusable targets, state, command or time step; each kept the last values.
+        failures: number of steps in which the solver failed; each kept the last values.
     """
 
     def __init__(self, config: BodyReachConfig | None = None) -> None:
@@ -99,7 +99,7 @@ class BodyReach:
         collisions.configure("collisions", "soft", arm.collision_weight)
 
     def reset(self) -> None:
-        """Start from the nominal posture at the next step, with the body where the command then has it."""
+        """Start the next step from the nominal posture, with the body where the command has it."""
         self._active = False
         self.values = np.zeros(3)
         self._place_arms(self._robot.nominal[self._robot.arms])
@@ -110,12 +110,14 @@ class BodyReach:
         self.placo.state.q = configuration
 
     def update(self, hands: HandTargets | None, state: RobotState, command: Command, dt: float) -> Command:
-        """The command with h, p and w as the hands need them. Never raises on bad numbers: keeps its values, counts.
+        """Return the command with h, p and w as the hands need them.
+
+        Bad numbers never raise: h, p and w keep their values, and the event is counted.
 
         Args:
             hands: the targets; None, or targets that do not ask for the whole body, bring h, p and w back.
-            state: gives heading and position of the pelvis, and where the arms are at first.
-            command: of the user, in the ranges of its gait.
+            state: gives heading and position of the pelvis, and the initial arm positions.
+            command: the user's command.
             dt: time since the last tick [s].
         """
         wanted = np.array([getattr(command, name) for name in BODY_NAMES])
@@ -153,20 +155,20 @@ class BodyReach:
     def allow(self, ranges: np.ndarray) -> None:
         """Set the ranges of h, p and w, shape (3, 2)."""
         for joint, (low, high) in zip(_BODY_JOINTS, ranges, strict=True):
-            # A range of one value has no inside for the solver.
+            # The solver needs a range with an interior, even where only one value is allowed.
             self.placo.set_joint_limits(joint, float(low) - 1e-6, float(high) + 1e-6)
 
     def solve(
         self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, values: np.ndarray, dt: float
     ) -> np.ndarray:
-        """One step of `dt` [s] towards hand positions on the column; the residual distances [m], shape (2,).
+        """Take one step towards hand positions on the column and return the remaining distances [m], shape (2,).
 
         Args:
-            points: hand targets in the column's frame: below the nominal pelvis, heading ahead [m], shape (2, 3).
+            points: hand targets in the column's frame, which is the nominal pelvis frame [m], shape (2, 3).
             given: which hands have a target, shape (2,), bool.
-            wanted: h, p and w that the body is pulled to, shape (3,).
+            wanted: h, p and w towards which the body is pulled, shape (3,).
             values: h, p and w to start from, shape (3,).
-            dt: [s].
+            dt: length of the step [s].
         """
         configuration = self.placo.state.q.copy()
         configuration[self._columns] = values
@@ -193,25 +195,25 @@ class BodyReach:
         return np.linalg.norm(np.where(given[:, None], points - self.hands(), 0.0), axis=1)
 
     def hands(self) -> np.ndarray:
-        """Positions of the virtual hands in the column's frame [m], shape (2, 3)."""
+        """Return the positions of the virtual hands in the column's frame [m], shape (2, 3)."""
         return np.array([self.placo.get_T_world_frame(f"{side}_hand")[:3, 3] for side in SIDES])
 
     def start(self, q_arm: np.ndarray, values: np.ndarray) -> None:
-        """Go to arm positions (8,) [rad] and h, p, w (3,), for a search of its own."""
+        """Move the virtual robot to arm positions (8,) [rad] and to h, p, w (3,), to search from there."""
         self._place_arms(q_arm)
         self.values = np.array(values, dtype=float)
 
 
 def on_column(hands: HandTargets, state: RobotState, values: np.ndarray) -> np.ndarray | None:
-    """Hand targets in the frame of the nominal pelvis above the robot's place, heading as it does; None if unusable.
+    """Return hand targets in the column's frame: at the nominal height above the robot, with its heading.
 
     Args:
         hands: the targets.
         state: gives heading and position.
-        values: h, p and w now, which carry targets in the pelvis and the heading frame along, shape (3,).
+        values: current h, p and w, shape (3,); targets in the pelvis and the heading frame move with them.
 
     Returns:
-        Positions [m], shape (2, 3); of no meaning for a hand without a target.
+        Positions [m], shape (2, 3), without meaning for a hand without a target; None if the targets are unusable.
     """
     if not hands.is_usable:
         return None

@@ -9,29 +9,29 @@ from hugwbc.errors import ConfigError
 
 @dataclasses.dataclass(frozen=True)
 class ArmIKConfig:
-    """Settings of the solver.
+    """Settings of the inverse kinematics.
 
     Attributes:
         limit_margin: distance kept from the joint position limits [rad].
-        speed_fraction: of the joint velocity limits that the solution may use; half leaves the joint's controller
+        speed_fraction: share of the joint velocity limits that the solution may use; half leaves the joint's controller
             room to catch up after a disturbance.
         acceleration: highest acceleration of a joint [rad/s^2].
-        hand_speed: highest speed of a hand towards its target, on top of the target's own [m/s].
-        hand_deceleration: with which a hand can stop at its target [m/s^2].
-        posture_weight: of the pull towards the nominal posture, against 1 for the hands [m^2/rad^2]; small, because
-            it is also the error it leaves in the hands (below 0.5 mm with the default).
-        pointing_weight: of the elbows' places that make the forearms point where they should, against 1 for the hands;
-            where both cannot be had, the hand is a hundredth of the elbow's error off its target.
-        grip_weight: of the relative position of hands that hold one thing.
-        collision_weight: of the distances between links, which may be violated where there is no other way.
+        hand_speed: highest speed of a hand towards its target, in addition to the target's own speed [m/s].
+        hand_deceleration: deceleration with which a hand can stop at its target [m/s^2].
+        posture_weight: weight of the pull towards the nominal posture, relative to 1 for the hands [m^2/rad^2]. It is
+            small, because it leaves an error in the hands (below 0.5 mm with the default).
+        pointing_weight: weight of the elbow positions that make the forearms point as asked, relative to 1 for the
+            hands. In a conflict, the hand is off its target by a hundredth of the elbow's error.
+        grip_weight: weight of the relative position of hands that hold one object.
+        collision_weight: weight of the distances between links, which may be violated if there is no other way.
         collision_margin: distance kept between links [m].
-        collision_trigger: distance from which on links are kept apart [m].
-        collision_deceleration: with which a hand can stop before its forearm touches something [m/s^2].
-        touch_speed: of a hand whose forearm is next to something [m/s].
-        damping: lambda where the hands are on target [m^2/rad^2].
+        collision_trigger: distance below which links are kept apart [m].
+        collision_deceleration: deceleration with which a hand can stop before its forearm touches something [m/s^2].
+        touch_speed: speed of a hand whose forearm is next to something [m/s].
+        damping: lambda for hands on target [m^2/rad^2].
         tolerance: distance within which a hand counts as on target [m].
-        detour_gain: how much nearer another posture must bring a stalled hand for the arm to go there [m].
-        detour_speed: highest joint speed on the way to that posture [rad/s]; its hand is no faster than `hand_speed`.
+        detour_gain: how much nearer another posture must bring a stalled hand for a detour [m].
+        detour_speed: highest joint speed on a detour [rad/s]; the hand is no faster than `hand_speed`.
     """
 
     limit_margin: float = 0.02

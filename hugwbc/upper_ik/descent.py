@@ -10,26 +10,26 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance, upper_body
 
-# Nearer by less than this part of the step asked for: the hand has arrived at the nearest point it can reach.
+# A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
 FOREARM = float(np.hypot(0.28, 0.015))  # from the elbow to the hand [m]
 NOWHERE = np.full((2, 3), np.nan)
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of row vectors, shape (n, 3): shape (n,)."""
+    """Return the lengths of row vectors (n, 3), shape (n,)."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Goal:
-    """Where the hands should be, in the pelvis frame.
+    """The goal of both hands in the pelvis frame.
 
     Attributes:
-        points: positions [m], shape (2, 3).
-        directions: unit vectors from the elbows to the hands, NaN where they do not matter, shape (2, 3).
-        together: whether the hands hold one thing: their relative position goes before where it is.
-        speed: at which each point moves [m/s], shape (2,).
+        points: target positions [m], shape (2, 3).
+        directions: unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter.
+        together: whether the hands hold one object; their relative position then has priority.
+        speed: speed of each target [m/s], shape (2,).
     """
 
     points: np.ndarray
@@ -39,33 +39,33 @@ class Goal:
 
 
 class Descent:
-    """The arms on their way down the distance to the hand targets; all in the pelvis frame, where legs move no hand.
+    """Descent of both arms towards the hand targets, in the pelvis frame, in which the legs do not move the hands.
 
-    A step solves
+    A step solves, for the joint step dq,
 
         min over dq:  sum over hands |J dq - e|^2  +  w_pointing |J_elbow dq - e_elbow|^2
                       +  w_posture |q + dq - q_nominal|^2  +  lambda |dq|^2
         subject to    lower + margin <= q + dq <= upper - margin,   |dq| <= v_max dt,
         softly to     the distance of every pair of links that could touch stays above a margin,
-                      and, for hands that hold one thing, J_right dq - J_left dq = their relative error,
+                      and, for hands that hold one object, J_right dq - J_left dq = their relative error,
 
-    where e is the hand's error, cut to what the hand may go in one step, and lambda = damping + |e| (after Sugihara's
-    error-damped Levenberg-Marquardt, IEEE T-RO 2011, where it grows with the squared error). Both together make the
-    steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps would overshoot and
-    chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a given
-    deceleration. Every task is soft, so that the problem always has a solution; should the solver fail nevertheless,
+    where e is the hand's error, cut to the length of one step, and lambda = damping + |e| (after Sugihara's
+    error-damped Levenberg-Marquardt method, IEEE T-RO 2011, in which lambda grows with the squared error). Together
+    they let steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps
+    overshoot and chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a
+    given deceleration. Every task is soft, so that the problem always has a solution. If the solver fails nevertheless,
     the step is repeated without collision avoidance.
 
     Attributes:
         q: arm joint positions [rad], shape (8,).
-        hands: where they put the hands [m], shape (2, 3).
-        residual: distances from the targets after the last step [m], shape (2,).
+        hands: hand positions at `q` [m], shape (2, 3).
+        residual: distances to the targets after the last step [m], shape (2,).
         stalled: whether a hand was off its target and the last step brought it no nearer, shape (2,), bool.
-        lower, upper: joint position limits less the margin [rad], shape (8,).
+        lower, upper: joint position limits minus the margin [rad], shape (8,).
         velocity_limit: highest joint speeds [rad/s], shape (8,).
-        placo: the wrapper, at the posture `q`.
-        clearance: measures the forearms' distances at that posture.
-        without_collisions: how many steps had to be solved without collision avoidance.
+        placo: placo's robot, at the posture `q`.
+        clearance: measures the distances of the forearms at that posture.
+        without_collisions: number of steps that had to be solved without collision avoidance.
     """
 
     def __init__(self, config: ArmIKConfig) -> None:
@@ -103,7 +103,7 @@ class Descent:
         self._solver.enable_joint_limits(True)
         self._solver.enable_velocity_limits(True)
         self._hand_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._frames]
-        # A point on the axis instead of placo's own axis task, which is not a number where the axis is as it should be.
+        # A point on the axis replaces placo's own axis task, which gives NaN once the axis points as asked.
         self._elbow_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._elbows]
         for hand, elbow, task, pointing in zip(
             self._frames, self._elbows, self._hand_tasks, self._elbow_tasks, strict=True
@@ -127,10 +127,10 @@ class Descent:
         self._collisions.configure("collisions", "soft", self.config.collision_weight)
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
-        """Go to arm positions (8,) [rad], with waist and hips where joint positions (19,) [rad] have them."""
+        """Move to arm positions (8,) [rad], with waist and hips taken from joint positions (19,) [rad]."""
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
-        # Near something to touch only as fast as the arm can still stop.
+        # Near an obstacle, a hand moves only as fast as its arm can still stop.
         self._safe_speed = [self._stoppable(clearance) for clearance in self.clearance()]
 
     def _stoppable(self, clearance: float) -> float:
@@ -139,14 +139,14 @@ class Descent:
         return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
-        """Positions of both hands [m], shape (2, 3), at arm positions (8,) and a body (19,); forgets its own."""
+        """Return the positions of both hands [m], shape (2, 3), at arm positions (8,) and body (19,); loses its own."""
         self._put(q, body)
         return self.hands
 
     def _put(self, q: np.ndarray, body: np.ndarray) -> None:
         configuration = self.placo.state.q.copy()
         configuration[self._columns] = q
-        # placo finds a problem infeasible if any joint, even a masked one, is the least outside its limits.
+        # placo calls a problem infeasible if any joint, even a masked one, is slightly outside its limits.
         configuration[self._body_columns] = np.minimum(np.maximum(body[self._body], self._body_low), self._body_high)
         self.placo.state.q = configuration
         self._locate_hands()
@@ -156,10 +156,10 @@ class Descent:
         self.hands = np.array([self.placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
 
     def descend(self, goal: Goal, dt: float, count: int) -> None:
-        """Go `count` steps of `dt` [s] towards the goal.
+        """Take `count` steps of `dt` [s] towards the goal.
 
         Raises:
-            RuntimeError: if placo cannot solve one.
+            RuntimeError: if placo cannot solve a step.
         """
         self._solver.dt = dt
         error = goal.points - self.hands
@@ -174,7 +174,7 @@ class Descent:
         self.stalled = (distance - self.residual < nearer) & (self.residual > self.config.tolerance)
 
     def _step(self, goal: Goal, error: np.ndarray, dt: float) -> list[float]:
-        """One step at the hands' errors (2, 3); how far the hands were to go in it [m]."""
+        """Take one step at the hands' errors (2, 3) and return the asked travel of each hand [m]."""
         steps, parts = [], []
         for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
             brake = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), safe)
@@ -187,7 +187,7 @@ class Descent:
         self._hold_together(aim if goal.together else None)
         self._damping_task.set_weight(self.config.damping + max(steps))
         self._solve()
-        # The solver meets its limits to rounding only.
+        # The solver meets its limits only up to rounding.
         self.q = np.minimum(np.maximum(self.placo.state.q[self._columns], self.lower), self.upper)
         self._locate_hands()
         return steps
@@ -204,9 +204,9 @@ class Descent:
                 self._avoid()
 
     def _point(self, goal: Goal, dt: float) -> None:
-        """Send each elbow to where the hand, at its target, has it if the forearm points along the direction."""
+        """Send each elbow to where it is if the hand is at its target and the forearm points as asked."""
         for hand, direction in enumerate(goal.directions):
-            wanted = bool(direction[0] == direction[0])
+            wanted = bool(direction[0] == direction[0])  # false for NaN
             if wanted:
                 error = goal.points[hand] - FOREARM * direction - self.elbow(hand)
                 longest = self.config.hand_speed * dt
@@ -218,7 +218,7 @@ class Descent:
                 self._pointing[hand] = wanted
 
     def elbow(self, hand: int) -> np.ndarray:
-        """Position of an elbow [m], shape (3,)."""
+        """Return the position of an elbow [m], shape (3,)."""
         return self.placo.get_T_world_frame(self._elbows[hand])[:3, 3]
 
     def _hold_together(self, aim: np.ndarray | None) -> None:
@@ -230,7 +230,7 @@ class Descent:
             return
         configuration = self.placo.state.q
         left, right = (self.placo.frame_jacobian(frame, "local_world_aligned")[:3] for frame in self._frames)
-        # placo's half-spaces are in the configuration, which is one number longer than the velocity.
+        # placo's half-spaces are in the configuration, which is one number longer than the velocity (the quaternion).
         rows = np.zeros((3, configuration.size))
         rows[:, self._columns] = (right - left)[:, self._columns - 1]
         wanted = (aim[1] - aim[0]) - (self.hands[1] - self.hands[0]) + rows @ configuration

@@ -1,29 +1,193 @@
-"""Ways of an arm to another posture, in joint space and past the body, where the straight way is a dead end."""
+"""Looking ahead: where the direct way to a hand target ends, and a detour to a posture that brings the hand nearer.
 
+Descent stops where joint limits or the body block the way, above all after earlier targets have wound up the arm. A
+second, virtual pair of arms (`Scout`) goes ahead of the real one in larger steps, and then starts again from postures
+all over the workspace (`PostureTable`). If one of them brings the hand nearer, the real arm goes there (`Detours`).
+"""
+
+import dataclasses
+import functools
 import itertools
 
 import numpy as np
 
+from hugwbc import rotations
+from hugwbc.robot import load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent, lengths
-from hugwbc.upper_ik.postures import SEEDS
+from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
-ARRIVED = 0.02  # [rad]; end of a detour
-CORNER = 0.15  # [rad]; as near to a posture on its way, an arm turns to the next one: it cannot turn on the spot
-PROBE = 0.2  # [rad] between two looks ahead
-# By way of none or one of the known postures.
+# Known postures of the left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward.
+POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
+MIRROR = np.array([1.0, -1.0, -1.0, 1.0])
+SEEDS = np.stack((POSTURES, POSTURES * MIRROR))  # the same for both arms
+COUNT = 2000  # random postures in the table
+TRAVEL_COST = 0.02  # [m/rad]; a posture farther away must bring the hand nearer by this much
+APART = 0.8  # [rad], the least difference of two postures that are both worth trying
+
+STARTS = 3  # searches from other postures, after the one from the arm's own posture
+STEPS = 4  # of a search in a tick
+STEP_TIME = 0.02  # [s]
+SETTLED = 0.003  # [m]; a hand that gets nearer by less than this in one tick has arrived
+MOVED = 0.05  # [m]; a target that moved this far is worth another search
+
+ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
+CORNER = 0.15  # [rad]; this near to a corner an arm turns to the next one, because it cannot turn on the spot
+PROBE = 0.2  # [rad] between two collision checks on a route
+# Routes: direct, or via one of the known postures.
 WAYS = [way for count in range(2) for way in itertools.permutations(range(SEEDS.shape[1]), count)]
 
 
-class Detours:
-    """Leads arms, each for itself, to postures that were found for them, on straight lines from posture to posture.
+@dataclasses.dataclass(frozen=True, eq=False)
+class PostureTable:
+    """A table of collision-free postures of the left arm and of the hand positions that they give.
 
-    A way is taken if the forearm touches nothing on it; the body and the other arm are as they are now. One way is
-    looked at in a call: where the direct one is not clear, those by way of known postures follow.
+    Attributes:
+        q: joint positions [rad], shape (n, 4).
+        hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
+    """
+
+    q: np.ndarray
+    hands: np.ndarray
+
+    def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
+        """Return postures from which to search for one with the hand at a point, the most promising first.
+
+        Args:
+            arm: 0 for the left, 1 for the right arm.
+            point: target of the hand in the pelvis frame [m], shape (3,).
+            waist: angle of the waist [rad].
+            q: current positions of the arm [rad], shape (4,); of postures equally near the point, the nearest to `q`
+                comes first.
+            count: number of postures, which differ by at least `APART`.
+
+        Returns:
+            Joint positions [rad], shape (count, 4).
+        """
+        mirror = MIRROR if arm else np.ones(4)
+        local = rotations.rotation_z(-waist) @ point * ([1.0, -1.0, 1.0] if arm else [1.0, 1.0, 1.0])
+        cost = lengths(self.hands - local) + TRAVEL_COST * np.abs(self.q - q * mirror).max(axis=1)
+        found = []
+        for _ in range(count):
+            found.append(self.q[cost.argmin()])
+            cost = np.where(np.abs(self.q - found[-1]).max(axis=1) < APART, np.inf, cost)
+        return np.array(found) * mirror
+
+
+@functools.lru_cache(maxsize=1)
+def posture_table() -> PostureTable:
+    """Build the table of random postures, the same in every process; the first call takes about 60 ms."""
+    robot = load_robot()
+    descent = Descent(ArmIKConfig())
+    rng = np.random.default_rng(0)
+    postures, hands = [], []
+    q = robot.nominal[robot.arms].copy()
+    while len(postures) < COUNT:
+        q[:4] = rng.uniform(descent.lower[:4], descent.upper[:4])
+        hand = descent.forward(q, robot.nominal)[0]
+        if descent.clearance()[0] > descent.config.collision_margin:
+            postures.append(q[:4].copy())
+            hands.append(hand)
+    return PostureTable(np.array(postures), np.array(hands))
+
+
+class Scout:
+    """Virtual arms that search from posture to posture, each on its own, and keep the best one found.
+
+    Attributes:
+        q: joint positions of the virtual arms [rad], shape (8,).
+        residual: distances of the virtual hands to their targets [m], shape (2,).
+        direct: distance to the target at which the direct way ends [m], shape (2,); infinite until it is known.
+        done: whether each arm's search is over, because its target was reached or all postures were tried; shape (2,),
+            bool.
+    """
+
+    def __init__(self, config: ArmIKConfig) -> None:
+        # Virtual arms cannot break, so steps may be large.
+        self._descent = Descent(
+            dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
+        )
+        self._postures = posture_table()  # built now, because that takes as long as many control periods
+        self._starts: list[list[np.ndarray]] = [[], []]
+        self._searching = np.zeros(2, dtype=bool)
+        self._goal = np.zeros((2, 3))
+        self._best = np.zeros((2, 4))
+        self._best_residual = np.full(2, np.inf)
+        self._settled = np.zeros(2, dtype=bool)
+        self._waist = load_robot().waist
+        self.q = load_robot().nominal[load_robot().arms].copy()
+        self.residual = np.full(2, np.inf)
+        self.direct = np.full(2, np.inf)
+        self.done = np.zeros(2, dtype=bool)
+
+    def reset(self, q: np.ndarray) -> None:
+        """Forget both searches and move to the real arms' positions (8,) [rad]."""
+        for arm in range(2):
+            self.rest(arm)
+        self.q = q.copy()
+
+    def rest(self, arm: int) -> None:
+        """Forget an arm's search; the next one starts from the arm's position at that time."""
+        self._searching[arm] = self.done[arm] = False
+
+    def search(self, arm: int, goal: np.ndarray, q: np.ndarray, body: np.ndarray) -> None:
+        """Start an arm's search, or continue from its next start if it has settled; start over if the target moved.
+
+        Args:
+            arm: 0 for the left, 1 for the right arm.
+            goal: targets [m], shape (2, 3).
+            q: positions of the real arms [rad], shape (8,).
+            body: joint positions of the robot [rad], shape (19,).
+        """
+        if self.done[arm] and np.linalg.norm(goal[arm] - self._goal[arm]) > MOVED:
+            self.rest(arm)
+        joints = slice(4 * arm, 4 * arm + 4)
+        if self.done[arm]:
+            return
+        if not self._searching[arm]:
+            self._begin(arm, goal[arm])
+            self.q[joints] = q[joints]
+        elif self._settled[arm]:
+            self._go_on(arm, joints, q, float(body[self._waist]))
+
+    def _begin(self, arm: int, point: np.ndarray) -> None:
+        self._searching[arm] = True
+        self._goal[arm] = point
+        self._best_residual[arm] = self.direct[arm] = np.inf
+
+    def _go_on(self, arm: int, joints: slice, q: np.ndarray, waist: float) -> None:
+        if self._best_residual[arm] == np.inf:
+            self.direct[arm] = self.residual[arm]
+            starts = self._postures.candidates(arm, self._goal[arm], waist, q[joints], STARTS)
+            self._starts[arm] = list(starts)
+        if self.residual[arm] < self._best_residual[arm]:
+            self._best[arm], self._best_residual[arm] = self.q[joints], self.residual[arm]
+        self.done[arm] = self._best_residual[arm] <= self._descent.config.tolerance or not self._starts[arm]
+        self.q[joints] = self._best[arm] if self.done[arm] else self._starts[arm].pop(0)
+
+    def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
+        """Let both arms descend towards the targets (2, 3) [m] on a body (19,) [rad], fast while they search.
+
+        Raises:
+            RuntimeError: if placo cannot solve a step.
+        """
+        steps = STEPS if np.any(self._searching & ~self.done) else 1
+        self._descent.place(self.q, body)
+        before = np.linalg.norm(goal - self._descent.hands, axis=1)
+        self._descent.descend(Goal(goal), STEP_TIME, steps)
+        self.q = self._descent.q
+        self.residual = self._descent.residual
+        self._settled = (before - self.residual < SETTLED) | (self.residual <= self._descent.config.tolerance)
+
+
+class Detours:
+    """Detours of the arms, each on its own, to postures found by `Scout`, in straight lines in joint space.
+
+    A route is taken if the forearm is free of collisions on it, with the body and the other arm as they are now. Each
+    call checks one route: first the direct one, then those via known postures.
 
     Attributes:
         active: whether each arm is on a detour, shape (2,), bool.
-        count: of detours begun.
+        count: number of detours that were started.
     """
 
     def __init__(self, config: ArmIKConfig, descent: Descent) -> None:
@@ -35,17 +199,17 @@ class Detours:
         self.count = 0
 
     def reset(self) -> None:
-        """Leave every detour."""
+        """Abandon all detours."""
         self.active[:] = False
         self._tried = [0, 0]
 
     def forget(self, arm: int) -> None:
-        """There is nothing to go to any more: leave the detour; to what is found next, any way may be tried."""
+        """Abandon the detour and allow every route to the next posture."""
         self.active[arm] = False
         self._tried[arm] = 0
 
     def look(self, arm: int, q: np.ndarray, posture: np.ndarray, body: np.ndarray) -> None:
-        """Look at the next way of an arm from positions (8,) to its posture in (8,); begin it if it is clear."""
+        """Check the next route of an arm from positions (8,) to its posture in (8,), and start on it if it is clear."""
         if self._tried[arm] == len(WAYS):
             return
         vias = [SEEDS[arm, seed] for seed in WAYS[self._tried[arm]]]
@@ -71,12 +235,12 @@ class Detours:
     def follow(
         self, q: np.ndarray, direct: np.ndarray, postures: np.ndarray, body: np.ndarray, dt: float
     ) -> np.ndarray:
-        """Where the arms at positions `q` are to be a tick later: on their detours, or, without one, at `direct`.
+        """Return the arm positions one tick later: on the detour, or `direct` for an arm without one.
 
         Args:
-            q: arm positions now [rad], shape (8,).
-            direct: where the arms would be by the direct way [rad], shape (8,).
-            postures: to which the detours lead [rad], shape (8,).
+            q: current arm positions [rad], shape (8,).
+            direct: arm positions of the direct way [rad], shape (8,).
+            postures: postures to which the detours lead [rad], shape (8,).
             body: joint positions of the robot [rad], shape (19,).
             dt: length of the tick [s].
         """
@@ -88,14 +252,14 @@ class Detours:
                 vias.pop(0)
             way = (vias[0] if vias else postures[joints]) - q[joints]
             longest = float(np.abs(way).max())
-            # Half the deceleration that the limiter has: it is to have some in hand at the end.
+            # Brake with half of the limiter's deceleration, which leaves it a reserve at the end.
             brake = np.inf if vias else np.sqrt(self._config.acceleration * longest)
             target[joints] = q[joints] + way * min(1.0, min(self._config.detour_speed, brake) * dt / max(longest, 1e-9))
             self.active[arm] = bool(vias) or longest > ARRIVED
         return self._slow_hands(q, target, body, dt)
 
     def _slow_hands(self, q: np.ndarray, target: np.ndarray, body: np.ndarray, dt: float) -> np.ndarray:
-        """Shorter steps of the arms on a detour where a hand would be faster than it may be."""
+        """Shorten the steps of arms on a detour whose hand would exceed its speed limit."""
         start = self._descent.forward(q, body).copy()
         travel = lengths(self._descent.forward(target, body) - start)
         part = np.minimum(1.0, self._config.hand_speed * dt / np.maximum(travel, 1e-9))

@@ -1,21 +1,21 @@
-"""Joint motion within position, velocity and acceleration limits, whatever it is asked to follow."""
+"""Joint motion within position, velocity and acceleration limits."""
 
 import numpy as np
 
 
 class JointLimiter:
-    """Follows a moving goal as closely as the limits allow, and without overshoot where they do.
+    """A limiter that follows a moving goal as closely as the limits allow, without overshoot where possible.
 
     In a tick the velocity changes by at most `acceleration_limit * dt`. Towards a goal and towards a position limit it
-    stays below the speed from which the joint can still stop in time. Position limits go first: should the tick's
-    length change in the middle of a stop, the acceleration may exceed its limit, never the position.
+    stays below the speed from which the joint can still stop in time. Position limits have priority: if the length of
+    the ticks changes during a stop, the acceleration may exceed its limit, but the position never does.
 
     Attributes:
         q: positions [rad], shape (n,).
         dq: velocities [rad/s], shape (n,).
         lower, upper: position limits [rad], shape (n,).
-        velocity_limit: [rad/s], shape (n,).
-        acceleration_limit: [rad/s^2].
+        velocity_limit: highest speeds [rad/s], shape (n,).
+        acceleration_limit: highest acceleration of all joints [rad/s^2].
     """
 
     def __init__(
@@ -27,27 +27,27 @@ class JointLimiter:
         self.place(np.clip(np.zeros_like(lower), lower, upper))
 
     def place(self, q: np.ndarray) -> None:
-        """Be at rest at positions (n,)."""
+        """Start at rest from positions (n,) [rad]."""
         self.q = np.array(q, dtype=float)
         self.dq = np.zeros_like(self.q)
 
     def follow(self, goal: np.ndarray, goal_dq: np.ndarray, dt: float) -> np.ndarray:
-        """One tick of `dt` [s] towards positions that move at `goal_dq`; the new positions. All of shape (n,)."""
+        """Move for `dt` [s] towards a goal that moves at `goal_dq`, and return the new positions; all of shape (n,)."""
         behind = goal - self.q - goal_dq * dt
         speed = self._stopping_speed(np.concatenate((np.abs(behind), *self._room())), dt).reshape(3, -1)
         return self._move(goal_dq + np.copysign(speed[0], behind), speed[1], speed[2], dt)
 
     def stop(self, dt: float) -> np.ndarray:
-        """One tick of `dt` [s] of braking; the new positions, shape (n,)."""
+        """Brake for `dt` [s] and return the new positions, shape (n,)."""
         up, down = self._stopping_speed(np.stack(self._room()), dt)
         return self._move(np.zeros_like(self.q), up, down, dt)
 
     def _room(self) -> tuple[np.ndarray, np.ndarray]:
-        """Up and down to the position limits; outside them, where a takeover may start, only the way back is open."""
+        """Return the room up and down to the position limits; outside them, only the way back is open."""
         return np.maximum(self.upper - self.q, 0.0), np.maximum(self.q - self.lower, 0.0)
 
     def _move(self, wanted: np.ndarray, up: np.ndarray, down: np.ndarray, dt: float) -> np.ndarray:
-        """Go at the wanted speeds as far as the limits and the highest speeds up and down allow; all of shape (n,)."""
+        """Move at the wanted speeds, clamped to the limits and to the highest speeds up and down; all of shape (n,)."""
         change = self.acceleration_limit * dt
         dq = np.minimum(np.maximum(wanted, self.dq - change), self.dq + change)
         self.dq = np.minimum(
@@ -57,10 +57,10 @@ class JointLimiter:
         return self.q.copy()
 
     def _stopping_speed(self, distance: np.ndarray, dt: float) -> np.ndarray:
-        """Highest speed from which steps of `dt` with full braking end within a distance.
+        """Return the highest speed from which full braking in steps of `dt` ends within a distance.
 
-        Coming to rest in n steps, at speeds v, v - a dt, ..., takes n v dt - n (n - 1) / 2 a dt^2; n is the number of
-        steps that this distance allows.
+        A stop in n steps, at speeds v, v - a dt, ..., covers n v dt - n (n - 1) / 2 a dt^2. Here n is the number of
+        steps for which this distance is enough.
         """
         unit = self.acceleration_limit * dt
         steps = np.maximum(np.ceil(0.5 * np.sqrt(1.0 + 8.0 * distance / (unit * dt)) - 0.5), 1.0)

@@ -1,4 +1,4 @@
-"""The body as the inverse kinematics sees it: jointed arms and hips, and capsules that must not touch one another."""
+"""The robot model of the inverse kinematics: moving arms, waist and hips, and capsules that must not touch."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -7,8 +7,8 @@ import placo
 
 from hugwbc.robot import SIDES, Robot
 
-# Capsules about the model's collision boxes, along z or x of the link's frame: centre, radius, length of the axis [m].
-# Capsules, because their distances have a closed form: half the time of cylinders', which are found by iteration.
+# Capsules around the model's collision boxes, along z or x of the link frame: centre, radius, length of the axis [m].
+# Distances of capsules have a closed form and take half the time of those of cylinders, which need an iteration.
 _CHEST = [((0.0, y, 0.235), 0.075, 0.255) for y in (0.05, -0.05)]
 _HEAD = ((0.03, 0.0, 0.58), 0.085, 0.075)
 _THIGH = ((0.03, 0.0, -0.18), 0.05, 0.31)
@@ -20,19 +20,17 @@ _SHAPES = {
     **{f"{side}_{_FOREARM_LINK}": [_FOREARM] for side in SIDES},
 }
 HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
-
-
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
 
 def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
-    """The robot on its pelvis with arms, waist and hips; stiff from the knees on.
+    """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
 
     Collision pairs are each forearm with the chest, the head, both thighs and the other forearm.
 
     Args:
-        robot: names and description.
-        on_column: whether the pelvis can go up and down, and pitch, by two more joints.
+        robot: gives names and description.
+        on_column: whether to add two joints by which the pelvis moves up and down and pitches.
     """
     root = ElementTree.parse(robot.urdf_path).getroot()
     for link in root.findall("link"):
@@ -40,7 +38,7 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
             link.remove(shape)
         name = str(link.get("name"))
         shapes = _SHAPES.get(name, [])
-        # URDF has no capsules: Pinocchio makes them of the cylinders named here.
+        # URDF has no capsules; Pinocchio turns the cylinders that are named here into capsules.
         capsules = ElementTree.SubElement(link, "collision_checking")
         for number, (centre, radius, length) in enumerate(shapes):
             collision = ElementTree.SubElement(link, "collision", name=f"{name}_{number}")
@@ -82,7 +80,7 @@ def _keep_forearm_pairs(model: pin.GeometryModel) -> None:
 
 
 class Clearance:
-    """Distances of the forearms to what they could touch, at a wrapper's posture."""
+    """The distances of the forearms to everything that they could touch, at the posture of a placo model."""
 
     def __init__(self, wrapper: placo.RobotWrapper) -> None:
         self._wrapper = wrapper
@@ -94,6 +92,6 @@ class Clearance:
         ]
 
     def __call__(self) -> list[float]:
-        """The least distance of each forearm's surface, left then right, negative inside something [m]."""
+        """Return the least distance of the left and the right forearm, negative in a collision [m]."""
         distances = [pair.min_distance for pair in self._wrapper.distances()]
         return [min([distances[i] for i in pairs]) for pairs in self._of_arm]

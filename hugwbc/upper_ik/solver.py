@@ -1,4 +1,4 @@
-"""Inverse kinematics of both arms: two hand positions to eight joint targets."""
+"""Inverse kinematics of both arms: from two hand positions to eight joint targets."""
 
 import dataclasses
 import math
@@ -12,26 +12,25 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
-from hugwbc.upper_ik.detour import Detours
+from hugwbc.upper_ik.detour import MOVED, Detours, Scout
 from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.scout import MOVED, Scout
 
-FAR = 0.1  # [m]; a hand that is as far from its target looks ahead whether the direct way will bring it there
-LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge as fast loops do
-LONGEST_TICK = 0.5  # [s]; a longer one, of a loop that paused, counts as this long
+FAR = 0.1  # [m]; a hand farther from its target looks ahead whether the direct way leads there
+LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge like fast ones
+LONGEST_TICK = 0.5  # [s]; a longer tick, of a loop that paused, counts as this long
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class IKSolution:
-    """Arm targets for one tick; joints in the order of `Robot.arms`, hands in the order left, right.
+    """The arm targets of one tick; joints in the order of `Robot.arms`, hands in the order left, right.
 
     Attributes:
         q: joint positions [rad], shape (8,).
-        dq: their velocities [rad/s], shape (8,).
-        residual: distance of each hand at `q` from its target [m], shape (2,); NaN while no target was ever usable.
-        reachable: False where the hand is off its target and no longer gets nearer: `q` is the nearest pose that was
-            found. Shape (2,), bool.
-        ok: False if the target or the state was unusable and `q` holds its last value.
+        dq: joint velocities [rad/s], shape (8,).
+        residual: distance of each hand at `q` to its target [m], shape (2,); NaN before the first usable target.
+        reachable: False for a hand that is off its target and no longer gets nearer, so that `q` is the nearest pose
+            found; shape (2,), bool.
+        ok: False if the targets or the state were unusable and `q` keeps its last value.
     """
 
     q: np.ndarray
@@ -42,19 +41,19 @@ class IKSolution:
 
 
 class ArmIK:
-    """Tracks hand targets with an arm configuration of its own, which it integrates from call to call.
+    """Inverse kinematics that integrates an arm configuration of its own from call to call.
 
-    The measured arms are read at `reset` only: feeding them back would make the sag of soft joints drift into the
-    targets. A hand goes to its target directly (see `Descent`). If it is far from it or gets no nearer, a search for
-    a better posture goes on in the background (see `Scout`), and the arm goes there (see `Detours`) if the direct way
-    ends short of what was found.
+    The measured arms are read at `reset` only; feeding them back would let the sag of soft joints drift into the
+    targets. A hand goes to its target directly (see `Descent`). While it is far away or gets no nearer, a search for a
+    better posture runs in the background (see `Scout`). The arm goes there (see `Detours`) if the direct way ends short
+    of what was found.
 
     Attributes:
-        rejected: how many calls had unusable numbers (a target or the waist angle that is not finite, a target in the
-            world frame without a known pelvis position, a time step that is not positive); each held the last
+        rejected: number of calls with unusable numbers: a target or waist angle that is not finite, a target in the
+            world frame without a pelvis position, or a time step that is not positive. Each kept the last
             configuration.
-        failures: how many calls the solver failed in; each held the last configuration, or, if only the search for a
-            better posture failed, went on without it.
+        failures: number of calls in which the solver failed. Each kept the last configuration or, if only the search
+            for a better posture failed, continued without the search.
         lower, upper: joint position limits of the solution [rad], shape (8,).
         velocity_limit: joint speed limits of the solution [rad/s], shape (8,).
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
@@ -85,16 +84,16 @@ class ArmIK:
 
     @property
     def without_collisions(self) -> int:
-        """How many steps could not be solved with collision avoidance, and were without."""
+        """Number of steps that had to be solved without collision avoidance."""
         return self._descent.without_collisions
 
     @property
     def detours(self) -> int:
-        """How many detours to better postures were begun."""
+        """Number of detours that were started."""
         return self._detours.count
 
     def reset(self, q: np.ndarray) -> None:
-        """Continue at rest from arm positions (8,) [rad], moved into the limits; what is not finite is ignored."""
+        """Continue at rest from arm positions (8,) [rad], clamped to the limits; joints that are not finite stay."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
         self._residual = np.full(2, np.nan)
         self._reachable = np.ones(2, dtype=bool)
@@ -104,34 +103,38 @@ class ArmIK:
         self._scout.reset(self._limiter.q)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
-        """Positions of both hands in the pelvis frame [m], shape (2, 3), at arm positions (8,) and a waist angle."""
+        """Return both hands in the pelvis frame [m], shape (2, 3), at arm positions (8,) and a waist angle [rad]."""
         self._body[self.robot.waist] = waist
         return self._descent.forward(q, self._body)
 
     def pointing(self, q: np.ndarray, waist: float) -> np.ndarray:
-        """Unit vectors from the elbows to the hands in the pelvis frame, shape (2, 3); arguments as for `hands`."""
+        """Return the unit vectors from elbows to hands in the pelvis frame, shape (2, 3); arguments as for `hands`."""
         forearms = self.hands(q, waist) - np.array([self._descent.elbow(hand) for hand in range(2)])
         return forearms / np.linalg.norm(forearms, axis=1, keepdims=True)
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Least distance of each forearm to trunk, head, thighs and the other, on the body as it was last seen.
+        """Return the least distance of each forearm to trunk, head, thighs and the other forearm.
+
+        Waist and hips are as in the last state.
 
         Args:
             q: arm positions [rad], shape (8,).
 
         Returns:
-            Distances of the surfaces, negative inside something [m], shape (2,).
+            Distances of the surfaces, negative in a collision [m], shape (2,).
         """
         self._descent.forward(q, self._body)
         return np.array(self._descent.clearance())
 
     def solve(self, targets: HandTargets, state: RobotState, dt: float) -> IKSolution:
-        """Advance the arm configuration by one tick towards the targets. Never raises on bad numbers: holds, counts.
+        """Advance the arm configuration by one tick towards the targets.
+
+        Bad numbers never raise: the arms brake and hold, and the event is counted.
 
         Args:
-            targets: hand positions; a hand without one goes to its place beside the body.
-            state: gives the waist and hip angles and, for targets in another frame than the pelvis', the pelvis pose.
-            dt: time since the last call [s]; more than `LONGEST_TICK` counts as that.
+            targets: hand positions; a hand without one goes to its rest position next to the body.
+            state: gives waist and hip angles and, for targets outside the pelvis frame, the pelvis pose.
+            dt: time since the last call [s]; at most `LONGEST_TICK` counts.
         """
         dt = min(dt, LONGEST_TICK) if dt < np.inf else dt
         goal = goal_in_pelvis(targets, state, self._rest)
@@ -143,7 +146,7 @@ class ArmIK:
         try:
             q = self._descend(goal, dt)
             q = self._go_round(q, goal, dt)
-        except RuntimeError:  # placo reports an infeasible problem so
+        except RuntimeError:  # this is how placo reports an infeasible problem
             self.failures += 1
             return self._hold(dt)
         moved = self._limiter.follow(q, (q - self._limiter.q) / dt, dt)
@@ -152,7 +155,7 @@ class ArmIK:
         return self._solution(ok=True)
 
     def _speed(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """At which the target points (2, 3) move [m/s], shape (2,); 0 where they jumped."""
+        """Return the speed of the target points (2, 3) [m/s], shape (2,); 0 for a point that jumped."""
         last, self._last_points = self._last_points, points
         if last is None:
             return np.zeros(2)
@@ -168,9 +171,9 @@ class ArmIK:
         return self._descent.q
 
     def _go_round(self, q: np.ndarray, goal: Goal, dt: float) -> np.ndarray:
-        """The arm positions `q` of the direct way, or those of a detour for an arm that is stuck on it."""
+        """Return arm positions: `q` of the direct way, or those of a detour for an arm that is stuck on it."""
         detours = self._detours
-        # A detour of one hand would drop what both hold.
+        # A detour of one hand would drop an object that both hold.
         seeking = (~self._reachable | detours.active | (self._residual > FAR)) & (not goal.together)
         for arm in range(2):
             if self._jumped[arm] or not seeking[arm]:
@@ -182,7 +185,7 @@ class ArmIK:
             self._scout.search(arm, goal.points, self._limiter.q, self._body)
         try:
             self._scout.advance(goal.points, self._body)
-        except RuntimeError:  # it costs the real arms no step, and the next search begins from where they are
+        except RuntimeError:  # the real arms keep their step, and the next search starts from them
             self.failures += 1
             for arm in range(2):
                 self._scout.rest(arm)
@@ -212,11 +215,11 @@ class ArmIK:
 
 
 def check_targets(targets: HandTargets, state: RobotState) -> None:
-    """Tell a user, before a loop starts, that the loop would have to reject these targets.
+    """Check, before a loop starts, that the loop can use these targets.
 
     Raises:
-        TargetError: if a number is not finite, a direction has no length, hands that hold one thing are not both given,
-            or the frame is the world's and the state has no position.
+        TargetError: if a number is not finite, a direction is zero, one of two hands that hold one object is missing,
+            or the targets are in the world frame and the state has no position.
         UnknownNameError: if the frame is unknown.
     """
     if targets.joints is not None:
@@ -242,12 +245,12 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
 
 
 def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) -> Goal | None:
-    """The targets in the pelvis frame, or None if they or the pelvis pose are unusable.
+    """Return the targets in the pelvis frame, or None if they or the pelvis pose are unusable.
 
     Args:
-        targets: a hand without a target gets its `rest` position.
+        targets: the targets; a hand without one gets its `rest` position.
         state: gives the pelvis pose.
-        rest: where the hands hang beside the body [m], shape (2, 3).
+        rest: positions of hands that hang next to the body [m], shape (2, 3).
     """
     if not targets.is_usable or (targets.frame == "world" and state.position is None):
         return None
@@ -266,7 +269,7 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
 
 
 def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:
-    """Rotation from a hand frame to the pelvis', shape (3, 3); None from its own."""
+    """Return the rotation from a hand frame to the pelvis frame, shape (3, 3); None for the pelvis frame itself."""
     if frame == "pelvis":
         return None
     world_to_pelvis = rotations.to_matrix(state.orientation).T

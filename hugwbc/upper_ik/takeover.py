@@ -1,4 +1,4 @@
-"""Handing the arms over to external targets and back without a jump, and the source that runs IK behind it."""
+"""Handing the arms over to external targets and back without a jump."""
 
 import dataclasses
 import enum
@@ -9,25 +9,19 @@ from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
-from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
-from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
 from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.solver import ArmIK, IKSolution
-from hugwbc.upper_ik.watch import TargetWatch
 
 
 @dataclasses.dataclass(frozen=True)
 class TakeoverConfig:
-    """Pace of the hand-over.
+    """Settings of the hand-over.
 
     Attributes:
-        take_time: of the blend from the arms' own position to the external targets [s].
-        return_time: of the blend back [s].
-        speed_fraction: of the joint velocity limits that the arm command never exceeds.
+        take_time: time of the blend from the arms' own position to the external targets [s].
+        return_time: time of the blend back [s].
+        speed_fraction: share of the joint velocity limits that the arm command never exceeds.
         acceleration: highest acceleration of the arm command [rad/s^2].
-        stale_time: how long the last target is held when no new one arrives, before the arms go back [s].
+        stale_time: how long the last target is held without a new one, before the arms go back [s].
     """
 
     take_time: float = 0.5
@@ -47,7 +41,7 @@ class TakeoverConfig:
 
 
 class Phase(enum.Enum):
-    """Who moves the arms."""
+    """The state of the hand-over: who moves the arms."""
 
     RELEASED = "released"  # the controller
     TAKEN = "taken"  # external targets, blended in at first
@@ -55,17 +49,17 @@ class Phase(enum.Enum):
 
 
 class Takeover:
-    """Blends and rate-limits external arm targets: from IK, a motion file or noise.
+    """A blend and rate limit for external arm targets from IK, a motion file or noise.
 
-    The stream of arm commands that it puts out starts at the position that the caller names, at rest, and keeps within
-    the velocity and acceleration limits, whatever comes in.
+    The stream of arm commands starts at rest at the position that the caller names and keeps within the velocity and
+    acceleration limits, whatever comes in.
 
     Attributes:
         phase: who moves the arms.
         velocity_limit: highest speed of the arm command [rad/s], shape (8,).
         acceleration_limit: its highest acceleration [rad/s^2].
-        held: how many ticks had a target that was not finite or no positive time step; each brought the arms to
-            rest.
+        held: number of ticks with a target that was not finite or a time step that was not positive; in each the arms
+            braked.
     """
 
     def __init__(self, config: TakeoverConfig | None = None) -> None:
@@ -74,7 +68,8 @@ class Takeover:
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
         self.acceleration_limit = self.config.acceleration
-        # Position limits are the safety filter's: soft arms need targets beyond them to carry their weight.
+        # These are the position limits of the safety filter: soft arms need targets beyond the joint limits to carry
+        # their weight.
         reach = robot.torque_limit[arms] / robot.kp[arms]
         self._limiter = JointLimiter(
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
@@ -97,14 +92,14 @@ class Takeover:
         self._limiter.place(self._rest)
 
     def follow(self, q: np.ndarray, dq: np.ndarray, dt: float, start: np.ndarray | None = None) -> UpperBody:
-        """One tick of external control.
+        """Return the arm command for one tick of external control.
 
         Args:
             q: target positions [rad], shape (8,).
-            dq: their velocities [rad/s], shape (8,).
+            dq: target velocities [rad/s], shape (8,).
             dt: time since the last tick [s].
-            start: where the arm command was before a takeover [rad], shape (8,); None: where the last takeover ended,
-                at first the nominal pose. Read only while the arms are released.
+            start: the arm command before a takeover [rad], shape (8,), read only while the arms are released. None
+                starts where the last takeover ended, at first in the nominal pose.
         """
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
@@ -112,15 +107,15 @@ class Takeover:
         return self._advance(q, dq, self.config.take_time, dt)
 
     def blend(self) -> None:
-        """Blend anew from where the arm command is: what it is to follow now is of another origin."""
+        """Restart the blend at the current arm command after the target source changed."""
         if self.phase is Phase.TAKEN:
             self._begin(Phase.TAKEN, None)
 
     def release(self, own: np.ndarray | None, dt: float) -> UpperBody:
-        """One tick of the way back; `UpperBody.none()` once there.
+        """Return the arm command for one tick of the way back; `UpperBody.none()` at its end.
 
         Args:
-            own: the controller's own arm positions, if known, else the arms return to the nominal ones [rad], (8,).
+            own: the controller's own arm positions [rad], shape (8,); None returns to the nominal positions.
             dt: time since the last tick [s].
         """
         goal = self._rest if own is None else own
@@ -133,7 +128,7 @@ class Takeover:
         return self._advance(goal, np.zeros(8), self.config.return_time, dt)
 
     def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
-        """Start a blend from positions (8,), at rest, or from where the arm command is, at its speed."""
+        """Start a blend at rest from positions (8,), or from the current arm command at its speed."""
         self.phase = phase
         if start is not None:
             self._limiter.place(start)
@@ -152,101 +147,10 @@ class Takeover:
             before = smooth_step(self._elapsed / blend_time)
             self._elapsed += dt
             blend = smooth_step(self._elapsed / blend_time)
-            # The blend's own derivative, not the difference of positions: the latter carries the noise of the sensors.
+            # The derivative of the blend instead of a difference of positions, which would carry the sensors' noise.
             dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
             self._limiter.follow(self._from + blend * (goal - self._from), dq, dt)
         else:
             self.held += 1
             self._limiter.stop(dt)
         return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool))
-
-
-class UpperBodySource:
-    """Hand targets in, external arm control out: what a control loop calls once in every tick.
-
-    Attributes:
-        ik: the solver, with its counts of rejected targets and failures.
-        takeover: the hand-over, with its phase.
-        watch: on the stream of targets, with the counts of what was not usable.
-        solution: the solver's last answer, or None while the arms are released or follow joint targets.
-    """
-
-    def __init__(
-        self,
-        *,
-        gravity_compensation: bool,
-        ik: ArmIKConfig | None = None,
-        takeover: TakeoverConfig | None = None,
-    ) -> None:
-        """Build the solver.
-
-        Args:
-            gravity_compensation: True where PD alone drives the arms (the learned controller), so that they reach
-                their targets against their weight, and are damped; False where feed-forward torque does (the QP).
-            ik: settings of the solver.
-            takeover: settings of the hand-over.
-        """
-        self.ik = ArmIK(ik)
-        self.takeover = Takeover(takeover)
-        self.watch = TargetWatch(self.takeover.config.stale_time)
-        self.solution: IKSolution | None = None
-        self._own: np.ndarray | None = None
-        self._by_joints = False
-        self._gravity = GravityCompensation() if gravity_compensation else None
-        self._damping = ArmDamping() if gravity_compensation else None
-
-    def reset(self) -> None:
-        """Release the arms at once, for a new episode."""
-        self.takeover.reset()
-        self.watch.reset()
-        self.solution = None
-        self._own = None
-
-    def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
-        """External control of the arms for this tick. Never raises on bad numbers: holds, counts.
-
-        A stream of targets that dries up, or brings nothing usable any more, gives the arms back after `stale_time`.
-
-        Args:
-            state: of the robot now.
-            hands: the targets that arrived last, of the hands or of the arm joints; None gives the arms back to the
-                controller.
-            dt: time since the last tick [s].
-            commanded: the arm part of the last joint command, shape (8,) [rad], if known. A takeover starts there, and
-                the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
-                measured arms (plus what they sag, under gravity compensation) and a hand-back ends in the nominal pose.
-        """
-        if hands is None:
-            self.watch.forget()
-        else:
-            hands = self.watch.admit(hands, state.time, dt)
-        if hands is None:
-            self.solution = None
-            return self.takeover.release(self._own, dt)
-        by_joints = hands.joints is not None
-        if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
-            self.ik.reset(state.q[self.ik.robot.arms])
-            self.takeover.blend()
-        self._by_joints = by_joints
-        start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
-        if hands.joints is None:
-            self.solution = self.ik.solve(hands, state, dt)
-            q, dq = self.solution.q, self.solution.dq
-        else:
-            self.solution = None
-            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
-        target = self._compensated(q, state)
-        if self._damping is not None:
-            target = target + self._damping(dq, state)
-        return self.takeover.follow(target, dq, dt, start)
-
-    def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
-        """Where the arm command is before a takeover; remembered for the hand-back if the caller knows it."""
-        known = commanded is not None and np.all(np.isfinite(commanded))
-        self._own = np.array(commanded, dtype=float) if known else None
-        return self._compensated(self.ik.q, state) if self._own is None else self._own
-
-    def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
-        return q if self._gravity is None else self._gravity(q, state)

@@ -1,4 +1,4 @@
-"""How much of the space around the robot its hands can reach: with the arms alone, and with the whole body."""
+"""The share of the space around the robot that its hands reach, with the arms alone and with the whole body."""
 
 import dataclasses
 from collections.abc import Callable
@@ -10,32 +10,32 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
-from hugwbc.upper_ik.postures import SEEDS
+from hugwbc.upper_ik.detour import SEEDS
 
 TOLERANCE = 0.03  # [m]
-SIDE = 2.0  # of the cube [m], standing on the ground, the robot in its middle
-# From its shoulder's centre to its hand [m]: the upper arm's 0.333 m and the forearm's 0.280 m, stretched out.
+SIDE = 2.0  # [m], of a cube that stands on the ground with the robot in its middle
+# Distance from shoulder centre to hand of a stretched arm [m]: upper arm 0.333 m, forearm 0.280 m.
 ARM_LENGTH = 0.613
-# No hand is farther from its shoulder's centre [m]: the shoulder's axes do not meet in it, which makes up to 0.65 m of
-# the arm's length.
+# Bound of the distance from shoulder centre to hand [m]. The axes of the shoulder do not intersect, so that a hand gets
+# up to 0.65 m away.
 ARM_REACH = 0.66
-# No shoulder is farther from where it is upright [m], by the commands' pitch (0.4 rad) and waist (1 rad): 0.366 m.
+# Bound of a shoulder's shift [m] by the commanded pitch (0.4 rad) and waist angle (1 rad), which is up to 0.366 m.
 SHOULDER_SHIFT = 0.4
-SHOULDER = np.array([0.0, 0.2136, 0.4389])  # left one's centre in the pelvis frame [m]
-_STEPS = 60  # of 20 ms from one start; what has not come within the tolerance by then does not
+SHOULDER = np.array([0.0, 0.2136, 0.4389])  # centre of the left shoulder in the pelvis frame [m]
+_STEPS = 60  # steps of 20 ms from one start; a hand that is off its target by then stays off
 _DT = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
 class Workspace:
-    """Share of a cube's grid points that at least one hand reaches within `TOLERANCE`.
+    """The share of a cube's grid points that at least one hand reaches within `TOLERANCE`.
 
     Attributes:
-        arms: standing upright, with the arms alone.
-        whole_body: with h, p and w in their ranges as well.
-        points: of the grid.
-        spacing: of the grid [m].
-        tolerance: [m].
+        arms: share with the arms alone, standing upright.
+        whole_body: share with h, p and w in their ranges as well.
+        points: number of grid points.
+        spacing: distance between grid points [m].
+        tolerance: distance within which a point counts as reached [m].
     """
 
     arms: float
@@ -46,20 +46,20 @@ class Workspace:
 
 
 def check_spacing(spacing: float) -> None:
-    """Refuse a spacing of the grid [m] with which it has no points beside the middle one.
+    """Refuse a grid spacing [m] that leaves only the middle point.
 
     Raises:
-        ConfigError: if it is not above 0 and up to the cube's side.
+        ConfigError: if the spacing is not above 0 and at most the cube's side.
     """
     if not 0.0 < spacing <= SIDE:
         raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
 
 
 def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None] | None = None) -> Workspace:
-    """Try every grid point of a 2 m cube on the ground with the left hand; the right one reaches the mirror image.
+    """Try every grid point of a 2 m cube on the ground with the left hand; the right hand reaches the mirror image.
 
     Args:
-        spacing: of the grid [m].
+        spacing: distance between grid points [m].
         on_progress: called with the fraction done.
 
     Raises:
@@ -71,7 +71,7 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)
     height = load_robot().nominal_height
     points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - height])).reshape(-1, 3)
-    # Nothing moves that could lose its balance: large steps.
+    # Nothing moves that could lose its balance, so steps may be large.
     reach = BodyReach(BodyReachConfig(speed=(2.0, 3.0, 6.0)))
     reached = {}
     for index, body in enumerate((False, True)):

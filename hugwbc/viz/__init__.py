@@ -1,4 +1,4 @@
-"""Pictures of what a robot did: a live browser scene, self-contained replay and report pages, plots and video.
+"""Pictures of what a robot does: a live browser scene, self-contained replay pages, plots and video.
 
-Nothing is imported here: the scene brings meshcat and the plots matplotlib, and a caller of one needs not the other.
+The package imports nothing, because the scene needs meshcat and the plots need matplotlib, and few callers need both.
 """

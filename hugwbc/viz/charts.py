@@ -1,4 +1,4 @@
-"""Pictures of evaluations: heat maps, polar plots, gait diagrams, clouds of hand positions, curves."""
+"""Pictures of evaluations: heat maps, polar plots, gait diagrams, clouds of hand positions and curves."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,19 +11,19 @@ from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import INK, Panel, picture
 
 _MAPS_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0, 5.0  # [in]
-_GAP = 1  # cells between two heat maps
-_TOP = 3.0  # of the colours of heat maps
+_GAP = 1  # number of empty cells between two heat maps
+_TOP = 3.0  # value of the brightest colour of a heat map
 FEET = ("left", "right")
 
 
 def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], np.ndarray], label: str) -> Panel:
-    """Maps of every ordered pair of quantities in one picture: a row for each first name, a column for each second.
+    """Draw heat maps of all ordered pairs of quantities: a row for each first name, a column for each second.
 
     Args:
-        title: what it shows.
-        names: of the quantities.
-        maps: for (first, second) a square map, rows bottom up; NaN, which is crossed out, where there is no value.
-        label: of the values, which are coloured from 0 to `_TOP`.
+        title: title of the picture.
+        names: names of the quantities.
+        maps: a square map for each pair (first, second), with its rows from bottom to top; NaN cells are crossed out.
+        label: label of the colour bar, which goes from 0 to `_TOP`.
     """
 
     def draw(axes: Axes) -> None:
@@ -33,7 +33,7 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
         whole = np.full((size, size), np.nan)
         crosses: list[tuple[float, float]] = []
         for (first, second), values in maps.items():
-            # The first name's row is the uppermost.
+            # Names read from the top, whereas rows count from the bottom.
             row, column = pitch * (len(names) - 1 - names.index(first)), pitch * names.index(second)
             whole[row : row + points, column : column + points] = values
             crosses += [(column + x, row + y) for y, x in np.argwhere(~np.isfinite(values))]
@@ -53,13 +53,13 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
 
 
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
-    """One closed curve a name over the directions, 0 pointing up (ahead) and growing to the left.
+    """Draw one closed curve for each name over the directions; angle 0 (ahead) points up, angles grow to the left.
 
     Args:
-        title: what it shows.
-        angles: [rad].
-        series: values of each name, None where there is none.
-        unit: of the values.
+        title: title of the picture.
+        angles: directions [rad].
+        series: values of each name at the angles; None leaves a gap.
+        unit: unit of the values.
     """
 
     def draw(axes: PolarAxes) -> None:
@@ -75,11 +75,11 @@ def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[flo
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
-    """Start and length of every stretch of samples in which something is on.
+    """Return the start and the length of every stretch of samples in which something is on.
 
     Args:
-        time: of the samples, evenly spaced, shape (T,).
-        on: shape (T,), bool.
+        time: times of the samples, evenly spaced, shape (T,).
+        on: whether it is on at each sample, shape (T,), bool.
     """
     changes = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
     step = time[1] - time[0] if len(time) > 1 else 1.0
@@ -89,15 +89,15 @@ def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
 def gait_diagram(
     title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, colour: str, length: float
 ) -> Panel:
-    """When each foot is on the ground (bars), and the clock signals (curves), left foot above the right one.
+    """Draw when each foot is on the ground (bars) and the gait's clock signals (curves), the left foot on top.
 
     Args:
-        title: what it shows.
-        time: [s], shape (T,).
-        contact: of the left and right foot, shape (T, 2), bool.
-        clock: of the left and right foot, in [-1, 1], shape (T, 2).
-        colour: of the bars.
-        length: of the time axis [s].
+        title: title of the picture.
+        time: times of the samples [s], shape (T,).
+        contact: whether the left and the right foot are on the ground, shape (T, 2), bool.
+        clock: clock signals of the left and the right foot, in [-1, 1], shape (T, 2).
+        colour: colour of the bars.
+        length: length of the time axis [s].
     """
 
     def draw(axes: Axes) -> None:
@@ -114,12 +114,12 @@ def gait_diagram(
 
 
 def hand_cloud(title: str, left: np.ndarray, right: np.ndarray) -> Panel:
-    """Hand positions seen from behind, y to the left and z up [m].
+    """Draw hand positions as seen from behind, with y to the left and z up [m].
 
     Args:
-        title: what it shows.
+        title: title of the picture.
         left: positions of the left hand in the pelvis frame [m], shape (n, 3).
-        right: of the right hand.
+        right: positions of the right hand in the pelvis frame [m], shape (n, 3).
     """
 
     def draw(axes: Axes) -> None:
@@ -143,15 +143,15 @@ def curves(
     named: bool = False,
     bottom: float | None = None,
 ) -> Panel:
-    """One curve a name, in the colours of `LABEL_COLOURS`.
+    """Draw one curve for each name, in the colours of `LABEL_COLOURS`.
 
     Args:
-        title: what it shows.
-        series: x and y of each name.
-        labels: of x and y.
-        dashed: x and y of a line to compare with.
-        named: whether the names stand in the picture.
-        bottom: of the vertical axis; None for what fits.
+        title: title of the picture.
+        series: x and y values of each name.
+        labels: labels of the x and the y axis.
+        dashed: x and y values of a reference line; None for no line.
+        named: whether the picture has a legend with the names.
+        bottom: lower end of the vertical axis; None to fit the values.
     """
 
     def draw(axes: Axes) -> None:

@@ -1,134 +1,45 @@
-"""What the pictures need to know of a run, and the colours that tell several runs apart."""
+"""What all pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
+from hugwbc.runtime.trace import Trace
 
-LANE = 1.5  # [m] between robots shown side by side
-FRAMED_RADIUS = 1.0  # [m] about the point looked at within which robots are well in the picture
-CAMERA_TIME = 1.0  # [s] over which the camera's motion is smoothed
-# Readable on light and on dark ground, and told apart by people who confuse red and green.
+LANE = 1.5  # [m], distance between robots side by side
+FRAMED_RADIUS = 1.0  # [m], distance from the point looked at up to which a robot is well in the picture
+CAMERA_TIME = 1.0  # [s], length of the moving average that smooths the camera's path
+# Readable on light and dark backgrounds, and distinct for people with red-green colour blindness.
 LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
 
 
-class Trace(Protocol):
-    """One run of one controller, T samples; `hugwbc.runtime.rollout.Trace` has these attributes and more."""
-
-    @property
-    def name(self) -> str:
-        """Of the controller."""
-        ...
-
-    @property
-    def time(self) -> np.ndarray:
-        """Of each sample [s], shape (T,)."""
-        ...
-
-    @property
-    def command(self) -> np.ndarray:
-        """The eight commands in the order of COMMAND_NAMES, shape (T, 8)."""
-        ...
-
-    @property
-    def gait(self) -> np.ndarray:
-        """Values of `Gait`, shape (T,)."""
-        ...
-
-    @property
-    def measured(self) -> np.ndarray:
-        """v_x, v_y, omega, h, p, w as executed, shape (T, 6)."""
-        ...
-
-    @property
-    def clearance(self) -> np.ndarray:
-        """Height of both soles above the ground [m], shape (T, 2)."""
-        ...
-
-    @property
-    def phase(self) -> np.ndarray:
-        """Common phase of the gait, NaN where there is none, shape (T,)."""
-        ...
-
-    @property
-    def foot_contact(self) -> np.ndarray:
-        """Whether each foot is on the ground, shape (T, 2), bool."""
-        ...
-
-    @property
-    def foot_force(self) -> np.ndarray:
-        """Ground reaction on each foot [N], shape (T, 2, 3)."""
-        ...
-
-    @property
-    def pressure_centre(self) -> np.ndarray:
-        """Where it acts [m], NaN for a foot in the air, shape (T, 2, 3)."""
-        ...
-
-    @property
-    def foothold(self) -> np.ndarray:
-        """Where each sole is planned to land, x and y [m], NaN where there is no plan, shape (T, 2, 2)."""
-        ...
-
-    @property
-    def touch_downs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times at which the left and the right foot came down [s]."""
-        ...
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26)."""
-        ...
-
-    @property
-    def hand_target_world(self) -> np.ndarray:
-        """Targets of both hands [m], NaN where there is none, shape (T, 2, 3)."""
-        ...
-
-    @property
-    def arm_target(self) -> np.ndarray:
-        """Arm positions that the inverse kinematics wants [rad], NaN where there are none, shape (T, 8)."""
-        ...
-
-    @property
-    def hand_error(self) -> np.ndarray:
-        """Distance of each hand to its target [m], NaN where there is none, shape (T, 2)."""
-        ...
-
-    @property
-    def torque(self) -> np.ndarray:
-        """Joint torques [N*m], shape (T, 19)."""
-        ...
-
-    @property
-    def fell(self) -> bool:
-        """Whether the robot fell."""
-        ...
-
-
 def moment(trace: Trace, sample: int) -> Moment:
-    """What a picture of one sample shows."""
+    """Return what a picture of one sample of a run shows.
+
+    Args:
+        trace: the run.
+        sample: index of the sample.
+    """
     return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
 def check_count(runs: int) -> None:
-    """Refuse a number of runs, or of controllers, that cannot be told apart in a picture.
+    """Refuse a number of runs, or of controllers, that a picture cannot show in different colours.
 
     Raises:
-        ConfigError: if there is none, or more than there are colours.
+        ConfigError: if there are none, or more than there are colours.
     """
     if not 1 <= runs <= len(LABEL_COLOURS):
         raise ConfigError(f"{runs} runs to draw; give 1 to {len(LABEL_COLOURS)}")
 
 
 def check_traces(traces: Sequence[Trace]) -> None:
-    """Refuse what cannot be drawn.
+    """Refuse runs that cannot be drawn.
 
     Raises:
-        ConfigError: if there is no trace, more than there are colours, or one without samples.
+        ConfigError: if there are no runs, more than there are colours, or a run has no samples.
     """
     check_count(len(traces))
     for trace in traces:
@@ -137,27 +48,37 @@ def check_traces(traces: Sequence[Trace]) -> None:
 
 
 def lanes(count: int) -> np.ndarray:
-    """Sideways offsets of robots side by side, the first one leftmost when seen from ahead [m], shape (count,)."""
+    """Return sideways offsets [m], shape (count,): the first robot is leftmost for a camera ahead of them."""
     return LANE * (np.arange(count) - (count - 1) / 2)
 
 
 def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
-    """Index of the last sample at or before each frame, from the first sample's time to `end` [s], `fps` a second.
+    """Return the index of the last sample at or before each frame of a film, shape (frames,).
 
     A run that ended early stays at its last sample.
+
+    Args:
+        time: times of the samples [s], shape (T,).
+        fps: frames per second.
+        end: time of the last frame [s]; the first frame is at the first sample.
     """
     frames = time[0] + np.arange(int((end - time[0]) * fps + 1e-6) + 1) / fps
     return np.clip(np.searchsorted(time, frames + 1e-9, side="right") - 1, 0, len(time) - 1)
 
 
 def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where to look, and from how far, so that all robots stay in the picture; smoothed.
+    """Return where to look, and from how far, so that all robots stay in the picture.
 
-    A run that has ended is left behind while another one goes on.
+    Both paths are smoothed. A run that has ended is left behind while another one goes on.
+
+    Args:
+        traces: the runs, in the order of their lanes.
+        fps: frames per second.
+        end: time of the last frame [s].
 
     Returns:
-        The mean of the robots, in their lanes, shape (frames, 2) [m]; and by which factor, at least 1, the camera has
-        to stand back because they have drifted apart, shape (frames,).
+        The mean position of the robots in their lanes [m], shape (frames, 2), and the factor by which the camera has to
+        stand back because the robots have drifted apart, at least 1, shape (frames,).
     """
     samples = [frame_samples(trace.time, fps, end) for trace in traces]
     ways = np.stack([trace.qpos[sample, :2] for trace, sample in zip(traces, samples, strict=True)])
@@ -172,8 +93,9 @@ def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.nda
 
 
 def _smooth(values: np.ndarray, fps: float) -> np.ndarray:
-    """Moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
+    """Return the moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
     half = max(1, int(CAMERA_TIME * fps / 2))
+    # The ends are repeated, so that the camera neither starts nor stops short of the robots.
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     kernel = np.full(2 * half + 1, 1 / (2 * half + 1))
     return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)

@@ -1,13 +1,28 @@
-"""The live page: a robot to drive by sliders, gait buttons, a push, and draggable hand targets. Needs viser."""
+"""The live page: drive a robot by sliders, gait buttons, a push, and draggable hand targets. Needs viser.
+
+The page's server answers only browsers that ask this machine for it by its own name, and only its own page. A server on
+127.0.0.1 is still within reach of every page that the user's browser has open: a page of another site may open a web
+socket to it (the browser says so in `Origin`, and leaves it to the server to check), or may have its own name point to
+127.0.0.1 and so count as the same site (then `Host` has that name).
+"""
 
 import contextlib
+import functools
+import http
 import io
 import ipaddress
+import threading
+import urllib.parse
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
 import trimesh
 import viser
+import websockets.asyncio.server as server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
 
 from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges
@@ -16,23 +31,29 @@ from hugwbc.gait import Gait
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
-from hugwbc.viz.live_guard import guarded
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
 
 HOST = "127.0.0.1"
-HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # in the heading frame [m]
+HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
 CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
 _NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
           "w": "waist"}  # fmt: skip
+OWN_NAMES = ("127.0.0.1", "localhost", "::1")
+ProcessRequest = Callable[[server.ServerConnection, Request], Response | None]
+_starting = threading.Lock()
 
 
 def check_host(host: str, *, expose: bool) -> str:
-    """The host to listen on.
+    """Return the host to listen on, unchanged.
+
+    Args:
+        host: name or address of the host.
+        expose: whether other machines may reach it.
 
     Raises:
-        ConfigError: if it is not this machine alone, and `expose` does not say so.
+        ConfigError: if other machines can reach the host and `expose` is not set.
     """
     try:
         loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
@@ -45,13 +66,73 @@ def check_host(host: str, *, expose: bool) -> str:
     return host
 
 
+def refusal(headers: Headers, *, any_host: bool) -> str | None:
+    """Return why a request must not be answered; None if it may be.
+
+    Args:
+        headers: headers of the request.
+        any_host: whether the request may call this machine by any name.
+    """
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or len(origins) > 1:
+        return "one Host and at most one Origin, please"
+    if not any_host and _hostname(f"//{hosts[0]}") not in OWN_NAMES:
+        return f"this page is at {OWN_NAMES[0]}, not at {hosts[0]}"
+    if origins and origins[0] not in (f"http://{hosts[0]}", f"https://{hosts[0]}"):
+        return f"pages of {origins[0]} may not drive this robot"
+    return None
+
+
+def _hostname(url: str) -> str | None:
+    try:
+        return urllib.parse.urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+@contextlib.contextmanager
+def guarded(*, any_host: bool) -> Iterator[None]:
+    """Make a web socket server that starts within this context refuse what `refusal` refuses.
+
+    viser starts its server in its constructor and offers no hook to check requests, so the function that starts servers
+    is replaced for the time of the context.
+
+    Args:
+        any_host: whether requests may call this machine by any name.
+
+    Raises:
+        ConfigError: if no server was started through the replaced function, because its requests would go unchecked.
+    """
+    original, started = server.serve, []
+
+    @functools.wraps(original)
+    def serve(*arguments: Any, process_request: ProcessRequest | None = None, **options: Any) -> server.serve:  # noqa: ANN401  as websockets'
+        def checked(connection: server.ServerConnection, request: Request) -> Response | None:
+            reason = refusal(request.headers, any_host=any_host)
+            if reason is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+            return None if process_request is None else process_request(connection, request)
+
+        started.append(True)
+        return original(*arguments, process_request=checked, **options)
+
+    with _starting:
+        server.serve = serve  # type: ignore[assignment,misc]
+        try:
+            yield
+        finally:
+            server.serve = original  # type: ignore[misc]
+    if not started:
+        raise ConfigError("this version of viser starts its server in another way; install the one of constraints.txt")
+
+
 def page_address(host: str, port: int) -> str:
-    """To open in a browser, which wants brackets around an address of IPv6."""
+    """Return the address of a page for a browser, which requires brackets around an IPv6 address."""
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
-    """The visual shapes of a link in its frame: one mesh for each material, by the material's name."""
+    """Return the visual shapes of a link in its frame, as one mesh for each material, by the material's name."""
     body = model.body(link).id
     parts: dict[str, list[trimesh.Trimesh]] = {}
     for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid == body)):
@@ -86,9 +167,9 @@ class LivePage:
     """A page on which a person drives one robot.
 
     Attributes:
-        source: what the person asks for: the command source of a control loop.
-        server: viser's, with its port.
-        pushes: forces in the pelvis' heading frame that wait to be applied [N], each of shape (3,).
+        source: the command source for the control loop, with what the person asks for.
+        server: viser's server.
+        pushes: forces that wait to be applied, in the pelvis' heading frame [N], each of shape (3,).
     """
 
     def __init__(
@@ -97,22 +178,22 @@ class LivePage:
         """Build the page and listen.
 
         Args:
-            simulation: of the robot.
-            name: of the controller, for the title.
-            host: to listen on.
-            port: to listen on; 0 for any that is free.
-            expose: allow a host that other machines can reach, and requests for this machine by any name.
+            simulation: the robot.
+            name: name of the controller, for the title.
+            host: host to listen on.
+            port: port to listen on; 0 for any free port.
+            expose: allow a host that other machines can reach, and requests that call this machine by any name.
 
         Raises:
-            ConfigError: if the host is not this machine alone, and `expose` does not say so.
+            ConfigError: if other machines can reach the host and `expose` is not set.
         """
         check_host(host, expose=expose)
-        # viser prints the address in a frame; that is for the caller to do.
+        # viser prints the address; what is printed is for the caller to decide.
         with guarded(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
-        self._refused: set[str] = set()  # sliders that say what the gait does not admit
+        self._refused: set[str] = set()  # sliders whose value the gait does not admit
         self._robot = load_robot()
         self._build_scene(simulation.model)
         self._build_panel()
@@ -120,7 +201,7 @@ class LivePage:
 
     @property
     def address(self) -> str:
-        """To open in a browser."""
+        """The address of the page, for a browser."""
         return page_address(self.server.get_host(), self.server.get_port())
 
     def _build_scene(self, model: mujoco.MjModel) -> None:
@@ -172,9 +253,10 @@ class LivePage:
             gui.add_button("stop").on_click(lambda _: self.stop())
 
     def _ask(self, name: str) -> None:
-        """Ask for what a slider says; `show` brings back one that says what the gait does not admit.
+        """Ask for a slider's value; `show` moves the slider back if the gait does not admit that value.
 
-        Not here: viser, which tells all pages but the one that moved the slider, would overwrite what this sends to it.
+        Moving it back here would have no effect: viser passes the slider's value on to all other pages, and this
+        message replaces the one that would move it back.
         """
         asked = float(self._sliders[name].value)
         self.source.ask(name, asked)
@@ -194,19 +276,19 @@ class LivePage:
         self.source.hands = HandTargets(left, right, "heading", whole_body=bool(self._body_on.value)) if on else None
 
     def stop(self) -> None:
-        """All velocities to zero."""
+        """Ask for zero velocities."""
         for name in ("v_x", "v_y", "omega"):
             self._sliders[name].value = 0.0
             self.source.ask(name, 0.0)
 
     def disturb(self, simulation: Simulation) -> None:
-        """Apply the pushes that wait."""
+        """Apply the pushes that are waiting."""
         while self.pushes:
             turn = rotations.rotation_z(simulation.state().yaw)
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
     def show(self, simulation: Simulation) -> None:
-        """Draw the robot where it is, and what it does."""
+        """Draw the robot where it is, and say what it does."""
         data, state = simulation.data, simulation.state()
         assert state.position is not None and state.velocity is not None
         with self.server.atomic():
@@ -230,6 +312,6 @@ class LivePage:
 
 
 def _slider_range(name: str) -> tuple[float, float]:
-    """From the least to the largest value that any gait admits."""
+    """Return the least and the largest value that any gait admits."""
     ranges = [command_ranges(gait)[name].finishing for gait in Gait]
     return min(low for low, _ in ranges), max(high for _, high in ranges)

@@ -1,10 +1,13 @@
-"""Where the marks around a robot are: commanded hands, footsteps, contact forces, balance, gait phases.
+"""Marks around a robot: commanded hands, footsteps, contact forces, balance, gait phases.
 
-What they look like is in `hugwbc.viz.overlays`.
+`Marks` says where each mark is at one moment, `mark_parts` what it looks like. The live scene, the replay page and the
+video all draw these marks.
 """
 
 import dataclasses
+from collections.abc import Sequence
 
+import meshcat.geometry as geometry
 import mujoco
 import numpy as np
 
@@ -12,11 +15,28 @@ from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.runtime.moment import Moment
+from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow
-LEAST_FORCE = 1.0  # [N] that is drawn
-EDGES = 4  # of the support area of two heels and two toes
+LEAST_FORCE = 1.0  # [N]; smaller forces are not drawn
+EDGES = 4  # largest number of edges of the support area, whose corners are two heels and two toes
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+# Groups of marks that are shown and hidden together, with the names that users see.
+LAYERS = {
+    "hands": "commanded hands",
+    "steps": "footsteps",
+    "forces": "contact forces",
+    "balance": "centre of mass and support",
+    "phases": "gait phases",
+}
+STANCE, SWING, FORCE, BALANCE = "#1a9c84", "#f0cf26", "#d1384b", "#4b2e83"
+TARGET_RADIUS = 0.035  # [m]
+FORCE_RADIUS, LINE_RADIUS, CENTRE_RADIUS, GROUND_RADIUS = 0.012, 0.007, 0.04, 0.03  # [m]
+STEP_THICKNESS = 0.004  # [m]
+SLAB_HEIGHT = (0.02, 0.045)  # [m], lower and upper side of a phase's slab; the support line stays visible below it
+SOLE_EDGE = 0.015  # [m], how far footprints and slabs stick out around the sole
+HEAD = 0.15  # length of an arrow's head, as a share of the arrow
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,10 +44,10 @@ class Mark:
     """One mark at one time; a mark that is not visible keeps its last place.
 
     Attributes:
-        visible: whether it is shown.
-        position: in the world [m], shape (3,).
-        quaternion: (w, x, y, z), shape (4,).
-        scale: along its own axes, shape (3,).
+        visible: whether the mark is shown.
+        position: position in the world [m], shape (3,).
+        quaternion: orientation (w, x, y, z), shape (4,).
+        scale: scale along the mark's own axes, shape (3,).
     """
 
     visible: bool = True
@@ -40,7 +60,11 @@ HIDDEN = Mark(visible=False)
 
 
 class Marks:
-    """Finds the marks of a moment on one robot model."""
+    """The marks around one robot, found from a moment by the robot's kinematics.
+
+    Attributes:
+        sole: centre of a sole in the ankle link's frame [m], shape (3,).
+    """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -52,7 +76,7 @@ class Marks:
         self.sole = np.array([middle, 0.0, float(model.site("left_sole").pos[2])])
 
     def at(self, moment: Moment) -> dict[str, Mark]:
-        """All marks by their path below the robot; the first part of a path is the layer, one of `overlays.LAYERS`."""
+        """Return all marks by their path below the robot; the first part of a path is the layer, one of `LAYERS`."""
         self._data.qpos[:] = moment.qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -65,7 +89,12 @@ class Marks:
         }
 
     def footprint(self, qpos: np.ndarray, foot: int) -> Mark:
-        """The sole of a foot (0 left, 1 right) on level ground, at `qpos` (26,)."""
+        """Return the mark that a foot leaves on level ground.
+
+        Args:
+            qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
+            foot: 0 for the left foot, 1 for the right foot.
+        """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
@@ -82,6 +111,7 @@ class Marks:
             marks[f"hands/target_{side}"] = Mark(position=target) if known else HIDDEN
         wanted = bool(np.all(np.isfinite(moment.arm_target)))
         if wanted:
+            # The ghost is the same robot with the arms where the IK wants them.
             self._ghost.qpos[:] = moment.qpos
             self._ghost.qpos[7 + self._robot.arms] = moment.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
@@ -92,7 +122,7 @@ class Marks:
         return marks
 
     def _planned_steps(self, moment: Moment) -> dict[str, Mark]:
-        """On the ground that the lower sole is on, heading as the pelvis does."""
+        """Return the planned footholds, on the ground below the lower sole and with the heading of the pelvis."""
         height = min(self._sole(foot)[0][2] for foot in range(2))
         heading = _about_z(float(rotations.yaw_of(moment.qpos[3:7])))
         marks = {}
@@ -102,7 +132,10 @@ class Marks:
         return marks
 
     def _balance(self, foot_contact: np.ndarray) -> dict[str, Mark]:
-        """The centre of mass; its plumb line to the ground and the edges of the support area, while a foot is there."""
+        """Return the centre of mass and, while a foot is on the ground, its plumb line and the support area's edges.
+
+        Each foot counts by its heel and its toe: the H1's soles are only 3 cm wide.
+        """
         centre = self._data.subtree_com[self._pelvis].copy()
         marks = dict.fromkeys(("balance/plumb", "balance/ground", *(f"balance/edge_{i}" for i in range(EDGES))), HIDDEN)
         marks["balance/centre"] = Mark(position=centre)
@@ -131,12 +164,12 @@ class Marks:
 
 
 def in_stance(phase: np.ndarray | float, gait: np.ndarray | int, foot_contact: np.ndarray) -> np.ndarray:
-    """Whether the gait's clock has each foot on the ground; where there is no clock, whether it is there.
+    """Return whether each foot is in stance by the gait's clock, or in contact where there is no clock; shape (..., 2).
 
     Args:
-        phase: the common phase in [0, 1), NaN where there is none, shape (...).
+        phase: the common phase in [0, 1), NaN where there is no clock, shape (...).
         gait: values of `Gait`, shape (...).
-        foot_contact: of the left and the right foot, bool, shape (..., 2).
+        foot_contact: whether the left and the right foot are on the ground, shape (..., 2), bool.
     """
     phase = np.asarray(phase, dtype=float)
     known = np.isfinite(phase)
@@ -153,14 +186,17 @@ def _forces(moment: Moment) -> dict[str, Mark]:
 
 
 def hull_edges(points: np.ndarray) -> list[tuple[int, int]]:
-    """Edges of the convex hull of points seen from above, as pairs of indices, anticlockwise; one for a straight line.
+    """Return the edges of the convex hull of points seen from above, by Andrew's monotone chain.
 
     Args:
-        points: at least 2, shape (n, 2 or more).
+        points: at least two points, x and y first, shape (n, 2 or more).
+
+    Returns:
+        Pairs of indices, anticlockwise; a single pair if all points lie on a line.
     """
     order = [int(index) for index in np.lexsort((points[:, 1], points[:, 0]))]
     halves = []
-    for way in (order, order[::-1]):
+    for way in (order, order[::-1]):  # the lower, then the upper half
         half: list[int] = []
         for index in way:
             while len(half) > 1 and _turn(points[half[-2]], points[half[-1]], points[index]) <= 0.0:
@@ -173,20 +209,20 @@ def hull_edges(points: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Above 0 where the way from a to b to c turns left."""
+    """Return a number above 0 if the way from a to b to c turns left."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _bar(start: np.ndarray, end: np.ndarray) -> Mark:
-    """A thing of unit length along z, laid from one point to another."""
+    """Return a mark that lays a part of unit length along z from one point to another."""
     length = max(float(np.linalg.norm(end - start)), 1e-6)
     return Mark(True, start, _from_z((end - start) / length), np.array([1.0, 1.0, length]))
 
 
 def _from_z(direction: np.ndarray) -> np.ndarray:
-    """The smallest turn of z into a unit vector, as a quaternion (w, x, y, z)."""
+    """Return the smallest rotation of z into a unit vector, as a quaternion (w, x, y, z)."""
     x, y, z = direction
-    if z < -1.0 + 1e-9:
+    if z < -1.0 + 1e-9:  # straight down: half a turn about x, as the formula below would give 0 / 0
         return np.array([0.0, 1.0, 0.0, 0.0])
     quaternion = np.array([1.0 + z, -y, x, 0.0])
     return quaternion / np.linalg.norm(quaternion)
@@ -194,3 +230,79 @@ def _from_z(direction: np.ndarray) -> np.ndarray:
 
 def _about_z(yaw: float) -> np.ndarray:
     return rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Part:
+    """One primitive of a mark.
+
+    Attributes:
+        primitive: the geometry, one of meshcat's.
+        colour: colour as "#rrggbb".
+        opacity: opacity in (0, 1].
+        placement: homogeneous transform in the mark's frame, shape (4, 4).
+        on_top: whether the part is drawn over everything that would hide it.
+    """
+
+    primitive: geometry.Geometry
+    colour: str
+    opacity: float = 1.0
+    placement: np.ndarray = dataclasses.field(default_factory=lambda: np.eye(4))
+    on_top: bool = False
+
+
+def mark_parts(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[str, list[Part]]:
+    """Return the parts of every mark, by the mark's path below the robot.
+
+    Args:
+        shapes: the robot's visual shapes, for the ghosts of its forearms.
+        label: the robot's colour as "#rrggbb".
+        sole: centre of a sole in the ankle link's frame [m], shape (3,).
+    """
+    parts: dict[str, list[Part]] = {}
+    for side in SIDES:
+        parts[f"hands/target_{side}"] = [Part(geometry.Sphere(TARGET_RADIUS), label, 0.75)]
+        forearm = [shape for shape in shapes if shape.link == f"{side}_elbow_link"]
+        parts[f"hands/ghost_{side}"] = [Part(shape.primitive, label, 0.3, shape.placement) for shape in forearm]
+        parts[f"steps/planned_{side}"] = [footprint(label, 0.35)]
+        parts[f"forces/{side}"] = _arrow()
+        for name, colour in (("stance", STANCE), ("swing", SWING)):
+            parts[f"phases/{side}/{name}"] = [_slab(colour, sole)]
+    parts["balance/centre"] = [Part(geometry.Sphere(CENTRE_RADIUS), BALANCE)]
+    parts["balance/plumb"] = [Part(_rod(1.0, 0.5 * LINE_RADIUS), BALANCE, 1.0, along_z(0.5) @ CYLINDER_TO_Z)]
+    parts["balance/ground"] = [Part(_rod(0.004, GROUND_RADIUS), BALANCE, 1.0, along_z(0.004) @ CYLINDER_TO_Z)]
+    for index in range(EDGES):
+        edge = Part(_rod(1.0, LINE_RADIUS), BALANCE, 1.0, along_z(0.5) @ CYLINDER_TO_Z, on_top=True)
+        parts[f"balance/edge_{index}"] = [edge]
+    return parts
+
+
+def footprint(colour: str, opacity: float) -> Part:
+    """Return a sole's print on the ground, in a frame at the sole's centre."""
+    return Part(_sole_box(STEP_THICKNESS), colour, opacity, along_z(0.5 * STEP_THICKNESS))
+
+
+def _slab(colour: str, sole: np.ndarray) -> Part:
+    low, high = SLAB_HEIGHT
+    placement = along_z(0.5 * (low + high))
+    placement[:3, 3] += sole
+    return Part(_sole_box(high - low), colour, 1.0, placement)
+
+
+def _sole_box(height: float) -> geometry.Box:
+    robot = load_robot()
+    length, width = float(np.diff(robot.sole_x)[0]), float(np.diff(robot.sole_y)[0])
+    return geometry.Box([length + 2 * SOLE_EDGE, width + 2 * SOLE_EDGE, height])
+
+
+def _rod(length: float, radius: float) -> geometry.Cylinder:
+    return geometry.Cylinder(length, radius)
+
+
+def _arrow() -> list[Part]:
+    """Return an arrow of unit length along z."""
+    shaft, head = 1.0 - HEAD, geometry.Cylinder(HEAD, radiusTop=0.0, radiusBottom=2.2 * FORCE_RADIUS)
+    return [
+        Part(_rod(shaft, FORCE_RADIUS), FORCE, 0.9, along_z(0.5 * shaft) @ CYLINDER_TO_Z, on_top=True),
+        Part(head, FORCE, 0.9, along_z(1.0 - 0.5 * HEAD) @ CYLINDER_TO_Z, on_top=True),
+    ]

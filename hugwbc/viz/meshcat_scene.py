@@ -1,4 +1,4 @@
-"""Robots and the marks around them in a meshcat scene, live in a browser or recorded into a page."""
+"""A meshcat scene with robots and the marks around them, live in a browser or recorded into a page."""
 
 import io
 from collections.abc import Sequence
@@ -12,17 +12,16 @@ from PIL import Image
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
-from hugwbc.viz.marks import UPRIGHT, Mark, Marks
-from hugwbc.viz.overlays import LAYERS, Part, footprint, mark_parts
+from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes
 
-CAMERA_POSITION = (2.3, 0.45, 0.8)  # from the point looked at, in meshcat's camera axes (x, up, -y) [m]
+CAMERA_POSITION = (2.3, 0.45, 0.8)  # [m] from the point looked at, in meshcat's camera axes (x, up, -y)
 LOOK_AT_HEIGHT = 0.85  # [m]
-LIVE_FOOTPRINTS = 40  # that a live picture keeps
-# meshcat's camera circles the origin and cannot be sent elsewhere, so the world moves under it instead.
+LIVE_FOOTPRINTS = 40  # number of footprints that a live picture keeps
+# meshcat's camera always circles the origin, so the scene moves the world instead of the camera.
 WORLD = "world"
 FLOOR_SIZE, TILE = 60.0, 0.5  # [m]
-_LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour in each
+_LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour in each material
 
 
 def _rgb(colour: str) -> np.ndarray:
@@ -35,7 +34,13 @@ def _hex(rgb: np.ndarray) -> int:
 
 
 def labelled_colour(material: str, rgb: Sequence[float], label: str) -> np.ndarray:
-    """A material's colour with the label colour mixed into the shells and the lamp, so that robots are told apart."""
+    """Return a material's colour, with the label colour mixed into shells and lamp so that robots can be told apart.
+
+    Args:
+        material: name of the material.
+        rgb: its own colour, each component in [0, 1].
+        label: the robot's label colour as "#rrggbb".
+    """
     share = _LABELLED_MATERIALS.get(material, 0.0)
     return (1 - share) * np.asarray(rgb) + share * _rgb(label)
 
@@ -44,21 +49,21 @@ class RobotView:
     """One robot of a scene, with the marks around it.
 
     Attributes:
-        marks: finds the marks of a moment.
-        path: of the robot in the world; each link is a child of it by name.
+        marks: the marks around the robot, by moment.
+        path: path of the robot in the world; each link is a child with the link's name.
         links: names of the links that are drawn.
-        offset: added to every position, to set robots side by side [m], shape (3,).
+        offset: offset of every position, which sets robots side by side [m], shape (3,).
     """
 
     def __init__(self, node: meshcat.Visualizer, path: str, model: mujoco.MjModel, label: str, offset: float) -> None:
         """Put the robot's shapes into the world.
 
         Args:
-            node: the scene's moving world.
-            path: of the robot in it.
-            model: with visual shapes.
-            label: colour of the robot, as "#rrggbb".
-            offset: sideways, to the left [m].
+            node: node of the scene's world.
+            path: path of the robot in the world.
+            model: MuJoCo model with visual shapes.
+            label: colour of the robot as "#rrggbb".
+            offset: offset to the left [m].
         """
         self.path = path
         self.offset = np.array([0.0, offset, 0.0])
@@ -78,21 +83,21 @@ class RobotView:
                 self._add_part(f"{name}/part_{index}", part)
 
     def _add_part(self, name: str, part: Part) -> None:
-        # The browser draws what is transparent last.
+        # The browser draws transparent parts last; without a depth test they then cover everything.
         last = {"transparent": True, "depthTest": False} if part.on_top else {}
         material = geometry.MeshPhongMaterial(color=_hex(_rgb(part.colour)), opacity=part.opacity, **last)
         self._node[name].set_object(part.primitive, material)
         self._node[name].set_transform(part.placement)
 
     def add_footprint(self, number: int, mark: Mark) -> str:
-        """Leave a footprint of a number on the ground; its path below the robot."""
+        """Put footprint `number` on the ground, in place of an earlier one; return its path below the robot."""
         name = f"steps/placed_{number}"
         self._add_part(f"{name}/part_0", footprint(self._label, 0.8))
         self.place(name, mark)
         return name
 
     def place(self, name: str, mark: Mark) -> None:
-        """Put a mark where it belongs, or hide it."""
+        """Put the mark with this path below the robot in its place, or hide it."""
         node = self._node[name]
         node.set_property("visible", mark.visible)
         if mark.visible:
@@ -107,10 +112,10 @@ class RobotView:
         node.set_transform(shape.placement)
 
     def placements(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions, shape (links, 3), and quaternions (w, x, y, z), shape (links, 4), of the links as they are shown.
+        """Return where the links are shown: positions [m], shape (links, 3), and quaternions (w, x, y, z), (links, 4).
 
         Args:
-            qpos: pelvis position, quaternion and joint positions, shape (26,).
+            qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
         """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
@@ -122,7 +127,7 @@ class RobotView:
             self._node[link].set_transform(homogeneous(position, quaternion))
 
     def show(self, moment: Moment) -> None:
-        """Show the robot and its marks live; a foot that comes down leaves its print."""
+        """Show the robot and its marks live; a foot that comes down leaves a footprint."""
         self.set_pose(moment.qpos)
         for name, mark in self.marks.at(moment).items():
             self.place(name, mark)
@@ -133,7 +138,7 @@ class RobotView:
 
 
 def _tiles() -> geometry.Material:
-    """A checkered floor: two by two tiles as an image, repeated."""
+    """Return the material of a checkered floor: an image of two by two tiles, repeated."""
     light, dark = 236, 222
     pixels = np.kron(np.array([[light, dark], [dark, light]], dtype=np.uint8), np.ones((32, 32), dtype=np.uint8))
     file = io.BytesIO()
@@ -149,15 +154,15 @@ class Scene:
 
     Attributes:
         visualizer: meshcat's root.
-        robots: the views, in the order of the names given.
+        robots: the robots, in the order of the names given.
     """
 
     def __init__(self, visualizer: meshcat.Visualizer, names: Sequence[str]) -> None:
         """Build the scene.
 
         Args:
-            visualizer: where to; `hugwbc.viz.server.open_visualizer` for a browser.
-            names: of the robots, the first one leftmost in the picture.
+            visualizer: where to build it; `hugwbc.viz.server.open_visualizer` gives one with a browser page.
+            names: names of the robots, the first one leftmost in the picture.
         """
         self.visualizer = visualizer
         visualizer.delete()
@@ -178,11 +183,15 @@ class Scene:
         self.look_at(np.zeros(2))
 
     def look_at(self, xy: np.ndarray) -> None:
-        """Bring a point on the ground into the middle of the picture [m], shape (2,)."""
+        """Bring the point `xy` on the ground [m], shape (2,), into the middle of the picture."""
         self.visualizer[WORLD].set_transform(homogeneous(world_offset(xy), UPRIGHT))
 
 
 def world_offset(xy: np.ndarray) -> np.ndarray:
-    """Where the world's origin goes when the camera looks at points on the ground; shapes (..., 2) and (..., 3) [m]."""
+    """Return where to move the world so that the camera looks at a point on the ground [m], shape (..., 3).
+
+    Args:
+        xy: points on the ground [m], shape (..., 2).
+    """
     xy = np.asarray(xy, dtype=float)
     return -np.concatenate((xy, np.full((*xy.shape[:-1], 1), LOOK_AT_HEIGHT)), axis=-1)

@@ -1,4 +1,4 @@
-"""Plots of runs as small SVG pictures that take the page's text colour, so that they read on light and dark ground."""
+"""Plots of runs as small SVG pictures in the page's text colour, readable on light and dark backgrounds."""
 
 import dataclasses
 import io
@@ -14,7 +14,8 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
-from hugwbc.viz.framing import LABEL_COLOURS, Trace, check_traces
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS, check_traces
 
 TITLES = {
     "v_x": "Forward velocity v_x",
@@ -26,8 +27,8 @@ TITLES = {
     "w": "Waist yaw w",
 }
 _SIZE = (6.0, 2.6)  # [in]
-SMALLEST_SPAN = 0.2  # of the vertical axis, in the quantity's unit
-# Stands for the page's text colour until the picture is written.
+SMALLEST_SPAN = 0.2  # shortest vertical axis, in the quantity's unit
+# A placeholder that becomes the page's text colour (currentColor) when the picture is written.
 INK = "#010203"
 _STYLE = {
     "svg.fonttype": "none",
@@ -53,8 +54,8 @@ class Panel:
     """One picture.
 
     Attributes:
-        title: what it shows.
-        svg: the picture, an `<svg>` element that scales with its container.
+        title: title of the picture.
+        svg: the `<svg>` element, which scales with its container.
     """
 
     title: str
@@ -62,7 +63,7 @@ class Panel:
 
 
 def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
-    """Commanded (dashed) against measured: velocities, height, pitch, waist, and swing height against sole clearance.
+    """Plot commanded (dashed) and measured velocities, height, pitch and waist, and swing height with sole clearance.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -86,12 +87,12 @@ def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
 
 def _commanded(trace: Trace, name: str) -> np.ndarray:
     values = trace.command[:, COMMAND_NAMES.index(name)]
-    # A swing height means nothing where no foot is to swing.
+    # A swing height has no meaning while standing.
     return np.where(trace.gait == Gait.STANDING, np.nan, values) if name == "l" else values
 
 
 def _widen(axes: Axes) -> None:
-    """Keep ripples small to the eye where a quantity hardly changes."""
+    """Widen the vertical axis to `SMALLEST_SPAN`, so that ripples of a constant quantity look small."""
     low, high = axes.get_ylim()
     missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2
     axes.set_ylim(low - missing, high + missing)
@@ -104,7 +105,11 @@ def _measured(trace: Trace, name: str) -> np.ndarray:
 
 
 def hand_panels(traces: Sequence[Trace]) -> list[Panel]:
-    """Distance of each hand to its target over time, left and right; none if no run has hand targets."""
+    """Plot the distance of the left and the right hand to their targets; return no panels if no run has hand targets.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
     check_traces(traces)
     if not any(np.isfinite(trace.hand_error).any() for trace in traces):
         return []
@@ -122,7 +127,11 @@ def hand_panels(traces: Sequence[Trace]) -> list[Panel]:
 
 
 def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
-    """The joint nearest to its torque limit over time, and the effective (RMS) torque of every joint."""
+    """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
     check_traces(traces)
     robot = load_robot()
 
@@ -160,13 +169,13 @@ def _time_panel(title: str, draw: Callable[[Axes], None], traces: Sequence[Trace
 
 
 def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **axes: Any) -> str:  # noqa: ANN401
-    """An `<svg>` element that scales with its container and takes the page's text colour.
+    """Return an `<svg>` element that scales with its container and takes the page's text colour.
 
     Args:
-        salt: keeps the ids of several pictures on one page apart and the output repeatable.
-        draw: what is called with fresh axes.
-        height: [in], at a width of 6 in.
-        axes: as `Figure.add_subplot` takes them.
+        salt: text from which the ids in the picture are made: different for each picture of a page, equal in every run.
+        draw: called with new axes to draw on.
+        height: height of the picture at a width of 6 in [in].
+        axes: options of `Figure.add_subplot`.
     """
     style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
     with matplotlib.rc_context(style):
@@ -176,7 +185,7 @@ def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **a
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = file.getvalue()
     text = text[text.index("<svg") :].replace(INK, "currentColor")
-    # Without its own size the picture scales with its container by its viewBox.
+    # Without width and height, the viewBox makes the picture scale with its container.
     opening, rest = text.split(">", 1)
     kept = [part for part in opening.split(" ") if not part.startswith(("width=", "height="))]
     return " ".join(kept) + ">" + rest

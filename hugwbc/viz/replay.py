@@ -1,7 +1,8 @@
-"""A self-contained page that replays one or more runs in three dimensions: play, pause, scrub, choose what is shown."""
+"""A self-contained page that replays runs in three dimensions: play, pause, scrub, and choose which marks to show."""
 
 import base64
 import html
+import itertools
 import pathlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
@@ -14,14 +15,16 @@ from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
 from hugwbc.files import write_whole
-from hugwbc.viz.framing import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, moment
-from hugwbc.viz.gait_bar import gait_bar
-from hugwbc.viz.marks import Mark
+from hugwbc.runtime.trace import Trace
+from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, moment
+from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
-from hugwbc.viz.overlays import LAYERS
 
 FPS = 25
 _ROOT = Path(("meshcat",))
+# Heights in the gait bar, in the picture's units: of a foot's row, between rows, of the contact line within a row.
+ROW, GAP, LINE = 9.0, 3.0, 3.0
+CONTACT = "#1c2430"
 
 
 class _Command(Protocol):
@@ -29,23 +32,23 @@ class _Command(Protocol):
 
 
 class _Recorder:
-    """Stands where meshcat expects its window, and keeps the commands instead of sending them to a server."""
+    """A stand-in for meshcat's window that keeps the commands instead of sending them to a server."""
 
     def __init__(self) -> None:
         self.commands: list[bytes] = []
 
     def send(self, command: _Command) -> None:
-        # Single precision halves the page; positions keep a micrometre.
+        # Single precision halves the size of the page; positions are still exact to a micrometre.
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
 
 def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> str:
-    """The page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; needs no network.
+    """Return the page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; it loads nothing.
 
     Args:
-        traces: 1 to 4 runs.
-        title: of the page.
-        fps: frames per second of the recording; the browser interpolates between them.
+        traces: one to four runs.
+        title: title of the page.
+        fps: frames per second of the recording; the browser interpolates between frames.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -61,7 +64,7 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
         for path, tracks in (*_link_tracks(view, trace, samples), *_mark_tracks(view, trace, samples, fps)):
             animation.clips[robot.append(path)] = _clip(tracks, fps)
     centre, distance = camera_path(traces, fps, end)
-    # A camera that stands back by a factor sees what this one sees of a world that has shrunk by it.
+    # The camera cannot stand back (see `WORLD`); shrinking the world by the same factor gives the same picture.
     scale = 1.0 / distance[:, None]
     world: Tracks = [
         ("position", "vector3", (scale * world_offset(centre)).tolist()),
@@ -102,7 +105,7 @@ def _link_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator
 
 
 def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
-    """Tracks of what changes about the marks; what does not is placed here once and for all."""
+    """Yield the tracks of marks that move, appear or vanish; place the others once and for all."""
     frames = [view.marks.at(moment(trace, int(sample))) for sample in samples]
     for name in frames[0]:
         marks = [frame[name] for frame in frames]
@@ -110,7 +113,7 @@ def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -
         if not shown.any():
             view.place(name, marks[0])
             continue
-        # A hidden mark stays where it was, so that the browser does not move it on the way to its next place.
+        # A hidden mark stays in its last place: the browser interpolates, and would show it flying to the next one.
         last = np.maximum.accumulate(np.where(shown, np.arange(len(marks)), np.argmax(shown)))
         marks = [marks[index] for index in last]
         view.place(name, marks[0])
@@ -131,13 +134,50 @@ def _motion(marks: Sequence[Mark]) -> Tracks:
 
 
 def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
-    """Footprints that appear when a foot comes down, and stay."""
+    """Yield the tracks of footprints, which appear when a foot comes down and then stay."""
     times = [(float(time), foot) for foot in range(2) for time in trace.touch_downs[foot] if time <= trace.time[-1]]
     for number, (time, foot) in enumerate(sorted(times)):
         sample = int(np.searchsorted(trace.time, time))
         name = view.add_footprint(number, view.marks.footprint(trace.qpos[sample], foot))
         shown = np.arange(len(samples)) / fps + trace.time[0] >= time
         yield name, [("visible", "bool", shown.tolist())]
+
+
+def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
+    """Return an `<svg>` that shows, foot by foot, what the gait's clock asked for and when the foot was on the ground.
+
+    Args:
+        traces: the runs; each has two rows, the left foot over the right one.
+        begin: time at the left end of the bar [s].
+        end: time at the right end of the bar [s].
+    """
+    rows = []
+    for index, trace in enumerate(traces):
+        stance = in_stance(trace.phase, trace.gait, trace.foot_contact)
+        rows.append(f"<g><title>{html.escape(trace.name)}</title>")
+        for foot in range(2):
+            y = (2 * index + foot) * (ROW + GAP)
+            for start, stop, on in _stretches(trace.time, stance[:, foot]):
+                rows.append(_box(start, stop, y, ROW, STANCE if on else SWING))
+            for start, stop, on in _stretches(trace.time, trace.foot_contact[:, foot]):
+                if on:
+                    rows.append(_box(start, stop, y + 0.5 * (ROW - LINE), LINE, CONTACT))
+        y = 2 * index * (ROW + GAP)
+        rows.append(_box(begin - 0.01 * (end - begin), begin, y, 2 * ROW + GAP, LABEL_COLOURS[index]) + "</g>")
+    height = 2 * len(traces) * (ROW + GAP)
+    view = f"{begin - 0.01 * (end - begin):.3f} 0 {1.01 * (end - begin):.3f} {height:g}"
+    return f'<svg viewBox="{view}" preserveAspectRatio="none" style="height:{height:g}px">{"".join(rows)}</svg>'
+
+
+def _stretches(time: np.ndarray, values: np.ndarray) -> Iterator[tuple[float, float, bool]]:
+    """Yield the start [s], the end [s] and the value of every stretch of equal values."""
+    changes = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    for start, stop in itertools.pairwise(changes):
+        yield float(time[start]), float(time[min(stop, len(time) - 1)]), bool(values[start])
+
+
+def _box(start: float, stop: float, y: float, height: float, colour: str) -> str:
+    return f'<rect x="{start:.3f}" y="{y:g}" width="{stop - start:.3f}" height="{height:g}" fill="{colour}"/>'
 
 
 def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, bar: str) -> str:
@@ -174,7 +214,9 @@ _TEMPLATE = """<!DOCTYPE html>
   .panel { position: fixed; left: 12px; background: #ffffffd9; border-radius: 8px; padding: 8px 12px; }
   #legend { top: 12px; margin: 0; list-style: none; }
   #legend span { display: inline-block; width: 12px; height: 12px; border-radius: 3px; margin-right: 8px; }
-  #layers { bottom: 104px; display: flex; flex-direction: column; }
+  #layers { bottom: 104px; }
+  #layers label { display: block; }
+  #layers summary { cursor: pointer; }
   #bar { bottom: 12px; right: 12px; display: flex; gap: 12px; align-items: center; }
   #times { flex: 1; min-width: 40px; }
   #times input, #times svg { display: block; width: 100%; margin: 0; }
@@ -185,7 +227,7 @@ _TEMPLATE = """<!DOCTYPE html>
 <body>
 <div id="meshcat-pane"></div>
 <ul id="legend" class="panel">@LEGEND@</ul>
-<div id="layers" class="panel">@LAYERS@</div>
+<details id="layers" class="panel" open><summary>Show</summary>@LAYERS@</details>
 <div id="bar" class="panel">
   <button id="play" type="button">Play</button>
   <div id="times">
@@ -206,6 +248,12 @@ for (const text of [
   viewer.handle_command_bytearray(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
 }
 viewer.gui.close();
+// On a screen higher than wide, all robots still fit and the list of layers leaves them in sight.
+if (innerWidth < innerHeight) {
+  document.getElementById("layers").open = false;
+  viewer.camera.zoom = Math.max(0.5, innerWidth / innerHeight);
+  viewer.camera.updateProjectionMatrix();
+}
 const animator = viewer.animator;
 const play = document.getElementById("play"), slider = document.getElementById("time");
 const clock = document.getElementById("clock");

@@ -1,7 +1,7 @@
 """A meshcat server that only this machine can reach, and the visualizer that talks to it.
 
-meshcat's own server listens on every network interface; this one listens on 127.0.0.1 and answers requests for that
-host only, so that a page of another site cannot talk to it through a changed name.
+meshcat's own server listens on every network interface. This one listens on 127.0.0.1 and answers only requests whose
+`Host` header names this machine, so that a page of another site cannot reach it by DNS rebinding.
 """
 
 import atexit
@@ -43,7 +43,7 @@ class _LoopbackBridge(Bridge):
 
 
 def serve() -> None:
-    """Run a server until the process or its standard input ends, with its address as first line of standard output."""
+    """Run a server until the process or its standard input ends; the first line of standard output is its address."""
     threading.Thread(target=_end_with_input, daemon=True).start()
     bridge = _LoopbackBridge(host=HOST)
     sys.stdout.write(f"{_READY}{bridge.zmq_url}\n")
@@ -52,16 +52,16 @@ def serve() -> None:
 
 
 def _end_with_input() -> None:
-    """End when nobody holds the other end any more: whoever started the server may have been killed."""
+    """End the process when its standard input closes: whoever started the server may have been killed."""
     sys.stdin.buffer.read()
     os._exit(0)
 
 
 def open_visualizer() -> tuple[meshcat.Visualizer, str]:
-    """Start a server in a process of its own, which ends with this one.
+    """Start a server in a child process, which ends with this process.
 
     Returns:
-        The visualizer and the address to open in a browser.
+        The visualizer, and the address to open in a browser.
 
     Raises:
         HugwbcError: if the server does not start.
@@ -79,9 +79,9 @@ def open_visualizer() -> tuple[meshcat.Visualizer, str]:
     if not line.startswith(_READY):
         _stop(process)
         raise HugwbcError(
-            "the viewer's server did not start; run `python -m hugwbc.viz.server` to see why, or go on without a viewer"
+            "the viewer's server did not start; run `python -m hugwbc.viz.server` to see why, or run without a viewer"
         )
-    # meshcat prints the address; that is for the caller to do.
+    # meshcat prints the address; what is printed is for the caller to decide.
     with contextlib.redirect_stdout(io.StringIO()):
         visualizer = meshcat.Visualizer(zmq_url=line.removeprefix(_READY))
     return visualizer, visualizer.url()

@@ -1,4 +1,4 @@
-"""The robot's visual shapes, from the MuJoCo model to meshcat's primitives."""
+"""The robot's visual shapes, taken from the MuJoCo model as meshcat's primitives."""
 
 import dataclasses
 from collections.abc import Callable
@@ -17,11 +17,11 @@ class Shape:
     """One primitive of a link.
 
     Attributes:
-        link: name of the body that carries it.
+        link: name of the body that carries the primitive.
         material: name of its MuJoCo material.
-        colour: red, green, blue in [0, 1].
-        primitive: meshcat's geometry.
-        placement: of the geometry in the link's frame, shape (4, 4).
+        colour: red, green and blue, each in [0, 1].
+        primitive: the geometry, one of meshcat's.
+        placement: homogeneous transform of the geometry in the link's frame, shape (4, 4).
     """
 
     link: str
@@ -32,7 +32,7 @@ class Shape:
 
 
 def homogeneous(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Placement from a position [m] and a quaternion (w, x, y, z), shape (4, 4)."""
+    """Return the homogeneous transform of a position [m] and a quaternion (w, x, y, z), shape (4, 4)."""
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, np.asarray(quaternion, dtype=float))
     placement = np.eye(4)
@@ -41,7 +41,7 @@ def homogeneous(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
 
 
 def along_z(z: float) -> np.ndarray:
-    """A shift along z [m], shape (4, 4)."""
+    """Return the homogeneous transform of a shift along z [m], shape (4, 4)."""
     return homogeneous(np.array([0.0, 0.0, z]), np.array([1.0, 0, 0, 0]))
 
 
@@ -78,7 +78,7 @@ _PRIMITIVES: dict[int, Callable[[np.ndarray], list[tuple[geometry.Geometry, np.n
 
 
 def visual_shapes(model: mujoco.MjModel) -> list[Shape]:
-    """Every visual shape of a model; a capsule becomes a cylinder and two spheres."""
+    """Return every visual shape of a model; meshcat has no capsules, so each becomes a cylinder and two spheres."""
     shapes = []
     for geom in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         material = model.mat(model.geom_matid[geom])

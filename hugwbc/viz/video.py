@@ -1,7 +1,7 @@
-"""An MP4 of one or more runs, where the machine can render; a clear reason where it cannot.
+"""An MP4 video of one or more runs, or a clear reason why this machine cannot render one.
 
-Rendering runs in a process of its own: MuJoCo chooses its OpenGL at import, and a driver that fails must not take the
-caller with it.
+Rendering runs in a child process: MuJoCo chooses its OpenGL library at import, and a driver that crashes must not take
+the caller with it. Marks are drawn as MuJoCo's geoms, made from the same parts as the replay's.
 """
 
 import os
@@ -9,23 +9,30 @@ import pathlib
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import imageio.v2 as imageio
+import meshcat.geometry as geometry
 import mujoco
 import numpy as np
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
-from hugwbc.viz.framing import LABEL_COLOURS, Trace, camera_path, check_traces, frame_samples, lanes
+from hugwbc.runtime.trace import Trace
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, lanes, moment
+from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
-from hugwbc.viz.overlays import LAYERS
-from hugwbc.viz.video_marks import GEOM_NUMBERS, mark_geoms
+from hugwbc.viz.shapes import CYLINDER_TO_Z, homogeneous, visual_shapes
 
 FPS = 25
-WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder wants them
+WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder requires
 HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
+# A geom is a row of numbers: type, size (3), position (3), rotation matrix (9), red, green, blue and opacity.
+GEOM_NUMBERS = 20
+ARROW_RADIUS = 2.0 * FORCE_RADIUS  # [m], of the head; the shaft of MuJoCo's arrows is thinner
+PRINT_OPACITY = 0.8
 
 
 def write_video(
@@ -38,17 +45,17 @@ def write_video(
     """Render the robots side by side, in the colours of `LABEL_COLOURS`, with the marks around them.
 
     Args:
-        path: of the MP4 file.
-        traces: 1 to 4 runs.
-        hide: layers of marks that are not shown, of `overlays.LAYERS`.
+        path: path of the MP4 file.
+        traces: one to four runs.
+        hide: layers of marks to leave out, names in `marks.LAYERS`.
         on_progress: called with the fraction done after each frame.
 
     Returns:
-        None when the file was written; otherwise one line that says why not.
+        None if the file was written; otherwise one line that says why not.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
-        UnknownNameError: if there is no such layer.
+        UnknownNameError: if a layer in `hide` does not exist.
     """
     check_traces(traces)
     for name in hide:
@@ -73,7 +80,7 @@ def write_video(
             ends=np.cumsum([len(rows) for rows in geoms]),
         )
         command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(film)]
-        # The log goes to a file: a pipe that nobody reads would stop a talkative driver.
+        # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
         with log.open("w", encoding="utf-8") as errors:
             process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=errors, text=True, env=_environment(), cwd=folder
@@ -89,7 +96,7 @@ def write_video(
 
 
 def _put(film: pathlib.Path, path: pathlib.Path) -> str | None:
-    """Put a finished video where it belongs; None, or why that cannot be."""
+    """Move a finished video to its path; return None, or the reason why that failed."""
     try:
         write_whole(path, film.read_bytes())
     except OSError as error:
@@ -98,19 +105,119 @@ def _put(film: pathlib.Path, path: pathlib.Path) -> str | None:
 
 
 def _environment() -> dict[str, str]:
-    """On Linux without a display, ask MuJoCo for EGL unless the user has chosen."""
+    """Return the renderer's environment: EGL on Linux without a display, unless the user has chosen another library."""
     environment = dict(os.environ)
     if sys.platform.startswith("linux") and "DISPLAY" not in environment:
         environment.setdefault("MUJOCO_GL", "egl")
     return environment
 
 
+def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, layers: Sequence[str]) -> list[np.ndarray]:
+    """Return the geoms of a run's marks at some of its samples.
+
+    Args:
+        trace: the run.
+        samples: indices of the samples, shape (frames,).
+        label: the robot's colour as "#rrggbb".
+        offset: the robot's offset to the left [m].
+        layers: layers to show, names in `marks.LAYERS`.
+
+    Returns:
+        For each frame an array of shape (geoms, `GEOM_NUMBERS`).
+    """
+    model = load_model(SIMULATION_TIMESTEP)
+    marks = Marks(model)
+    parts = {
+        name: pieces
+        for name, pieces in mark_parts(visual_shapes(model), label, marks.sole).items()
+        if name.split("/")[0] in layers
+    }
+    prints = _footprints(trace, marks, label) if "steps" in layers else []
+    frames = []
+    for sample in samples:
+        placed = marks.at(moment(trace, int(sample)))
+        rows = [row for time, row in prints if time <= trace.time[sample]]
+        for name, pieces in parts.items():
+            placement = _placement(name, placed)
+            if placement is not None:
+                rows += [_arrow(placement)] if name.startswith("forces/") else [_geom(p, placement) for p in pieces]
+        frame = np.array(rows).reshape(-1, GEOM_NUMBERS)
+        frame[:, 5] += offset
+        frames.append(frame)
+    return frames
+
+
+def _footprints(trace: Trace, marks: Marks, label: str) -> list[tuple[float, np.ndarray]]:
+    """Return the footprints as geoms, each with the time at which it appears [s]."""
+    part, prints = footprint(label, PRINT_OPACITY), []
+    for foot in range(2):
+        for time in trace.touch_downs[foot]:
+            if time <= trace.time[-1]:
+                mark = marks.footprint(trace.qpos[int(np.searchsorted(trace.time, time))], foot)
+                prints.append((float(time), _geom(part, _of(mark))))
+    return prints
+
+
+def _placement(name: str, placed: Mapping[str, Mark]) -> np.ndarray | None:
+    """Return a mark's placement in the world, shape (4, 4); None if it, or a mark above it in its path, is hidden."""
+    placement, steps = np.eye(4), name.split("/")
+    for end in range(1, len(steps) + 1):
+        mark = placed.get("/".join(steps[:end]))
+        if mark is None:
+            continue
+        if not mark.visible:
+            return None
+        placement = placement @ _of(mark)
+    return placement
+
+
+def _of(mark: Mark) -> np.ndarray:
+    placement = homogeneous(mark.position, mark.quaternion)
+    placement[:3, :3] *= mark.scale
+    return placement
+
+
+def _geom(part: Part, placement: np.ndarray) -> np.ndarray:
+    """Return one primitive as a row; the placement must scale along its axes, because geoms cannot be sheared."""
+    whole = placement @ part.placement
+    scale = np.linalg.norm(whole[:3, :3], axis=0)
+    turn, primitive = whole[:3, :3] / scale, part.primitive
+    match primitive:
+        case geometry.Ellipsoid():
+            kind, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, np.asarray(primitive.radii) * scale
+        case geometry.Sphere():
+            kind, size = mujoco.mjtGeom.mjGEOM_SPHERE, primitive.radius * scale
+        case geometry.Box():
+            kind, size = mujoco.mjtGeom.mjGEOM_BOX, 0.5 * np.asarray(primitive.lengths) * scale
+        case geometry.Cylinder():  # along y in meshcat, along z in MuJoCo
+            radius, half = primitive.radiusBottom * scale[0], 0.5 * primitive.height * scale[1]
+            kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([radius, half, 0.0])
+            turn = turn @ CYLINDER_TO_Z[:3, :3].T
+        case _:
+            raise TypeError(f"MuJoCo has no geom for a {type(primitive).__name__}")
+    return _row(kind, size, whole[:3, 3], turn, part.colour, part.opacity)
+
+
+def _arrow(placement: np.ndarray) -> np.ndarray:
+    """Return a force's arrow along z as one of MuJoCo's arrows, because MuJoCo has no cones for an arrow's head."""
+    scale = np.linalg.norm(placement[:3, :3], axis=0)
+    size = np.array([ARROW_RADIUS, ARROW_RADIUS, scale[2]])
+    return _row(mujoco.mjtGeom.mjGEOM_ARROW, size, placement[:3, 3], placement[:3, :3] / scale, FORCE, 0.9)
+
+
+def _row(
+    kind: mujoco.mjtGeom, size: np.ndarray, position: np.ndarray, turn: np.ndarray, colour: str, opacity: float
+) -> np.ndarray:
+    rgb = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    return np.concatenate(([int(kind)], size, position, turn.ravel(), rgb, [opacity]))
+
+
 def _stage(count: int) -> mujoco.MjModel:
-    """A floor, light and sky with so many robots, each in its label colour; for the eye, not for physics."""
+    """Return a model with floor, light, sky and `count` robots in their label colours, for rendering only."""
     stage = mujoco.MjSpec()
     stage.visual.global_.offwidth, stage.visual.global_.offheight = WIDTH, HEIGHT
     stage.visual.headlight.ambient, stage.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3
-    # Without a graphics card every vertex and sample counts: coarse round shapes, no smoothing, no shadows.
+    # Without a graphics card every vertex and sample costs time: coarse round shapes, no smoothing, no shadows.
     stage.visual.quality.numslices, stage.visual.quality.numstacks, stage.visual.quality.offsamples = 16, 8, 0
     sky = {"type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT}
     stage.add_texture(name="sky", **sky, rgb1=[0.75, 0.81, 0.88], rgb2=[0.95, 0.96, 0.98], width=256, height=256)
@@ -128,13 +235,13 @@ def _stage(count: int) -> mujoco.MjModel:
             colour = labelled_colour(finish.name, finish.rgba[:3], LABEL_COLOURS[index])
             finish.rgba = [*colour, 1.0]
         for field in ("timestep", "iterations", "ls_iterations", "integrator", "jacobian"):
-            setattr(stage.option, field, getattr(robot.option, field))  # an attached model's must not differ
+            setattr(stage.option, field, getattr(robot.option, field))  # attached models must agree with the stage
         stage.attach(robot, prefix=f"{index}_", frame=stage.worldbody.add_frame())
     return stage.compile()
 
 
 def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
-    """Add geoms, rows as `video_marks.mark_geoms` makes them, as far as there is room."""
+    """Add geoms to a scene, rows as `mark_geoms` returns them, up to the scene's capacity."""
     for row in rows[: scene.maxgeom - scene.ngeom]:
         size, position, turn, rgba = row[1:4], row[4:7], row[7:16], row[16:].astype(np.float32)
         mujoco.mjv_initGeom(scene.geoms[scene.ngeom], int(row[0]), size, position, turn, rgba)
@@ -142,13 +249,13 @@ def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
 
 
 def _render(frames: np.ndarray, geoms: Sequence[np.ndarray], views: np.ndarray, path: pathlib.Path) -> None:
-    """Render frames, writing the number of each finished one to standard output.
+    """Render frames, and write the number of each finished frame to standard output.
 
     Args:
-        frames: qpos, shape (frames, robots, 26).
-        geoms: of the marks in each frame, shapes (marks, `GEOM_NUMBERS`).
-        views: point on the ground to look at and factor on the distance (see `camera_path`), shape (frames, 3).
-        path: of the MP4 file.
+        frames: qpos of each robot, shape (frames, robots, 26).
+        geoms: geoms of the marks in each frame, each of shape (marks, `GEOM_NUMBERS`).
+        views: point on the ground to look at and factor of the camera's distance (`camera_path`), shape (frames, 3).
+        path: path of the MP4 file.
     """
     count = frames.shape[1]
     frames[:, :, 1] += lanes(count)

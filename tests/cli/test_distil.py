@@ -18,7 +18,7 @@ def test_a_policy_is_made_from_policies(tmp_path: pathlib.Path, capsys: pytest.C
 
 def test_a_gait_without_a_teacher_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["distil", "--start-from", SNAPSHOT, "--standing", SNAPSHOT]) == 2
-    assert "walking makes 0.40 of the commands and has no teacher" in capsys.readouterr().err
+    assert "walking is 0.40 of the commands and has no teacher" in capsys.readouterr().err
 
 
 def test_a_missing_start_is_told(capsys: pytest.CaptureFixture[str]) -> None:

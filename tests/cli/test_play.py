@@ -1,12 +1,9 @@
 import pytest
 
-from hugwbc import Command
 from hugwbc.cli import main, play
 from hugwbc.gait import Gait
-from hugwbc.runtime import Constant, ControlLoop
-from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime import Constant
 from hugwbc.scripts.script import Script
-from hugwbc.sim import Simulation
 
 
 def test_play_stands_up_again_after_a_fall(capsys):
@@ -46,35 +43,7 @@ def test_hands_are_held_where_they_are_told_to():
     assert hands.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
 
 
-def test_the_loop_keeps_real_time_and_gives_up_lost_time(monkeypatch):
-    slept = []
-    monkeypatch.setattr(play.time, "sleep", slept.append)
-    monkeypatch.setattr(play.time, "monotonic", lambda: 10.5)
-    assert play._keep_pace(10.0, 0.7) == 10.0 and slept == [pytest.approx(0.2)]
-    assert play._keep_pace(10.0, 0.3) == pytest.approx(10.2) and len(slept) == 1
-
-
 def test_play_on_the_estimate_of_noisy_sensors(capsys):
     options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--noise"]
     assert main(options) == 0
     assert "2.0 s simulated, 0 falls" in capsys.readouterr().out
-
-
-def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):
-    """A fall clears the filter's counters."""
-
-    class Stumbling(HoldController):
-        """Fails once, and falls; then it stands until the end."""
-
-        ticks = 0
-
-        def act(self, state, command, upper_body):
-            self.ticks += 1
-            if self.ticks == 3:
-                raise RuntimeError("stumbled")
-            return super().act(state, command, upper_body)
-
-    play._run(ControlLoop(Stumbling(), Constant(Command()), Simulation()), 1.7, None)
-    text = capsys.readouterr().out
-    assert "standing up again" in text and "hold: 1.7 s simulated, 1 falls" in text
-    assert "safety: hold raised RuntimeError: stumbled" in text

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.comparison import compare, summarise, upper_body_source
+from hugwbc.evaluation.comparison import compare, summarise
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.scripts.hand_paths import Hold
@@ -71,14 +71,6 @@ def test_noise_follows_the_seed():
     first, again, other = (compare([HoldController()], SCRIPT, seed=s, noise=True)[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert not np.array_equal(first.qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
-
-
-def test_position_driven_controllers_get_gravity_compensation():
-    assert upper_body_source(HoldController())._gravity is not None
-    assert upper_body_source(WholeBodyController())._gravity is None
-    strong = HoldController()
-    strong.carries_arms = True  # type: ignore[attr-defined]
-    assert upper_body_source(strong)._gravity is None
 
 
 @pytest.mark.parametrize("controllers", [[], [HoldController(), HoldController()]])

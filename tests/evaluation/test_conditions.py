@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import JointCommand, load_robot
+from hugwbc import Command, JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.scripts.motion import ArmMotion
@@ -41,7 +41,7 @@ def test_arms_follow_seed_and_kind(tmp_path):
 
     def posture(conditions, seed):
         arms = conditions.arms(seed)
-        return [arms.update(state, None, 0.02).q for _ in range(70)][-1]
+        return [arms.update(state, None, Command(), 0.02)[0].q for _ in range(70)][-1]
 
     noise = Conditions(intervention="noise")
     np.testing.assert_array_equal(posture(noise, (0, 1)), posture(noise, (0, 1)))

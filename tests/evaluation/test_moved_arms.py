@@ -4,7 +4,7 @@ import torch
 
 from hugwbc import Command, Gait, load_robot
 from hugwbc.evaluation.moved_arms import ArmIntervention
-from hugwbc.learned.env.arm_targets import MotionTargets, NoiseTargets
+from hugwbc.learned.env.arm_intervention import MotionTargets, NoiseTargets
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.scripts.motion import ArmMotion
@@ -19,7 +19,7 @@ def noise(seed: int = 0) -> ArmIntervention:
 
 def updates(source: ArmIntervention, dt: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     state = Simulation().state()
-    bodies = [source.update(state, None, dt) for _ in range(count)]
+    bodies = [source.update(state, None, Command(), dt)[0] for _ in range(count)]
     assert all(body.mask.all() for body in bodies)
     return np.array([body.q for body in bodies]), np.array([body.dq for body in bodies])
 

@@ -1,4 +1,4 @@
-"""Random states and a left-right symmetric H1 for the tests of the model-based controller."""
+"""Random states and a left-right symmetric H1 for the tests of `qp`."""
 
 import dataclasses
 from collections.abc import Callable

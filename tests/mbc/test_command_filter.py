@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
-from hugwbc.mbc.command_filter import CommandFilter
+from hugwbc.mbc.command_filter import CommandFilter, GaitState, VelocityTrim
 from hugwbc.mbc.params import ControllerParams
 
 PARAMS = ControllerParams()
@@ -44,7 +44,7 @@ def test_a_posture_arrives_exactly_and_what_does_not_move_is_not_worked_out_agai
     assert (last.h_rate, last.p_rate, last.w_rate) == (0.0, 0.0, 0.0)
     assert command_filter.update(command, DT) is ticks[-1]
     assert command_filter.update(Command(h=-0.1), DT)[0].h > -0.2
-    assert command_filter.update(command, DT, stepping=True)[0].h != -0.2
+    assert command_filter.update(command, DT, GaitState(stepping=True))[0].h != -0.2
 
 
 def test_velocities_ramp():
@@ -108,7 +108,7 @@ def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
     for v_x, stray in ((0.0, 0.0), (0.0, -0.6), (-0.6, 0.0)):
         command_filter = CommandFilter(PARAMS)
         for _ in range(1000):
-            smooth, _ = command_filter.update(dataclasses.replace(command, v_x=v_x), DT, stray=stray)
+            smooth, _ = command_filter.update(dataclasses.replace(command, v_x=v_x), DT, GaitState(stray=stray))
         heights[v_x, stray] = smooth.h
     assert heights[0.0, -0.6] == pytest.approx(heights[-0.6, 0.0]) and heights[0.0, -0.6] > heights[0.0, 0.0] + 0.05
     # Once it has come to rest, it squats again.
@@ -137,12 +137,12 @@ def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
 def test_it_comes_to_rest_before_it_changes_gait():
     commands = CommandFilter(PARAMS)
     for _ in range(1000):
-        commands.update(Command(v_x=0.5, gait=Gait.WALKING), DT, running=Gait.WALKING)
+        commands.update(Command(v_x=0.5, gait=Gait.WALKING), DT, GaitState(running=Gait.WALKING))
     for _ in range(1000):
-        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, running=Gait.WALKING)
+        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, GaitState(running=Gait.WALKING))
     assert smooth.velocity == pytest.approx([0.0, 0.0], abs=1e-9)
     for _ in range(1000):
-        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, running=Gait.JUMPING)
+        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, GaitState(running=Gait.JUMPING))
     assert smooth.velocity == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
@@ -160,22 +160,84 @@ def test_a_lower_command_never_walks_higher(v_x):
 def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
     commands = CommandFilter(PARAMS)
     for _ in range(2000):
-        hop, _ = commands.update(Command(gait=Gait.HOPPING_LEFT), DT, running=Gait.HOPPING_LEFT)
+        hop, _ = commands.update(Command(gait=Gait.HOPPING_LEFT), DT, GaitState(running=Gait.HOPPING_LEFT))
     walk = Command(f=3.5, gait=Gait.WALKING)
     for _ in range(1000):
-        smooth, _ = commands.update(walk, DT, running=Gait.HOPPING_LEFT)
+        smooth, _ = commands.update(walk, DT, GaitState(running=Gait.HOPPING_LEFT))
     assert (smooth.f, smooth.h) == (hop.f, hop.h) == (2.0, -PARAMS.hop_lowering)
     for _ in range(2000):
-        smooth, _ = commands.update(walk, DT, running=Gait.WALKING)
+        smooth, _ = commands.update(walk, DT, GaitState(running=Gait.WALKING))
     assert (smooth.f, smooth.h) == (3.5, 0.0)
 
 
 def test_a_hop_gathers_speed_only_once_it_hops():
     commands, command = CommandFilter(PARAMS), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
     for _ in range(500):
-        smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT, waiting=True)
+        smooth, _ = commands.update(command, DT, GaitState(running=Gait.HOPPING_RIGHT, waiting=True))
     assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
     for _ in range(100):
-        smooth, _ = commands.update(command, DT, running=Gait.HOPPING_RIGHT)
+        smooth, _ = commands.update(command, DT, GaitState(running=Gait.HOPPING_RIGHT))
     gathered = 100 * DT * np.array(PARAMS.velocity_rate)
     assert [smooth.velocity[0], smooth.omega] == pytest.approx([gathered[0], -gathered[2]])
+
+
+def _steps(trim, errors):
+    for error in errors:
+        for _ in range(125):
+            trim.measure(np.zeros(2), np.asarray(error, dtype=float), 0.002)
+        trim.end_step()
+
+
+def test_sway_that_alternates_between_steps_is_not_integrated():
+    trim = VelocityTrim(PARAMS)
+    _steps(trim, [(0.0, 0.1), (0.0, -0.1)] * 5)
+    assert trim.value == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_a_lasting_error_is_added_up_per_step():
+    trim = VelocityTrim(PARAMS)
+    _steps(trim, [(0.05, -0.02)] * 5)
+    # The first step only fills the average.
+    assert trim.value == pytest.approx(4 * PARAMS.velocity_integral * np.array([0.05, -0.02]))
+
+
+def test_steps_during_and_after_a_change_of_command_do_not_count():
+    trim = VelocityTrim(PARAMS)
+    for step in range(6):
+        for _ in range(125):
+            trim.measure(np.zeros(2), np.array([0.01 if step == 0 else 0.12, 0.0]), 0.002)
+        trim.end_step()
+    # The command changes in step 1; steps 1, 2 and 3 do not count, step 4 fills the average, step 5 is integrated.
+    assert trim.value == pytest.approx([PARAMS.velocity_integral * 0.12, 0.0])
+
+
+def test_a_command_that_never_rests_is_corrected_all_the_same():
+    trim, rng = VelocityTrim(PARAMS), np.random.default_rng(0)
+    for _ in range(5):
+        for _ in range(125):
+            wanted = np.array([0.5, 0.0]) + rng.uniform(-0.02, 0.02, 2)
+            trim.measure(wanted - [0.04, 0.0], wanted, 0.002)
+        trim.end_step()
+    assert trim.value == pytest.approx([4 * PARAMS.velocity_integral * 0.04, 0.0])
+
+
+def test_a_change_that_takes_several_steps_counts_as_one_while_it_is_fast():
+    """A ramp of 0.1 m/s a step, and then one of 0.02 m/s a step."""
+    for rate, counted in ((0.1, False), (0.02, True)):
+        trim, wanted = VelocityTrim(PARAMS), 0.0
+        for _ in range(3):
+            for _ in range(125):
+                wanted += rate / 125
+                trim.measure(np.array([wanted - 0.04, 0.0]), np.array([wanted, 0.0]), 0.002)
+            trim.end_step()
+        assert bool(trim.value[0]) is counted
+
+
+def test_a_push_counts_little_and_the_sum_is_bounded():
+    trim = VelocityTrim(PARAMS)
+    _steps(trim, [(2.0, 0.0)] * 2)
+    assert trim.value[0] == pytest.approx(PARAMS.velocity_integral * PARAMS.velocity_integral_bound)
+    _steps(trim, [(2.0, 0.0)] * 200)
+    assert trim.value[0] == PARAMS.max_velocity_trim
+    trim.reset()
+    assert np.array_equal(trim.value, np.zeros(2))

@@ -5,10 +5,12 @@ import pytest
 
 from hugwbc import rotations
 from hugwbc.mbc.dynamics import Dynamics
-from hugwbc.mbc.footsteps import Pendulum, nominal_offset, plan_step
+from hugwbc.mbc.footsteps import Pendulum, StepRequest, nominal_offset, plan_step, time_step
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.swing import SwingTrajectory
 
-OMEGA = 3.2
+OMEGA, STEP_TIME = 3.2, 0.25
+PARAMS = ControllerParams()
 
 
 def _periodic(velocity, yaw_rate, step_time, width, steps=6):
@@ -57,8 +59,12 @@ def _pendulum(dcm):
     return Pendulum(pivot=np.zeros(2), com=np.zeros(2), omega=OMEGA, dcm=np.asarray(dcm, dtype=float))
 
 
+def _request(dcm, velocity=(0.0, 0.0), swing=0):
+    return StepRequest(_pendulum(dcm), np.asarray(velocity), 0.0, 0.0, 0.02, swing, STEP_TIME)
+
+
 def _plan(dcm, velocity=(0.0, 0.0), swing=0, remaining=0.1):
-    return plan_step(ControllerParams(), _pendulum(dcm), np.asarray(velocity), 0.0, 0.0, 0.02, swing, 0.25, remaining)
+    return plan_step(ControllerParams(), _request(dcm, velocity, swing), remaining)
 
 
 def test_a_push_moves_the_foothold_by_what_it_grows_to():
@@ -115,3 +121,56 @@ def test_on_a_slope_the_pendulum_moves_as_on_level_ground(standing_state):
     pendulum = Pendulum.about(pivot, dynamics, gradient)
     assert pendulum.omega == pytest.approx(np.sqrt(9.81 / (dynamics.com[2] - 0.02)))
     assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.5, 0.0], abs=1e-9)
+
+
+def _choose(dcm, remaining=0.2, *, foot=(0.0, 0.25), params=PARAMS):
+    """What is decided when the left foot swings and the divergent component is at a place relative to the right one."""
+    request = _request(dcm)
+    swing = SwingTrajectory(params)
+    swing.start(np.array([*foot, 0.1]))
+    step = plan_step(params, request, remaining)
+    return time_step(params, request, step, swing, STEP_TIME - remaining, remaining)
+
+
+def test_a_foothold_within_reach_keeps_time():
+    remaining, step = _choose([0.0, 0.1])
+    assert remaining == 0.2
+    assert step.missed == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("dcm", "foot"), [([0.0, -0.2], (0.0, 0.25)), ([0.0, 0.45], (0.0, 0.45))])
+def test_the_foot_lands_sooner_when_the_robot_falls_past_either_foot(dcm, foot):
+    """Past the stance foot, which the swing foot cannot cross, or further out than it reaches."""
+    remaining, step = _choose(dcm, foot=foot)
+    assert remaining < 0.2
+    duration = STEP_TIME - 0.2 + remaining
+    assert duration == pytest.approx(STEP_TIME / (1.0 + PARAMS.step_timing))
+    on_time = abs(step.missed[1]) * np.exp(OMEGA * (0.2 - remaining))
+    assert abs(step.missed[1]) < on_time
+
+
+def test_a_foot_that_could_not_arrive_is_not_hurried():
+    near, _ = _choose([0.0, -0.2], remaining=0.12, foot=(0.0, 0.1))
+    far, _ = _choose([0.0, -0.2], remaining=0.12, foot=(0.0, 0.6))
+    assert near < 0.12 <= far
+
+
+def test_the_frequency_stays_within_its_share_for_any_state():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        remaining = rng.uniform(0.01, STEP_TIME)
+        chosen, _ = _choose(rng.uniform(-1.0, 1.0, 2), remaining, foot=rng.uniform(-0.5, 0.5, 2))
+        pace = STEP_TIME / (STEP_TIME - remaining + chosen)
+        assert 1.0 - PARAMS.step_timing - 1e-9 <= pace <= 1.0 + PARAMS.step_timing + 1e-9
+        assert chosen == remaining or min(chosen, remaining) >= 0.06
+
+
+def test_what_was_decided_holds_until_the_foot_is_down():
+    """The same state asked again at the time that was chosen gives the same time."""
+    sooner, _ = _choose([0.0, -0.2])
+    request = _request([0.0, -0.2])
+    swing = SwingTrajectory(PARAMS)
+    swing.start(np.array([0.0, 0.25, 0.1]))
+    step = plan_step(PARAMS, request, sooner)
+    again, _ = time_step(PARAMS, request, step, swing, STEP_TIME - 0.2, sooner)
+    assert again == pytest.approx(sooner)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait, load_robot, rotations
-from hugwbc.mbc.command_filter import CommandFilter
+from hugwbc.mbc.command_filter import CommandFilter, GaitState
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import Ground
 from hugwbc.mbc.gait_plan import GaitPlan
 from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.references import References, Tick
 
 ROBOT = load_robot()
 PARAMS = ControllerParams()
@@ -19,7 +21,14 @@ LEG = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 
 
 def _command(gait):
-    return CommandFilter(PARAMS).update(Command(gait=gait), DT, running=gait)[0]
+    return CommandFilter(PARAMS).update(Command(gait=gait), DT, GaitState(running=gait))[0]
+
+
+def _foothold(dynamics, gait, plan, velocity, foot, yaw=0.0):
+    """Where a foot should land on ground at a height of zero, with the robot heading along a yaw."""
+    references = References(PARAMS, plan, Ground())
+    references.yaw, references.ground = yaw, GROUND
+    return Leap(PARAMS, plan, references).foothold(Tick(dynamics, _command(gait), velocity, DT), foot)
 
 
 def _flying(gait, left):
@@ -67,7 +76,7 @@ def test_a_hop_lands_where_gravity_takes_the_angular_momentum_out(standing_state
     left, stance, velocity = plan.remaining, plan.step_time, np.array([0.3, -0.1])
     dynamics = _dynamics(standing_state, left, stance, velocity, turning)
     assert np.abs(dynamics.momentum[:2]).max() > 2.0
-    place = Leap(PARAMS).foothold(dynamics, _command(gait), plan, 0.0, velocity, foot, GROUND)
+    place = _foothold(dynamics, gait, plan, velocity, foot)
     # The foot's centre is inwards of the edge that it stands on.
     edge = place - [0.0, ROBOT.sole_y[1] * (-1.0 if foot == 0 else 1.0)]
     assert _after_stance(dynamics, edge, left, stance, velocity)[:2] == pytest.approx([0.0, 0.0], abs=0.05)
@@ -77,7 +86,7 @@ def test_a_hop_that_is_too_fast_is_slowed_by_its_place(standing_state):
     plan = _flying(Gait.HOPPING_LEFT, 0.1)
     left, stance, wanted = plan.remaining, plan.step_time, np.zeros(2)
     dynamics = _dynamics(standing_state, left, stance, (0.2, 0.0), (0.0, 0.0, 0.0))
-    place = Leap(PARAMS).foothold(dynamics, _command(Gait.HOPPING_LEFT), plan, 0.0, wanted, 0, GROUND)
+    place = _foothold(dynamics, Gait.HOPPING_LEFT, plan, wanted, 0)
     edge = place + np.array([0.0, ROBOT.sole_y[1]])
     below = _after_stance(dynamics, dynamics.com[:2] + 0.2 * np.array([left + 0.5 * stance, 0.0]), left, stance, wanted)
     assert np.abs(below[1]) > 6.0, "kg m^2/s, were the foot where the centre of mass passes at its present speed"
@@ -89,8 +98,7 @@ def test_a_jump_lands_on_both_sides_of_where_the_body_will_be(standing_state):
     turned = dataclasses.replace(standing_state, orientation=rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0))
     dynamics = _dynamics(turned, plan.remaining, plan.step_time, (0.3, 0.4), (0.0, 0.0, 0.0))
     commanded = rotations.rotation_z(-yaw)[:2, :2] @ np.array([0.3, 0.4])
-    leap, command = Leap(PARAMS), _command(Gait.JUMPING)
-    feet = [leap.foothold(dynamics, command, plan, yaw, commanded, foot, GROUND) for foot in range(2)]
+    feet = [_foothold(dynamics, Gait.JUMPING, plan, commanded, foot, yaw) for foot in range(2)]
     passed = dynamics.com[:2] + np.array([0.3, 0.4]) * (plan.remaining + 0.125)
     assert (feet[0] + feet[1]) / 2.0 == pytest.approx(passed)
     assert feet[0] - feet[1] == pytest.approx(PARAMS.leap_width * np.array([-np.sin(yaw), np.cos(yaw)]))
@@ -109,7 +117,8 @@ def test_the_single_body_has_the_angular_momentum_of_the_robot_on_feet_that_stay
     still = dataclasses.replace(standing_state, q=bent, orientation=rotations.from_yaw_pitch_roll(yaw, 0.1, 0.0))
     dynamics.update(still)
     to_heading = rotations.rotation_z(-yaw)
-    body = Leap(PARAMS)._body(dynamics, plan, to_heading, np.zeros(3))
+    leap = Leap(PARAMS, plan, References(PARAMS, plan, Ground()))
+    body = leap._body(dynamics, to_heading, np.zeros(3))
     for _ in range(3):
         velocity, spin = rng.uniform(-0.5, 0.5, (2, 3))  # world, pelvis
         dynamics.update(dataclasses.replace(still, velocity=velocity, angular_velocity=spin))

@@ -6,10 +6,11 @@ import pytest
 from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.mbc.command_filter import CommandFilter
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import Ground
+from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.references import References
+from hugwbc.mbc.references import Crouch, References
 
 ROBOT, PARAMS, DT = load_robot(), ControllerParams(), 0.002
 
@@ -41,10 +42,10 @@ def _follow(dynamics, plan, seconds, *, omega=0.0, v_x=0.0, ground=None, start=N
     command_filter, command = CommandFilter(PARAMS), Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
     for _ in range(500):
         smooth, _ = command_filter.update(command, DT)
-    references = References(PARAMS)
+    references = References(PARAMS, plan, ground or Ground())
     references.reset(start or dynamics)
     for _ in range(round(seconds / DT)):
-        references.update(dynamics, smooth, plan, ground or Ground(), DT)
+        references.update(dynamics, smooth, DT)
     return references
 
 
@@ -86,3 +87,43 @@ def test_on_a_slope_the_pelvis_rises_as_it_walks(standing_state):
     ground.gradient[:] = [0.0, 0.1]  # uphill to the left of the world, which is ahead of the robot
     references = _follow(_dynamics(standing_state, np.pi / 2.0), _plan(Mode.WALKING), 0.01, v_x=0.5, ground=ground)
     assert references.height.rate == pytest.approx(0.05)
+
+
+def _settle(dynamics, foothold, seconds=2.0):
+    """The depth after standing on the right ankle for a long time with the left foot to land somewhere at once."""
+    crouch = Crouch(PARAMS)
+    pivot = dynamics.position("right_ankle_link")[:2]
+    pendulum = Pendulum(pivot=pivot, com=pivot, omega=3.2, dcm=pivot)
+    request = StepRequest(pendulum, np.zeros(2), 0.0, 0.0, 0.0, 0, 0.25)
+    step = StepPlan(pivot + np.array(foothold), pivot, (0.0, 0.0))
+    height = float(dynamics.position("pelvis")[2] - dynamics.position("right_sole")[2])
+    for _ in range(round(seconds / 0.002)):
+        crouch.prepare(dynamics, request, step, 0.0, height)
+        crouch.advance(0.002)
+    return crouch
+
+
+def test_an_ordinary_step_needs_no_crouch(standing_state):
+    dynamics = _dynamics(standing_state)
+    assert _settle(dynamics, [0.3, 0.25]).depth == 0.0
+
+
+def test_the_pelvis_comes_down_until_the_leg_is_as_long_as_it_may_be(standing_state):
+    dynamics = _dynamics(standing_state)
+    crouch = _settle(dynamics, [0.5, 0.4])
+    hip = dynamics.position("left_hip_pitch_link") - [0.0, 0.0, crouch.depth]
+    ankle = np.array([0.5, 0.4, 0.0]) + dynamics.position("right_ankle_link")
+    assert np.linalg.norm(hip - ankle) == pytest.approx(PARAMS.leg_length, abs=1e-3)
+    assert 0.05 < crouch.depth < PARAMS.max_crouch
+
+
+def test_it_goes_no_lower_than_its_bound_and_comes_up_again(standing_state):
+    dynamics = _dynamics(standing_state)
+    crouch = _settle(dynamics, [5.0, 0.0])
+    assert crouch.depth == pytest.approx(PARAMS.max_crouch, abs=1e-3)
+    depths = []
+    for _ in range(2000):
+        crouch.advance(0.002)
+        depths.append(crouch.depth)
+    assert depths[-1] == pytest.approx(0.0, abs=1e-4)
+    assert -np.min(np.diff(depths)) / 0.002 <= PARAMS.rise_rate[0] + 1e-9

@@ -43,7 +43,7 @@ def _take_off(velocity=(0.0, 0.0, 1.2), height=0.9, flight=0.25):
 
 
 def _push_off(body, stance, target):
-    """The body at take-off, with forces planned anew every 10 ms from the exact motion."""
+    """The body at take-off, with forces planned again every 10 ms from the exact motion."""
     mpc, dt, left, age = RigidBodyMpc(PARAMS, len(stance.points), ANKLE), 0.0005, stance.time_left, np.inf
     while left > 1e-6:
         if age > 0.01 - 1e-6 and left > PARAMS.mpc_shortest_stance:

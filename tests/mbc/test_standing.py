@@ -22,7 +22,8 @@ def stand(standing_state):
     """A stand in a gait's shift of the weight, or none, with a velocity in the heading frame; and its dynamics."""
 
     def make(velocity=(0.0, 0.0), gait=Gait.STANDING, elapsed=0.0):
-        dynamics, plan, references = Dynamics(), GaitPlan(), References(PARAMS)
+        dynamics, plan = Dynamics(), GaitPlan()
+        references = References(PARAMS, plan, feet.Ground())
         moving = dataclasses.replace(
             standing_state,
             orientation=rotations.from_yaw_pitch_roll(YAW, 0.0, 0.0),

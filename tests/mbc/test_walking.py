@@ -6,10 +6,10 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.mbc.command_filter import CommandFilter
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import Ground
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
-from hugwbc.mbc.ground_plane import Ground
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.references import References
+from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.tasks import SwingFootTask
 from hugwbc.mbc.walking import Walking
 
@@ -20,7 +20,8 @@ class Step:
     """The first step of a walk in place, of the left foot, by the clock alone: the robot's state is given."""
 
     def __init__(self, state):
-        self.plan, self.references, self.ground, self.dynamics = GaitPlan(), References(PARAMS), Ground(), Dynamics()
+        self.plan, self.ground, self.dynamics = GaitPlan(), Ground(), Dynamics()
+        self.references = References(PARAMS, self.plan, self.ground)
         self.walking = Walking(PARAMS, self.plan, self.references, self.ground)
         self.task = SwingFootTask(PARAMS, "left")
         self.smooth, _ = CommandFilter(PARAMS).update(Command(gait=Gait.WALKING), DT)
@@ -37,8 +38,8 @@ class Step:
             self.walking.watch_landing(self.dynamics)
             landed = self.walking.loaded
             self.plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=False, landed=landed)
-            self.references.update(self.dynamics, self.smooth, self.plan, self.ground, DT)
-            foothold = self.walking.update(self.dynamics, self.smooth, self.smooth.velocity, self.task, DT)
+            self.references.update(self.dynamics, self.smooth, DT)
+            foothold = self.walking.update(Tick(self.dynamics, self.smooth, self.smooth.velocity, DT), self.task)
         return foothold - self.dynamics.frame("right_sole").position[:2]
 
 

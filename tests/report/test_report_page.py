@@ -1,4 +1,4 @@
-from hugwbc.evaluation.engine.campaign import CellResult
+from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
 from hugwbc.evaluation.protocols.intervention import TRAINED
 from hugwbc.report.figure_tables import comparison_table

@@ -7,11 +7,11 @@ import pytest
 
 import hugwbc
 from hugwbc.cli import main
-from hugwbc.controller import Controller
+from hugwbc.controller import CarriesArms, Controller, HasBatch, HasFootholds, HasPhase, HasPlannedAcceleration
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
 from hugwbc.learned.policy.policy import policy_dir
 from hugwbc.runtime import controllers
-from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, plugins
+from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
 
 CONTRACT = "period: 0.02\njoints: all\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\nobservation: [gravity]\n"
 
@@ -135,7 +135,7 @@ def test_a_policy_for_what_takes_none_is_refused(tmp_path):
     for name in ("hold", "qp"):
         with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
             ControllerSpec(name, "h1")
-    with pytest.raises(ConfigError, match="takes no policy: it is one"):
+    with pytest.raises(ConfigError, match="takes no policy because it is one"):
         ControllerSpec(str(policy_dir() / "h1"), "h1")
     with pytest.raises(ConfigError, match="takes no policy"):
         ControllerSpec.parse("qp=h1")
@@ -153,3 +153,20 @@ def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, 
     (folder / "b").write_bytes(b"b")
     found.append(ControllerSpec("tuned", str(folder)).identity())
     assert all(one != other for index, one in enumerate(found) for other in found[:index])
+
+
+ABILITIES = (HasPhase, HasFootholds, HasPlannedAcceleration, CarriesArms, HasBatch)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("qp", {HasPhase, HasFootholds, HasPlannedAcceleration, CarriesArms}),
+        ("learned", {HasPhase, HasBatch}),
+        ("hold", set()),
+    ],
+)
+def test_the_type_of_a_controller_says_what_it_has(name, expected):
+    controller = load_controller(name)
+    assert isinstance(controller, Controller)
+    assert {ability for ability in ABILITIES if isinstance(controller, ability)} == expected

@@ -171,13 +171,13 @@ def test_it_follows_the_walking_robot(exact, speed_error):
             tilt = [f(estimate.orientation) - f(state.orientation) for f in (rotations.pitch_of, rotations.roll_of)]
             errors.append([*(estimate.velocity - state.velocity), *tilt])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/mbc.md has it
+    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/log/mbc.md has it
     assert np.all(rms[:3] < speed_error)
     assert np.all(rms[3:] < 0.01)
     assert np.linalg.norm((estimate.position - state.position)[:2]) < 0.1  # 1.5 m walked, one turn of 50 degrees
 
 
-def test_the_model_based_controller_walks_on_the_estimate():
+def test_qp_walks_on_the_estimate():
     command = Command(v_x=0.5, gait=Gait.WALKING)
     trace = rollout(
         WholeBodyController(), Constant(command), noisy_simulation(seed=1), duration=4.0, estimator=StateEstimator()

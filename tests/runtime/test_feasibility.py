@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait, command_ranges
-from hugwbc.commands import COMMAND_NAMES, sample_all, sample_single
+from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all, sample_single
 from hugwbc.mirror import mirror_command
 from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
 
@@ -34,14 +34,16 @@ def test_what_the_guard_gives_is_valid_and_passes_it_unchanged(gait):
         guarded.validate()
         assert feasible(guarded) == (guarded, ())
         changed = {name for name in COMMAND_NAMES if getattr(guarded, name) != row[COMMAND_NAMES.index(name)]}
-        assert {line.split()[0] for line in report} == changed
+        assert {change.name for change in report} == changed
+        assert all(change.used == getattr(guarded, change.name) for change in report)
 
 
 def test_limits_by_hand():
     deep = Command(h=-0.25, l=0.3, gait=Gait.WALKING)
     guarded, report = feasible(deep)
     assert guarded == dataclasses.replace(deep, l=0.15)  # 0.35 - 0.25 is less than what is always left
-    assert report == ("l = 0.3 is not possible with h = -0.25 m and f = 2 Hz: using 0.15",)
+    assert report == (CommandChange("l", 0.3, 0.15, "is not possible with h = -0.25 m and f = 2 Hz"),)
+    assert str(report[0]) == "l = 0.3 is not possible with h = -0.25 m and f = 2 Hz: using 0.15"
     assert feasible(Command(h=-0.15, l=0.3, gait=Gait.WALKING))[0].l == pytest.approx(0.2)
     assert feasible(Command(f=3.5, l=0.35, gait=Gait.WALKING))[0].l == pytest.approx(1.9 / 3.5**2)
     # Steps of 0.3 m at most below 2 Hz: 1.08 m/s needs 1.8 Hz, 1.5 m/s needs 2 Hz.

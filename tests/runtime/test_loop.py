@@ -8,10 +8,12 @@ import pytest
 from hugwbc import Command, load_robot
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
+from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import Constant, ControlLoop, substeps_of, world_targets
+from hugwbc.runtime.loop import ControlLoop, substeps_of, upper_body_source, world_targets
 from hugwbc.runtime.safety import target_limits
+from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -32,9 +34,10 @@ class _Taken:
     def reset(self):
         self.ticks = 0
 
-    def update(self, state, hands, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None):
         self.ticks += 1
-        return UpperBody.targets(ROBOT.upper[ROBOT.arms]) if self.ticks <= TAKEN else UpperBody.none()
+        taken = self.ticks <= TAKEN
+        return (UpperBody.targets(ROBOT.upper[ROBOT.arms]) if taken else UpperBody.none()), command
 
 
 class _Swinging(HoldController):
@@ -143,3 +146,11 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     assert heights[second] < -0.1
     assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
     assert heights[-1] == 0.0, "nobody asks for it any more"
+
+
+def test_position_driven_controllers_get_gravity_compensation():
+    assert upper_body_source(HoldController())._gravity is not None
+    assert upper_body_source(WholeBodyController())._gravity is None
+    strong = HoldController()
+    strong.carries_arms = True
+    assert upper_body_source(strong)._gravity is None

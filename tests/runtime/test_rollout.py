@@ -30,11 +30,11 @@ class FixedArms:
     def reset(self):
         self.commanded.clear()
 
-    def update(self, state, hands, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None):
         self.commanded.append(commanded)
         q = np.full(8, 0.1)
         self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
-        return UpperBody.none() if hands is None else UpperBody.targets(q)
+        return (UpperBody.none() if hands is None else UpperBody.targets(q)), command
 
 
 class Reaching:

@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.runtime.safety import SafetyConfig, SafetyFilter
+from hugwbc.controller import override_arms
+from hugwbc.runtime.safety import HandBack, SafetyConfig, SafetyFilter
 
 ROBOT = load_robot()
+DT = 0.02
 
 
 class Recorder:
@@ -180,3 +182,70 @@ def test_overruns_are_counted():
     safe.act(good_state(), Command(), UpperBody.none())
     assert safe.report().overruns == 1
     assert safe.last_tick_s == pytest.approx(0.01)
+
+
+def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
+    hand_back = HandBack(ROBOT.arms)
+    swing = 0.3 * np.sin(np.arange(100) * 0.1)
+    external = UpperBody.targets(np.full(8, 0.5))
+    streams = []
+    for tick in range(100):
+        q = ROBOT.nominal + swing[tick]
+        q[ROBOT.arms] = 0.5 if tick < 40 else q[ROBOT.arms]
+        command = JointCommand.position(ROBOT, q)
+        smooth = hand_back(command, external if tick < 40 else UpperBody.none(), DT)
+        assert smooth.q[ROBOT.legs] == pytest.approx(command.q[ROBOT.legs])
+        if tick < 40 or tick >= 40 + 25:
+            assert smooth.q == pytest.approx(q)
+        streams.append(smooth.q[ROBOT.arms])
+    steps = np.abs(np.diff(streams, axis=0)).max(axis=1)
+    assert np.abs(0.5 - (ROBOT.nominal[ROBOT.arms] + swing[40])).max() > 0.3, "it would have jumped"
+    assert steps.max() < 0.1
+
+
+def test_a_bad_command_passes_for_the_filter_to_see():
+    hand_back = HandBack(ROBOT.arms)
+    command = JointCommand.position(ROBOT, ROBOT.nominal)
+    hand_back(command, UpperBody.targets(np.zeros(8)), DT)
+    bad = dataclasses.replace(command, q=np.full(19, np.nan))
+    assert hand_back(bad, UpperBody.none(), DT) is bad
+
+
+class _WithoutHandBack(SafetyFilter):
+    """The filter, with a hand-back that does nothing."""
+
+    def __init__(self, controller):
+        super().__init__(controller)
+        self._hand_back.__class__ = _NoHandBack
+
+
+class _NoHandBack(HandBack):
+    def __call__(self, command, upper_body, dt):
+        return command
+
+
+def test_the_hand_back_acts_on_the_filtered_command_and_its_sum_is_limited_again():
+    """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
+    rng = np.random.default_rng(0)
+    recorders = Recorder(), Recorder()
+    safe, plain, behind = SafetyFilter(recorders[0]), _WithoutHandBack(recorders[1]), HandBack(ROBOT.arms)
+    arms, faded = UpperBody.none(), 0
+    for tick in range(2000):
+        if tick % 20 == 0:
+            arms = UpperBody.none() if rng.random() < 0.6 else UpperBody.targets(rng.uniform(-3.0, 3.0, 8))
+        q = ROBOT.nominal + rng.normal(0.0, 2.0, 19)
+        answer = override_arms(JointCommand.position(ROBOT, q), arms, ROBOT)
+        fault = rng.random()
+        if fault < 0.05:
+            answer = RuntimeError("no solution")
+        recorders[0].answer = recorders[1].answer = answer
+        state = bad_state() if 0.05 < fault < 0.1 or tick % 500 > 480 else good_state()
+        found = safe.act(state, Command(), arms)
+        filtered = plain.act(state, Command(), arms)
+        expected = behind(filtered, arms, plain.period)
+        if expected is not filtered:
+            faded, expected = faded + 1, plain.limited(expected)
+        for name, vector in vars(expected).items():
+            np.testing.assert_array_equal(getattr(found, name), vector)
+    assert safe.report() == plain.report()
+    assert faded > 100 and safe.report().held > 0 and safe.report().damped > 0

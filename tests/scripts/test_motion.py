@@ -76,7 +76,7 @@ def test_bad_files_are_refused(changes: dict, message: str, tmp_path: pathlib.Pa
 
 def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
     (tmp_path / "text.npz").write_text("no motion")
-    for name, reason in (("none", "No such file"), ("text", r"it is no \.npz archive$")):
+    for name, reason in (("none", "No such file"), ("text", r"it is not an \.npz archive$")):
         with pytest.raises(MotionFileError, match=reason):
             load_motion(tmp_path / f"{name}.npz")
     (tmp_path / "empty").mkdir()

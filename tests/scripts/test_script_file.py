@@ -66,11 +66,11 @@ def test_directions_and_hands_that_hold_one_thing():
     assert targets.together
     assert targets.left_direction == pytest.approx([0.0, 0.0, -1.0])
     assert targets.right_direction is None
-    with pytest.raises(ScriptError, match=r"yaml:1:43: left pointing direction is .*points somewhere"):
+    with pytest.raises(ScriptError, match=r"yaml:1:43: left pointing direction is .*not zero"):
         parse(text % "left_direction: [0, 0, 0]")
     with pytest.raises(ScriptError, match=r"'maybe' is neither true nor false"):
         parse(text % "together: maybe")
-    with pytest.raises(ScriptError, match=r"hold one thing both need a target"):
+    with pytest.raises(ScriptError, match=r"hold one object both need a target"):
         parse("segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, together: true}}]")
 
 
@@ -90,14 +90,14 @@ def test_paths_by_kind(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place", "message"),
     [
-        ("duration: 2", "duration: soon", "4:15", "'soon' is no number"),
+        ("duration: 2", "duration: soon", "4:15", "'soon' is not a number"),
         ("duration: 2", "duration: -2", "3:5", "segment 'go' lasts -2.0 s"),
         ("    duration: 2\n", "", "3:5", "segment field 'duration' is missing"),
         ("duration: 2", "durration: 2", "4:5", "unknown segment field 'durration'. Did you mean 'duration'?"),
         ("label: go", "label: go\n    label: stay", "4:5", "segment field 'label' is given twice"),
         ("gait: walking", "gait: wolking", "5:11", "unknown gait 'wolking'. Did you mean 'walking'?"),
         ("v_x: 0.3", "v_x: 9", "6:21", "command v_x = 9 m/s is out of range for the walking gait"),
-        ("v_x: 0.3", "v_x: .nan", "6:21", "'.nan' is no number"),
+        ("v_x: 0.3", "v_x: .nan", "6:21", "'.nan' is not a number"),
         ("v_x: 0.3", "vx: 0.3", "6:16", "unknown command 'vx'. Did you mean 'v_x'?"),
         ("ramp: 0.5", "ramp: 5", "3:5", "segment 'go' ramps for 5.0 s"),
         ("frame: heading", "frame: body", "9:14", "unknown hand frame 'body'"),
@@ -112,7 +112,7 @@ def test_paths_by_kind(tmp_path):
         ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),
         ("segments:", "segment:", "2:1", "unknown script field 'segment'. Did you mean 'segments'?"),
         ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:15", "here should be a command with fields: v_x"),
-        ("ramp: 0.5", "ramp: [", "9:12", "no YAML"),
+        ("ramp: 0.5", "ramp: [", "9:12", "not valid YAML"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_its_line(old, new, place, message):

@@ -1,5 +1,6 @@
-"""The live page in a real browser without a window: what a person does there reaches the robot."""
+"""The live page: what a person does there reaches the robot, what a page of another site sends does not."""
 
+import http.client
 import shutil
 import threading
 import time
@@ -9,13 +10,24 @@ import pytest
 
 pytest.importorskip("viser")
 
+from websockets.datastructures import Headers
+
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import ControlLoop
+from hugwbc.runtime import ControlLoop, upper_body_source
 from hugwbc.sim import Simulation
-from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage, check_host, link_meshes, page_address
+from hugwbc.viz.live import (
+    CAMERA,
+    HANDS_AT_FIRST,
+    LOOK_AT,
+    LivePage,
+    check_host,
+    guarded,
+    link_meshes,
+    page_address,
+    refusal,
+)
 
 BROWSER = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -196,3 +208,76 @@ def test_a_push_button_pushes(driven, browser_page):
     simulation = driven.simulation
     browser_page.get_by_role("button", name="push from the left").click()
     assert driven.until(lambda: simulation.data.qvel[1] < -0.1)
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "answered"),
+    [
+        ("127.0.0.1:8080", None, True),
+        ("localhost:8080", "http://localhost:8080", True),
+        ("[::1]:8080", "http://[::1]:8080", True),
+        ("evil.example:8080", "http://evil.example:8080", False),  # a name of theirs that points to this machine
+        ("127.0.0.1.evil.example", None, False),
+        ("127.0.0.1:8080", "http://evil.example", False),
+        ("127.0.0.1:8080", "http://127.0.0.1:3000", False),  # another program's page on this machine
+        ("127.0.0.1:8080", "null", False),
+        ("[", None, False),
+        ("", None, False),
+    ],
+)
+def test_only_this_machine_by_its_own_name_and_its_own_page_are_answered(host, origin, answered):
+    headers = Headers(Host=host)
+    if origin is not None:
+        headers["Origin"] = origin
+    assert (refusal(headers, any_host=False) is None) is answered
+
+
+def test_exposed_it_answers_to_any_name_but_still_to_its_own_page_only():
+    assert refusal(Headers(Host="lab.example"), any_host=True) is None
+    assert refusal(Headers(Host="lab.example", Origin="http://lab.example"), any_host=True) is None
+    assert refusal(Headers(Host="lab.example", Origin="http://evil.example"), any_host=True) is not None
+
+
+def test_several_hosts_or_none_are_refused():
+    twice = Headers([("Host", "localhost"), ("Host", "evil.example")])
+    assert refusal(twice, any_host=True) is not None
+    assert refusal(Headers(), any_host=True) is not None
+
+
+def test_a_server_that_the_guard_does_not_see_is_refused():
+    with pytest.raises(ConfigError, match="another way"), guarded(any_host=False):
+        pass
+
+
+@pytest.fixture(scope="module")
+def port():
+    page = LivePage(Simulation(), name="test")
+    yield page.server.get_port()
+    page.close()
+
+
+SOCKET = {
+    "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol": "viser-v0",
+}  # fmt: skip
+
+
+def status(port, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    try:
+        connection.putrequest("GET", "/", skip_host=True)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        connection.endheaders()
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def test_the_running_server_refuses_other_names_and_other_pages(port):
+    own = f"127.0.0.1:{port}"
+    assert status(port, Host=own) == 200
+    assert status(port, Host=f"evil.example:{port}") == 403
+    assert status(port, Host=own, Origin=f"http://{own}", **SOCKET) == 101
+    assert status(port, Host=own, Origin="http://evil.example", **SOCKET) == 403
+    assert status(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET) == 403

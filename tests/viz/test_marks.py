@@ -7,8 +7,7 @@ from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.scene import load_model
-from hugwbc.viz.marks import FORCE_SCALE, Marks, hull_edges, in_stance
-from hugwbc.viz.overlays import LAYERS, mark_parts
+from hugwbc.viz.marks import FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_parts
 from hugwbc.viz.shapes import visual_shapes
 
 ROBOT = load_robot()

@@ -1,1 +1,46 @@
-"""Run the episodes of a protocol, in one process or many, and keep their results."""
+"""Run the episodes of a protocol, in one process or many, and keep their results.
+
+This is the door of the engine: other rooms import from here. `docs/engine.md` explains how episodes are identified,
+stored, resumed, distributed and batched.
+"""
+
+from hugwbc.evaluation.engine.batch_rollout import BatchMember, batch_rollout
+from hugwbc.evaluation.engine.campaign import Cell, CellResult, read_result, run_cells
+from hugwbc.evaluation.engine.episode import (
+    ControllerFactory,
+    EpisodeSettings,
+    Judge,
+    Row,
+    Run,
+    controller_of,
+    joins_batch,
+    run_episodes,
+)
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule, Tour, Waypoint
+from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
+
+__all__ = [
+    "DEFAULT_FOLDER",
+    "BatchMember",
+    "Cell",
+    "CellResult",
+    "ControllerFactory",
+    "EpisodePlan",
+    "EpisodeSettings",
+    "Execution",
+    "Judge",
+    "Knot",
+    "ResultStore",
+    "Row",
+    "Run",
+    "Schedule",
+    "Tour",
+    "Waypoint",
+    "batch_rollout",
+    "controller_of",
+    "joins_batch",
+    "read_result",
+    "run_cells",
+    "run_episodes",
+]

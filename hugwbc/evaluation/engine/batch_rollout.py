@@ -1,21 +1,22 @@
-"""Rollouts of one policy with many robots at once, each of which gives what a rollout by itself does."""
+"""Rollouts of one policy with many robots in step; each robot moves exactly as in a rollout by itself."""
 
 import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.commands import Command
+from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_record import BatchRecord
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import CONTACT_FORCE, CommandSource, FollowingSource, substeps_of
+from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
+from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.state import RobotState
@@ -28,38 +29,14 @@ _MOST, _MEMORY, _SAMPLE = 2048, 2**28, 1000  # robots; bytes of all records; byt
 _ROUNDING = 1e-9  # [s], of sums of time steps
 
 
-class Rows(Protocol):
-    """A controller of many robots, as `hugwbc.learned.policy.policy_rows.PolicyRows`."""
-
-    kp: np.ndarray
-    kd: np.ndarray
-    phase: np.ndarray
-
-    def reset(self) -> None:
-        """Forget the past of all robots."""
-        ...
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Drop all robots but some, shape (n,), bool."""
-        ...
-
-    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Take the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
-        ...
-
-    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
-        """Joint position targets, shape (n, 19), for commands (n, 8), gaits (n,) and external control (n,)."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class Episode:
-    """What one of the robots is to do.
+class BatchMember:
+    """The task of one robot of a batch.
 
     Attributes:
-        source: of its commands; without hand targets.
-        conditions: such that `fits` holds.
-        forces: that act on it.
+        source: source of its commands; its hand targets are not used.
+        conditions: conditions for which `fits` holds.
+        forces: external forces on the robot.
         arms: what moves its arms; None leaves them to the controller.
     """
 
@@ -70,45 +47,47 @@ class Episode:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Whether rollouts of a controller under some conditions can share a batch: a policy, exact sensors, a plane."""
+    """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
     exact = not conditions.noise and not conditions.latency
-    return callable(getattr(controller, "for_many", None)) and conditions.is_level and exact
+    return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:
-    """How many robots fit into a batch, for records of a quarter of a gigabyte, at most `_MOST`.
+    """Return how many robots fit into a batch: `_MOST`, or fewer so that the records take a quarter of a gigabyte.
 
     Args:
-        duration: of the episodes [s].
+        duration: duration of the episodes [s].
     """
     return max(1, min(_MOST, int(_MEMORY / (_SAMPLE * math.ceil(duration / RECORD_PERIOD)))))
 
 
-def rollouts(
-    controller: Any,  # noqa: ANN401  a controller with the member for_many
-    episodes: Sequence[Episode],
+def batch_rollout(
+    controller: HasBatch,
+    members: Sequence[BatchMember],
     *,
     duration: float,
     threads: int = 1,
 ) -> list[Trace | None]:
-    """Run all episodes in step; a robot that falls is done, the others go on.
+    """Run all members in step; a robot that falls is done, the others go on.
 
-    A record has all that metrics read. `pressure_centre` is NaN, and `tick_ms` has each robot's share of the time.
+    A trace has everything that the metrics read. Its `pressure_centre` is NaN, and `tick_ms` is each robot's share of
+    the computing time.
 
     Args:
-        controller: for which, with each episode's conditions, `fits` holds.
-        episodes: with one time step for all.
-        duration: [s].
-        threads: of the physics.
+        controller: a controller for which, with each member's conditions, `fits` holds.
+        members: one for each robot, all with the same physics time step.
+        duration: duration of the episodes [s].
+        threads: threads of the physics.
 
     Returns:
-        The record of each episode; None for one that has to run by itself, because the policy gave what is not finite.
+        The trace of each member; None where the policy's output was not finite. Such an episode has to run by itself,
+        where the safety filter falls back to the last good command.
 
     Raises:
-        ConfigError: if the controller's period is no multiple of the time step.
-        UnknownNameError: if no link has the name of a force's.
+        ConfigError: if the controller's period is not a multiple of the time step.
+        UnknownNameError: if a force acts on a link that does not exist.
     """
-    run = _BatchRun(controller, episodes, duration, threads)
+    run = _BatchRun(controller, members, duration, threads)
     for tick in range(run.ticks):
         if not run.rows.size:
             break
@@ -117,30 +96,33 @@ def rollouts(
 
 
 class _BatchRun:
-    """The state of all episodes under way: `rows` are the robots that are still up, in the order of the policy's."""
+    """The state of a batch.
 
-    def __init__(self, controller: Any, episodes: Sequence[Episode], duration: float, threads: int) -> None:  # noqa: ANN401
-        self.episodes, self.duration, self.period = episodes, duration, controller.period
-        self.timestep = episodes[0].conditions.timestep
+    `rows` are the indices of the robots that are still up, in the order of the policy's rows.
+    """
+
+    def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
+        self.members, self.duration, self.period = members, duration, controller.period
+        self.timestep = members[0].conditions.timestep
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
-        self.name, self.robot, count = controller.name, load_robot(), len(episodes)
-        self.filters = [SafetyFilter(controller) for _ in episodes]
-        self.policy: Rows = controller.for_many(count)
+        self.name, self.robot, count = controller.name, load_robot(), len(members)
+        self.filters = [SafetyFilter(controller) for _ in members]
+        self.policy: ControllerRows = controller.for_many(count)
         self._following = {
-            row: episode.source for row, episode in enumerate(episodes) if isinstance(episode.source, FollowingSource)
+            row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
         }
-        self.moved = np.array([episode.arms is not None for episode in episodes])
+        self.moved = np.array([member.arms is not None for member in members])
         self.simulation = LockstepSimulation(
-            [episode.conditions.variation() for episode in episodes],
+            [member.conditions.variation() for member in members],
             *self._gains(),
             timestep=self.timestep,
             threads=threads,
         )
         self.rows = np.arange(count)
-        self.broken = np.zeros(count, dtype=bool)
+        self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
         self.record = BatchRecord(count, duration)
-        self.touch_downs: list[tuple[list[float], list[float]]] = [([], []) for _ in episodes]
+        self.touch_downs: list[tuple[list[float], list[float]]] = [([], []) for _ in members]
         self.last_contact = np.zeros((count, 2))
         self.tick_ms: list[float] = []
         self.steps = np.full(count, self.ticks)
@@ -150,35 +132,39 @@ class _BatchRun:
         self._start()
 
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gains of every robot: the policy's, and the description's in arms under external control."""
+        """Return the gains of every robot: the policy's, and the description's in arms under external control."""
         gains = []
         for own, described in ((self.policy.kp, self.robot.kp), (self.policy.kd, self.robot.kd)):
-            rows = np.tile(own, (len(self.episodes), 1))
+            rows = np.tile(own, (len(self.members), 1))
             rows[np.ix_(self.moved, self.robot.arms)] = described[self.robot.arms]
             gains.append(rows)
         return gains[0], gains[1]
 
     def _schedule_forces(self) -> None:
-        """Find the physics steps at which a robot's forces change."""
+        """Find the physics steps at which a robot's forces change.
+
+        Looking only at these steps spares a Python call for every robot and step.
+        """
         model, dt = self.simulation.model, self.timestep
         times = (np.arange(self.ticks)[:, None] * self.period + np.arange(self.substeps) * dt).ravel()
         self._changes: dict[int, list[int]] = {}
         self._disturbers: dict[int, Disturber] = {}
-        for row, episode in enumerate(self.episodes):
-            if not episode.forces:
+        for row, member in enumerate(self.members):
+            if not member.forces:
                 continue
-            self._disturbers[row] = Disturber(model, episode.forces)
-            ends = [force.start + force.duration for force in episode.forces if force.duration is not None]
-            for moment in [*(force.start for force in episode.forces), *ends]:
+            self._disturbers[row] = Disturber(model, member.forces)
+            ends = [force.start + force.duration for force in member.forces if force.duration is not None]
+            for moment in [*(force.start for force in member.forces), *ends]:
                 step = int(np.searchsorted(times, moment - _ROUNDING))
                 self._changes.setdefault(step, []).append(row)
 
     def _start(self) -> None:
         self.policy.reset()
+        # A rollout by itself shows the policy its first state on reset and again in the first control step.
         self._push()
-        for episode in self.episodes:
-            if episode.arms is not None:
-                episode.arms.reset()
+        for member in self.members:
+            if member.arms is not None:
+                member.arms.reset()
 
     def _push(self) -> None:
         simulation, rows = self.simulation, self.rows
@@ -189,7 +175,7 @@ class _BatchRun:
         self.policy.push(qvel[:, 3:6], gravity, qpos[:, 7:], qvel[:, 6:])
 
     def tick(self, tick: int) -> None:
-        """One control period of all robots that are up."""
+        """Run one control period of all robots that are up."""
         t = tick * self.period
         begin = time.perf_counter()
         self._push()
@@ -219,17 +205,18 @@ class _BatchRun:
         self.policy.keep(chosen)
 
     def _decide(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Position and velocity targets of the joints, within the limits, shapes (m, 19)."""
+        """Return position and velocity targets of the joints within the limits, shapes (m, 19)."""
         rows = self.rows
         commands, gaits = np.empty((rows.size, 8)), np.empty(rows.size, dtype=int)
         arms = np.zeros((2, rows.size, 8))  # position and velocity targets
         for place, row in enumerate(rows.tolist()):
-            episode, upper_body = self.episodes[row], UpperBody.none()
-            if episode.arms is not None:
-                upper_body = episode.arms.update(_ANY_STATE, None, self.period)
+            member, upper_body = self.members[row], UpperBody.none()
             if row in self._following:
                 self._following[row].follow(self._state(row))
-            command, upper_body = self.filters[row].admit(episode.source.command_at(t), upper_body)
+            command = member.source.command_at(t)
+            if member.arms is not None:
+                upper_body, command = member.arms.update(_ANY_STATE, None, command, self.period)
+            command, upper_body = self.filters[row].admit(command, upper_body)
             commands[place], gaits[place] = command.array(), int(command.gait)
             arms[:, place] = upper_body.q, upper_body.dq
         moved = self.moved[rows]
@@ -243,7 +230,7 @@ class _BatchRun:
         return limited, dq
 
     def _state(self, row: int) -> RobotState:
-        """The true state of one robot."""
+        """Return the true state of one robot."""
         one, qpos, qvel = np.array([row]), self.simulation.qpos[row], self.simulation.qvel[row]
         return RobotState(
             q=qpos[7:].copy(),
@@ -261,13 +248,14 @@ class _BatchRun:
 
     def _note_touch_downs(self, now: float) -> None:
         contact = self.simulation.foot_force(self.rows)[..., 2] > CONTACT_FORCE
+        # A shorter time in the air is a bounce of the contact, not a swing.
         for place, foot in np.argwhere(contact & (now - self.last_contact[self.rows] > SHORTEST_SWING)).tolist():
             self.touch_downs[self.rows[place]][foot].append(now)
         self.last_contact[self.rows] = np.where(contact, now, self.last_contact[self.rows])
 
     def traces(self) -> list[Trace | None]:
-        """The records, once all episodes are over."""
-        return [None if self.broken[row] else self._trace(row) for row in range(len(self.episodes))]
+        """Return the traces once all episodes are over."""
+        return [None if self.broken[row] else self._trace(row) for row in range(len(self.members))]
 
     def _trace(self, row: int) -> Trace:
         left, right = (np.array(times) for times in self.touch_downs[row])
@@ -283,3 +271,92 @@ class _BatchRun:
             steps=steps,
             safety=self.filters[row].report(),
         )
+
+
+class BatchRecord:
+    """Samples of all robots of a batch, as a `Trace` has them of one; a robot that is done has no further samples."""
+
+    def __init__(self, count: int, duration: float) -> None:
+        """Allocate the arrays.
+
+        Args:
+            count: number of robots.
+            duration: duration of the longest run [s].
+        """
+        samples = math.ceil(duration / RECORD_PERIOD) + 1
+        shapes = {
+            "command": (8,), "gait": (), "measured": (6,), "clearance": (2,), "phase": (), "foot_contact": (2,),
+            "foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,),
+        }  # fmt: skip
+        kinds = {"gait": int, "foot_contact": bool}
+        self.arrays = {
+            name: np.empty((samples, count, *shape), kinds.get(name, float)) for name, shape in shapes.items()
+        }
+        self.times: list[float] = []
+        self.lengths = np.zeros(count, dtype=int)
+
+    def due(self, t: float) -> bool:
+        """Return whether the next sample is due at time t [s]."""
+        return t >= len(self.times) * RECORD_PERIOD - 1e-9
+
+    def sample(
+        self, t: float, simulation: LockstepSimulation, rows: np.ndarray, commands: list[Command], **others: np.ndarray
+    ) -> None:
+        """Add one sample of the robots that are up.
+
+        Args:
+            t: time [s].
+            simulation: simulation of all robots.
+            rows: indices of the robots that are up, shape (m,).
+            commands: the command of each of them, clamped.
+            others: `phase` (m,) and `target` (m, 19), see `Trace`.
+        """
+        force = simulation.foot_force(rows)
+        values = {
+            "command": [command.array() for command in commands],
+            "gait": [int(command.gait) for command in commands],
+            "measured": _measured(simulation, rows),
+            "clearance": simulation.sole_height(rows),
+            "foot_contact": force[..., 2] > CONTACT_FORCE,
+            "foot_force": force,
+            "qpos": simulation.qpos[rows],
+            "qvel": simulation.qvel[rows],
+            "torque": simulation.torque[rows],
+            **others,
+        }
+        for name, value in values.items():
+            self.arrays[name][len(self.times), rows] = value
+        self.times.append(t)
+        self.lengths[rows] = len(self.times)
+
+    def of(self, row: int) -> dict[str, np.ndarray]:
+        """Return the sampled fields of one robot's trace; fields that a batch does not have are NaN."""
+        count = self.lengths[row]
+        nothing = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
+        return {
+            "time": np.array(self.times[:count]),
+            **{name: array[:count, row] for name, array in self.arrays.items()},
+            **{name: np.broadcast_to(np.nan, (count, *shape)) for name, shape in nothing.items()},
+            "hand_error": np.broadcast_to(np.nan, (count, 2)),
+            "reachable": np.broadcast_to(False, (count, 2)),
+        }
+
+
+def _measured(simulation: LockstepSimulation, rows: np.ndarray) -> np.ndarray:
+    """Return `MEASURED_NAMES` of some robots as `Kinematics.measured` does of one, shape (m, 6)."""
+    robot = load_robot()
+    qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
+    yaw = rotations.yaw_of(orientation)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack(
+        (
+            # MuJoCo's linear velocity of the base is in the world, its angular velocity in the pelvis frame.
+            cos * qvel[:, 0] + sin * qvel[:, 1],
+            cos * qvel[:, 1] - sin * qvel[:, 0],
+            rotations.rotate(orientation, qvel[:, 3:6])[:, 2],
+            qpos[:, 2] - robot.nominal_height,
+            rotations.pitch_of(orientation),
+            qpos[:, 7 + robot.waist],
+        ),
+        axis=1,
+    )

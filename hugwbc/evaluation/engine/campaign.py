@@ -1,4 +1,4 @@
-"""Many protocols with many controllers in one go; each finished cell is a JSON file that a report reads."""
+"""Run many protocols with many controllers; the result of each finished cell is a JSON file that a report reads."""
 
 import dataclasses
 import json
@@ -23,10 +23,11 @@ class Cell:
     """One protocol with one controller.
 
     Attributes:
-        protocol: as on the command line.
+        protocol: name of the protocol, as on the command line.
         spec: the controller.
-        config: the protocol's settings.
-        run: the protocol: called with a controller factory, settings, and what to call after each episode.
+        config: settings of the protocol.
+        run: function of the protocol; called with a controller factory, the settings, and a function to call after each
+            episode.
     """
 
     protocol: str
@@ -36,11 +37,11 @@ class Cell:
 
     @property
     def work(self) -> float:
-        """About how long it takes, beside other cells: simulated seconds."""
+        """The simulated seconds of the cell, an estimate of its share of the whole campaign."""
         return float(self.config.episodes * self.config.duration)
 
     def identity(self) -> dict[str, Any]:
-        """Everything that determines the result, as JSON."""
+        """Return everything that determines the result, as JSON."""
         controller = self.spec.identity()
         return {
             "protocol": self.protocol,
@@ -52,12 +53,12 @@ class Cell:
 
 @dataclasses.dataclass(frozen=True)
 class CellResult:
-    """What a cell gave.
+    """The result of a cell.
 
     Attributes:
-        protocol: as on the command line.
-        controller: its label.
-        result: the protocol's result, as JSON.
+        protocol: name of the protocol, as on the command line.
+        controller: label of the controller.
+        result: result of the protocol, as JSON.
     """
 
     protocol: str
@@ -68,15 +69,15 @@ class CellResult:
 def run_cells(
     cells: Sequence[Cell], execution: Execution, on_progress: Callable[[float, float], None] | None = None
 ) -> list[CellResult]:
-    """Run the cells that are not finished yet, one after the other, and read the others.
+    """Run the cells that are not finished yet one after the other, and read the results of the others.
 
     Args:
-        cells: what to run.
+        cells: the cells to run.
         execution: where episodes run; finished episodes and cells are kept in its store, if it has one.
-        on_progress: called after each episode with the fraction done, and with what of it was only read.
+        on_progress: called after each episode with the fraction done and the fraction that was only read.
 
     Raises:
-        ResultFileError: if there is a file in the way that is foreign or of another version.
+        ResultFileError: if a result's file is in another format or version, or cannot be written.
     """
     progress = _Progress(on_progress or (lambda fraction, read: None), sum(cell.work for cell in cells), execution)
     results = []
@@ -93,7 +94,7 @@ def run_cells(
 
 
 class _Progress:
-    """Turns finished cells and episodes into fractions of all work."""
+    """The fraction of all work that is done, from finished cells and episodes."""
 
     def __init__(self, tell: Callable[[float, float], None], total: float, execution: Execution) -> None:
         self._tell, self._total, self._store = tell, total, execution.store
@@ -101,21 +102,21 @@ class _Progress:
         self._partly_read = 0.0  # of the cell under way
 
     def begin(self, cell: Cell) -> Callable[[object], None]:
-        """What to call after each episode of a cell."""
+        """Return the function to call after each episode of a cell."""
         share = cell.work / cell.config.episodes
         before, episodes = self._restored, 0
 
         def on_episode(_: object) -> None:
             nonlocal episodes
             episodes += 1
-            done = min(episodes, cell.config.episodes)  # of a search it is not known before
+            done = min(episodes, cell.config.episodes)  # a search may take more episodes than estimated
             self._partly_read = share * min(self._restored - before, done)
             self._report(share * done)
 
         return on_episode
 
     def end(self, cell: Cell, *, read: bool = False) -> None:
-        """A cell is finished; `read` if its result was there."""
+        """Count a cell as finished; `read` if its result was stored."""
         self._done += cell.work
         self._read += cell.work if read else self._partly_read
         self._partly_read = 0.0
@@ -130,7 +131,7 @@ class _Progress:
 
 
 def _place(cell: Cell, store: ResultStore | None) -> tuple[pathlib.Path | None, dict[str, Any]]:
-    """The file of a cell's result and its identity, nothing without a store; a fresh one sets aside what was there."""
+    """Return the file of a result and its identity; nothing without a store. A fresh store renames an old file."""
     if store is None:
         return None, {}
     identity = cell.identity()
@@ -165,14 +166,14 @@ def _run(
 
 
 def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> dict[str, Any]:
-    """The result in a cell's file.
+    """Return the result in a cell's file.
 
     Args:
-        path: of the file.
-        identity: what it should be of; None takes any.
+        path: path of the file.
+        identity: expected identity of the cell; None accepts any.
 
     Raises:
-        ResultFileError: if the file cannot be read, or is foreign, of another version or of another cell.
+        ResultFileError: if the file cannot be read, has another format or version, or belongs to another cell.
     """
     remedy = "nothing was changed; move the file away, or choose another folder for the results"
     try:

@@ -1,16 +1,35 @@
-"""Episodes by plan, run here: a simulation for each, and what a judge makes of it."""
+"""Run the episodes of a protocol by plan and keep what a judge makes of each.
+
+`run_episodes` reads the rows that are already stored, divides the missing episodes into jobs, hands the jobs to the
+execution, and stores each row as it comes back. A job runs in any process: `run_job` makes the controller, simulates
+its episodes (in a batch where they fit into one) and calls the judge.
+"""
 
 import dataclasses
+import functools
 import inspect
+import math
 import threading
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hugwbc.commands import Command
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, HasBatch
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_rollout import Episode, fits, rollouts
+from hugwbc.evaluation.engine.batch_rollout import BatchMember, batch_rollout, fits, most_robots
+from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine.identity import (
+    code_identity,
+    controller_identity,
+    digest,
+    judge_module,
+    row_type,
+    to_json,
+)
 from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine.store import ResultStore, plain
+from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 
@@ -19,16 +38,48 @@ if TYPE_CHECKING:
 
 ControllerFactory = Callable[[], Controller]
 Row = TypeVar("Row")
-Judge = Callable[[int, "Run"], Row]  # makes what is kept of an episode from its index and its run
+Judge = Callable[[int, "Run"], Row]  # makes the row of an episode from its index and its run
+_WORTHWHILE = 64  # robots in a batch; with more, the time for each hardly falls
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeSettings:
+    """Settings that every protocol has.
+
+    Attributes:
+        seed: seed of the sampled commands, the ground, the sensor noise and the arm motion.
+        duration: duration of an episode [s].
+        settle: start of an episode that is left out of the errors [s].
+        conditions: physics, ground, robot, sensors and arms.
+        execution: where the episodes run and where their results are stored; it does not change a result.
+
+    Raises:
+        ConfigError: if a value is out of range.
+    """
+
+    seed: int = 0
+    duration: float = 10.0
+    settle: float = SETTLE_S
+    conditions: Conditions = dataclasses.field(default_factory=Conditions)
+    execution: Execution = dataclasses.field(default_factory=Execution, compare=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.settle < self.duration < math.inf:
+            raise ConfigError(
+                f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration, finite"
+            )
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; give 0 or more")
+        self.conditions.check_duration(self.duration)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
-    """One episode that has been run.
+    """One episode that has been simulated.
 
     Attributes:
-        plan: what was to happen.
-        trace: the record.
+        plan: plan of the episode.
+        trace: record of the rollout.
         arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
             external control.
     """
@@ -39,8 +90,52 @@ class Run:
 
     @property
     def command(self) -> Command:
-        """At the start, and without a schedule all the time."""
+        """The command at the start; without a schedule or tour, that of the whole episode."""
         return self.plan.command
+
+
+def run_episodes(
+    factory: ControllerFactory,
+    plans: Sequence[EpisodePlan],
+    judge: Judge[Row],
+    settings: EpisodeSettings,
+    on_episode: Callable[[Row], None] | None = None,
+) -> list[Row]:
+    """Run every episode that is not stored yet and return the judge's rows in the order of the plans.
+
+    Args:
+        factory: makes the controller; with more than one worker it must be picklable.
+        plans: one plan per episode.
+        judge: called with the index and the run of every episode; with more than one worker it must be picklable. If
+            results are stored, its return annotation must be a dataclass.
+        settings: settings of the episodes.
+        on_episode: called with every row, in order.
+
+    Raises:
+        ConfigError: if results are stored and the factory does not tell its controllers apart.
+        ResultFileError: if the file of the results cannot be used.
+        WorkerError: if a worker process ends or the cluster cannot be used.
+    """
+    cell = None if settings.execution.store is None else _StoredRows(settings.execution.store, factory, judge, settings)
+    rows: dict[int, Row] = {} if cell is None else cell.stored(plans)
+    reported = 0
+
+    def report() -> None:
+        nonlocal reported
+        while reported in rows:
+            if on_episode is not None:
+                on_episode(rows[reported])
+            reported += 1
+
+    report()
+    missing = [(index, plan) for index, plan in enumerate(plans) if index not in rows]
+    for finished in settings.execution.run(run_job, _jobs(factory, judge, settings, missing)):
+        for index, row in finished:
+            if cell is not None:
+                cell.keep(index, plans[index], row)
+            rows[index] = row
+        report()
+    return [rows[index] for index in range(len(plans))]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,12 +144,12 @@ class Job(Generic[Row]):
 
     Attributes:
         factory: makes the controller.
-        judge: of the episodes.
-        seed: of ground, sensors' noise and arms, together with an episode's draw.
-        duration: of an episode [s].
+        judge: makes the row of an episode.
+        seed: seed of ground, sensor noise and arm motion, together with an episode's draw.
+        duration: duration of an episode [s].
         settle: start of an episode that is left out of the errors [s].
-        conditions: of episodes whose plan has none of its own.
-        episodes: index and plan of each.
+        conditions: conditions of episodes whose plan has none of its own.
+        episodes: index and plan of each episode.
     """
 
     factory: ControllerFactory
@@ -66,8 +161,86 @@ class Job(Generic[Row]):
     episodes: tuple[tuple[int, EpisodePlan], ...]
 
 
+def _jobs(
+    factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
+) -> list[Job[Row]]:
+    """Return jobs of whole batches for the episodes that can share one, and a job for each of the others."""
+    if not episodes:
+        return []
+    make = functools.partial(
+        Job, factory, judge, settings.seed, settings.duration, settings.settle, settings.conditions
+    )
+    controller = controller_of(factory)
+    together = [joins_batch(controller, settings.conditions, plan) for _, plan in episodes]
+    shared, alone = (
+        [e for e, joins in zip(episodes, together, strict=True) if joins is kind] for kind in (True, False)
+    )
+    size = _batch_size(len(shared), settings)
+    batches = [tuple(shared[start : start + size]) for start in range(0, len(shared), size)]
+    return [make(batch) for batch in batches] + [make((episode,)) for episode in alone]
+
+
+def _batch_size(count: int, settings: EpisodeSettings) -> int:
+    """Return the number of robots in a batch.
+
+    Small enough that every worker gets a batch and that rows are stored often; above that, `_WORTHWHILE` robots.
+    """
+    parallel = settings.execution.parallel
+    worthwhile = max(_WORTHWHILE, math.ceil(count / (4 * parallel)))
+    return max(1, min(most_robots(settings.duration), math.ceil(count / parallel), worthwhile))
+
+
+class _StoredRows(Generic[Row]):
+    """The stored rows of one call of `run_episodes`."""
+
+    def __init__(
+        self, store: ResultStore, factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings
+    ) -> None:
+        controller = controller_identity(factory)
+        module = judge_module(judge)
+        self._store = store
+        self._row_type = row_type(judge)
+        self._file = store.cell(
+            f"{module.rpartition('.')[2]}-{controller['name']}",
+            {
+                "judge": to_json(judge),
+                "seed": settings.seed,
+                "duration": settings.duration,
+                "settle": settings.settle,
+                "conditions": to_json(settings.conditions),
+                "controller": controller,
+                **code_identity([module, *controller.get("modules", ())]),
+            },
+        )
+
+    def stored(self, plans: Sequence[EpisodePlan]) -> dict[int, Row]:
+        """Return the rows that are in the file, by index."""
+        keys = {index: _key(index, plan) for index, plan in enumerate(plans)}
+        rows = {index: self._restore(self._file[key]) for index, key in keys.items() if key in self._file}
+        self._store.restored += len(rows)
+        return rows
+
+    def keep(self, index: int, plan: EpisodePlan, row: Row) -> None:
+        """Append a row to the file."""
+        self._file.add(_key(index, plan), plain(row))
+
+    def _restore(self, stored: Any) -> Row:  # noqa: ANN401  whatever JSON holds
+        return self._row_type(**{name: _frozen(value) for name, value in stored.items()})
+
+
+def _key(index: int, plan: EpisodePlan) -> str:
+    return digest({"index": index, "plan": plan})
+
+
+def _frozen(value: Any) -> Any:  # noqa: ANN401  whatever JSON holds
+    """Return JSON with tuples in place of lists, as the frozen rows have them."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
 class _OwnController(threading.local):
-    """The controller that a thread made last: it has a state, and a cluster's worker may have many threads."""
+    """The controller that a thread made last: a controller has a state, and a worker may run several threads."""
 
     factory: object = None
     controller: Controller | None = None
@@ -77,23 +250,26 @@ _own = _OwnController()
 
 
 def controller_of(factory: ControllerFactory) -> Controller:
-    """The factory's controller, made once in each thread as long as it is the same factory."""
+    """Return the factory's controller, made once in each thread as long as the factory stays the same."""
     if _own.controller is None or not _same(_own.factory, factory):
         _own.factory, _own.controller = factory, factory()
     return _own.controller
 
 
 def _same(one: object, other: object) -> bool:
-    """Whether two factories are equal; bound methods are if their objects are, of which each job brings a copy."""
+    """Return whether two factories are equal.
+
+    Each job brings its own copy of a bound method's object; the methods count as equal if the objects are.
+    """
     if inspect.ismethod(one) and inspect.ismethod(other):
         return one.__func__ is other.__func__ and one.__self__ == other.__self__
     return one == other
 
 
 def run_job(job: Job[Row]) -> list[tuple[int, Row]]:
-    """Index and row of each episode; what can share a batch does."""
+    """Run the episodes of a job, in batches where they fit, and return index and row of each."""
     controller = controller_of(job.factory)
-    batches: dict[float, list[tuple[int, EpisodePlan]]] = {}
+    batches: dict[float, list[tuple[int, EpisodePlan]]] = {}  # by time step, which a batch has in common
     alone = []
     for index, plan in job.episodes:
         conditions = plan.conditions or job.conditions
@@ -109,12 +285,12 @@ def run_job(job: Job[Row]) -> list[tuple[int, Row]]:
 
 
 def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePlan) -> bool:
-    """Whether an episode can run with others in one batch.
+    """Return whether an episode can run in a batch with others.
 
     Args:
-        controller: of the episode.
-        conditions: of plans that have none of their own.
-        plan: of the episode.
+        controller: controller of the episode.
+        conditions: conditions of plans that have none of their own.
+        plan: plan of the episode.
     """
     return not plan.timed and fits(controller, plan.conditions or conditions)
 
@@ -122,13 +298,14 @@ def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePla
 def _run_batch(
     controller: Controller, job: Job[Row], episodes: list[tuple[int, EpisodePlan]]
 ) -> tuple[list[tuple[int, Run]], list[tuple[int, EpisodePlan]]]:
-    """Episodes in one batch; runs by index, and what has to run alone."""
+    """Run episodes in one batch; return the runs by index, and the episodes that have to run alone."""
+    assert isinstance(controller, HasBatch)  # `joins_batch` holds for each episode
     members = []
     for index, plan in episodes:
         conditions = plan.conditions or job.conditions
-        members.append(Episode(plan.source, conditions, plan.forces, conditions.arms(_seed(job, index, plan))))
+        members.append(BatchMember(plan.source, conditions, plan.forces, conditions.arms(_seed(job, index, plan))))
     runs, broken = [], []
-    traces = rollouts(controller, members, duration=job.duration)
+    traces = batch_rollout(controller, members, duration=job.duration)
     for (index, plan), member, trace in zip(episodes, members, traces, strict=True):
         if trace is None:
             broken.append((index, plan))
@@ -137,16 +314,8 @@ def _run_batch(
     return runs, broken
 
 
-def _seed(job: Job[Row], index: int, plan: EpisodePlan) -> tuple[int, int]:
-    """Of its own for every episode, so that it does not matter which process runs it, and with which others."""
-    return job.seed, index if plan.draw is None else plan.draw
-
-
-def _arm_error(arms: "ArmIntervention | None", trace: Trace, settle: float) -> float:
-    return float("nan") if arms is None else arms.error(trace, settle)
-
-
 def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -> Run:
+    """Run one episode in a simulation of its own."""
     conditions = plan.conditions or job.conditions
     seed = _seed(job, index, plan)
     arms = conditions.arms(seed)
@@ -160,3 +329,12 @@ def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -
         forces=plan.forces,
     )
     return Run(plan, trace, _arm_error(arms, trace, job.settle))
+
+
+def _seed(job: Job[Row], index: int, plan: EpisodePlan) -> tuple[int, int]:
+    """Return the episode's own seed, so that neither its process nor its batch matters."""
+    return job.seed, index if plan.draw is None else plan.draw
+
+
+def _arm_error(arms: "ArmIntervention | None", trace: Trace, settle: float) -> float:
+    return float("nan") if arms is None else arms.error(trace, settle)

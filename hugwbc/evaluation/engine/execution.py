@@ -1,4 +1,4 @@
-"""Where the episodes of an evaluation run, and where their results are kept: here, in processes, or on a cluster."""
+"""Run jobs in this process, in several processes, or on a Dask cluster."""
 
 import concurrent.futures
 import multiprocessing
@@ -17,27 +17,27 @@ Outcome = TypeVar("Outcome")
 
 
 class Execution:
-    """Runs jobs, a function of one argument for each, and hands back what they give as they are done.
+    """Where the episodes of an evaluation run and where their results are stored.
 
-    Processes and connections are made with the first jobs and serve all that follow, until `close`, or the end of a
+    Processes and connections are made with the first jobs and serve all later ones, until `close` or the end of a
     `with` block. None of the settings changes a result.
 
     Attributes:
-        workers: processes; with 1, jobs run in this one.
-        cluster: address of a Dask scheduler that runs the jobs instead; None for none.
-        store: where finished episodes are kept; None keeps them in memory only.
+        workers: number of processes; with 1, jobs run in this process.
+        cluster: address of a Dask scheduler that runs the jobs instead; None for no cluster.
+        store: store of finished episodes; None keeps them in memory only.
     """
 
     def __init__(self, workers: int = 1, *, cluster: str | None = None, store: ResultStore | None = None) -> None:
-        """Set up; nothing is started yet.
+        """Keep the settings; nothing is started yet.
 
         Args:
-            workers: processes.
-            cluster: such as "tcp://127.0.0.1:8786".
-            store: of the results.
+            workers: number of processes.
+            cluster: address of a Dask scheduler, such as "tcp://127.0.0.1:8786".
+            store: store of the results.
 
         Raises:
-            ConfigError: if there are fewer than one worker.
+            ConfigError: if there is less than one worker.
         """
         if workers < 1:
             raise ConfigError(f"workers is {workers}; give 1 or more")
@@ -52,7 +52,7 @@ class Execution:
         return f"Execution(workers={self.workers}, cluster={self.cluster!r})"
 
     def identity(self) -> dict[str, Any]:
-        """Nothing: results do not depend on it."""
+        """Return nothing: results do not depend on where they were computed."""
         return {}
 
     def __enter__(self) -> "Execution":
@@ -64,30 +64,35 @@ class Execution:
         self.close(wait=kind is None)
 
     def close(self, *, wait: bool = True) -> None:
-        """End processes and connections; without `wait`, jobs that have not begun are dropped."""
+        """End processes and connections.
+
+        Args:
+            wait: whether to wait for submitted jobs; otherwise jobs that have not begun are dropped.
+        """
         if self._client is not None:
-            self._client.close()  # drops what is left
+            self._client.close()  # drops the jobs that are left
         elif self._executor is not None:
             self._executor.shutdown(wait=wait, cancel_futures=not wait)
         self._client = self._executor = None
 
     @property
     def parallel(self) -> int:
-        """How many jobs run at once: processes, or threads of the cluster's workers."""
+        """The number of jobs that run at once: processes, or threads of the cluster's workers."""
         if self.cluster is None:
             return self.workers
         self._started()
         return max(1, sum(self._client.nthreads().values()))
 
     def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """The function of every job, in the order in which they are done.
+        """Yield the outcome of every job in the order in which the jobs finish.
 
         Args:
-            function: with more than one worker or on a cluster it must be picklable, as must jobs and outcomes.
-            jobs: its arguments.
+            function: called with each job. With more than one worker or on a cluster the function, the jobs and the
+                outcomes must be picklable.
+            jobs: arguments of the function.
 
         Raises:
-            WorkerError: if a worker process ends in the middle, or the cluster cannot be used.
+            WorkerError: if a worker process ends in the middle of a job, or the cluster cannot be used.
         """
         if not jobs:
             return
@@ -121,7 +126,7 @@ class Execution:
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the process that it works for is gone; after a SIGKILL it would wait for jobs for ever."""
+    """End this worker when its parent process is gone; after a SIGKILL of the parent it would wait for jobs forever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -133,12 +138,13 @@ def _end_with_parent() -> None:
 
 
 def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
-    """A Dask client of a running scheduler, and what its jobs raise when workers or connections are lost for good.
+    """Return a Dask client of a running scheduler and the exceptions that mean that workers or connections are lost.
 
-    Dask sends functions and arguments as pickles: connect only to a cluster that you trust as you trust yourself.
+    Dask sends functions and arguments as pickles, which can run any code: connect only to a cluster that you trust as
+    you trust yourself.
 
     Args:
-        address: of the scheduler.
+        address: address of the scheduler.
 
     Raises:
         WorkerError: if dask.distributed is not installed, or nothing answers at the address.
@@ -161,15 +167,15 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
 
 
 def _check_address(address: str) -> None:
-    """Refuse what is no address of a scheduler, which dask finds out later, and then waits for.
+    """Check the form of a scheduler's address; with a malformed one Dask would wait for an answer until its timeout.
 
     Raises:
-        WorkerError: if it lacks host or port.
+        WorkerError: if host or port is missing.
     """
     try:
         parts = urllib.parse.urlsplit(address if "//" in address else f"tcp://{address}")
         complete = bool(parts.hostname and parts.port)
-    except ValueError:  # a port that is no number
+    except ValueError:  # the port is not a number
         complete = False
     if not complete:
         raise WorkerError(f"the cluster's address is '{address}'; give host and port, such as tcp://127.0.0.1:8786")

@@ -1,4 +1,7 @@
-"""What a result depends on, as JSON: to tell whether a stored one is the one that is asked for."""
+"""The identity of a result: everything that determines it, as JSON.
+
+A stored result counts only for a request with the same identity.
+"""
 
 import ast
 import dataclasses
@@ -17,18 +20,21 @@ import numpy as np
 
 import hugwbc
 from hugwbc.errors import ConfigError
+from hugwbc.files import file_digest
 from hugwbc.robot import load_robot
 
 _PACKAGE = pathlib.Path(hugwbc.__file__).parent
-# Libraries whose version changes a trajectory's last digits, or more.
+# Libraries whose version changes the last digits of a trajectory, or more.
 _LIBRARIES = ("mujoco", "numpy", "pin", "placo", "proxsuite", "torch")
 
 
 def to_json(value: object) -> Any:  # noqa: ANN401  whatever JSON holds
-    """A value as JSON, with the names of dataclasses and enumerations, and what `identity()` gives of what has it.
+    """Return a value as JSON that keeps the names of dataclasses and enumerations.
+
+    An object with a method `identity()` stands for what that returns.
 
     Raises:
-        TypeError: if it holds what is neither JSON, nor a dataclass, an enumeration, a path, an array or a function.
+        TypeError: if it contains something other than JSON, dataclasses, enumerations, paths, arrays and functions.
     """
     if isinstance(value, enum.Enum):
         return f"{type(value).__name__}.{value.name}"
@@ -49,31 +55,27 @@ def to_json(value: object) -> Any:  # noqa: ANN401  whatever JSON holds
         return {"type": type(value).__qualname__, **fields}
     if isinstance(value, functools.partial):
         return {"call": to_json(value.func), "args": to_json(value.args), "keywords": to_json(value.keywords)}
+    # A lambda or a local function has a "<" in its name. Its name does not identify it: it may close over anything.
     name = getattr(value, "__qualname__", "<")
-    if callable(value) and "<" not in name:  # neither a lambda nor a local function, which may hold anything
+    if callable(value) and "<" not in name:
         return f"{value.__module__}.{name}"
     raise TypeError(f"{value!r} of type {type(value).__name__} cannot be part of a result's identity")
 
 
 def digest(value: object) -> str:
-    """Of anything that `to_json` takes: 32 hexadecimal digits, the same in every process."""
+    """Return 32 hexadecimal digits for anything that `to_json` takes, the same in every process."""
     text = json.dumps(to_json(value), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def file_digest(path: pathlib.Path) -> str:
-    """Of a file's bytes: 32 hexadecimal digits."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
-
-
 def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
-    """What tells the controllers of a factory from others: what `identity()` of the factory, or of its object, gives.
+    """Return what distinguishes the controllers of a factory: `identity()` of the factory or of its bound object.
 
     Args:
-        factory: such as a `ControllerSpec`'s `build`.
+        factory: for example the `build` method of a `ControllerSpec`.
 
     Raises:
-        ConfigError: if the factory does not say.
+        ConfigError: if neither has a method `identity`.
     """
     for holder in (factory, getattr(factory, "__self__", None)):
         identity = getattr(holder, "identity", None)
@@ -86,16 +88,16 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
 
 
 def judge_module(judge: object) -> str:
-    """The module of a function, of the function in a partial, or of an object's class."""
+    """Return the module of a function, of the function in a partial, or of the class of an object or of a method's."""
     inner = judge.func if isinstance(judge, functools.partial) else judge
     return inner.__module__ if inspect.isfunction(inner) else type(getattr(inner, "__self__", inner)).__module__
 
 
 def row_type(judge: object) -> type[Any]:
-    """The dataclass that a judge is annotated to return.
+    """Return the dataclass in the judge's return annotation.
 
     Raises:
-        TypeError: if it is not.
+        TypeError: if the annotation is missing or not a dataclass.
     """
     inner = judge.func if isinstance(judge, functools.partial) else judge
     call = inner if inspect.isfunction(inner) else type(inner).__call__
@@ -106,13 +108,14 @@ def row_type(judge: object) -> type[Any]:
 
 
 def code_identity(modules: Iterable[str]) -> dict[str, Any]:
-    """Of all code of this package that some modules import, of the robot's description, and of the libraries.
+    """Return digests of the code that some modules use, of the robot's description, and the libraries' versions.
 
-    Comments, docstrings and layout do not count, and no other module does: a new protocol leaves the results of the
-    others as they are. Tables (.yaml) that stand beside the code do: results hold the paper's figures.
+    The code is the modules themselves and everything in this package that they import, directly or through others.
+    Other modules do not count, so that a new protocol leaves the results of the others valid. Comments, docstrings and
+    layout do not count either. Tables (.yaml) in the folders of the code do count: results hold the paper's figures.
 
     Args:
-        modules: dotted names; those outside this package are left out.
+        modules: dotted names; modules outside this package are ignored.
     """
     files = _imported(frozenset(modules))
     tables = sorted(table for folder in {path.parent for path in files} for table in folder.glob("*.yaml"))
@@ -132,7 +135,7 @@ def _version(library: str) -> str | None:
 
 @functools.lru_cache(maxsize=16)
 def _imported(roots: frozenset[str]) -> tuple[pathlib.Path, ...]:
-    """Files of this package that the roots are, or import, or what these import."""
+    """Return the files of this package that the roots are or import, directly or through others."""
     found: set[pathlib.Path] = set()
     waiting = [path for name in roots if (path := _path(name))]
     while waiting:
@@ -157,18 +160,36 @@ def _tree(path: pathlib.Path) -> ast.Module:
 
 
 def _imports(path: pathlib.Path) -> list[pathlib.Path]:
-    names: list[str] = []
+    """Return the files that the import statements of a file lead to, those inside functions included."""
+    found: list[pathlib.Path | None] = []
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
+            found += [_path(alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return [found for name in names if (found := _path(name))]
+            found += [_source(node.module, alias.name) for alias in node.names]
+    return [source for source in found if source is not None]
+
+
+def _source(module: str, name: str) -> pathlib.Path | None:
+    """Return the file behind `from module import name`.
+
+    A room's `__init__` passes names on from its modules. Following the name to the module that defines it, instead of
+    counting the `__init__` with all that it imports, makes a result depend on what it uses and not on the whole room.
+    """
+    submodule, door = _path(f"{module}.{name}"), _path(module)
+    if submodule is not None or door is None or door.name != "__init__.py":
+        return submodule or door
+    for node in _tree(door).body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    return _source(node.module, alias.name)
+    return door
 
 
 @functools.cache
 def _meaning(path: pathlib.Path) -> str:
-    """Digest of a file's syntax tree without its docstrings."""
+    """Return a digest of a file's syntax tree without its docstrings."""
     tree = _tree(path)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:

@@ -1,19 +1,27 @@
-"""What an episode of a protocol consists of, as plain numbers: commands over time, forces, conditions.
+"""Plans of episodes as plain numbers: commands over time, forces, conditions.
 
-Plans are frozen, equal by value, picklable, and `dataclasses.asdict` of one is JSON.
+Plans are frozen, compared by value and picklable; `dataclasses.asdict` of a plan is JSON. A plan can therefore be sent
+to another process and can be part of a stored result's key.
 """
 
 import bisect
 import dataclasses
 import math
 
+import numpy as np
+
+from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.navigation import Navigator, Tour
-from hugwbc.runtime.loop import CommandSource, Constant
+from hugwbc.gait import Gait
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim.forces import Force
+from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+
+NAVIGATION_GAIN = 1.0  # [1/s], commanded velocity per distance to the waypoint
+NAVIGATION_LIMITS = {"v_x": (-0.4, 0.8), "v_y": (-0.3, 0.3), "omega": (-0.8, 0.8)}  # [m/s], [rad/s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,9 +29,9 @@ class Knot:
     """A point of a schedule.
 
     Attributes:
-        time: when the command sets out for this one [s]; the gait changes at once.
-        command: reached after `ramp`, and held.
-        ramp: time in which the eight numbers go there linearly [s].
+        time: time at which the command starts to change to this one [s]; the gait changes at once.
+        command: command that is reached after `ramp` and then held.
+        ramp: duration of the linear change of the eight numbers [s].
     """
 
     time: float
@@ -33,10 +41,10 @@ class Knot:
 
 @dataclasses.dataclass(frozen=True)
 class Schedule:
-    """Commands that step or go linearly from knot to knot; a command source without hands.
+    """A command source that steps or ramps linearly from knot to knot, without hand targets.
 
     Attributes:
-        knots: in the order of time, the first at 0 s; no ramp lasts into the next knot.
+        knots: knots ordered by time, the first at 0 s; a ramp ends before the next knot.
     """
 
     knots: tuple[Knot, ...]
@@ -51,7 +59,8 @@ class Schedule:
                 )
 
     def command_at(self, t: float) -> Command:
-        """The command at time t [s]; before the start the first, after the end the last."""
+        """Return the command at time t [s]: the first one before the start, the last one after the end."""
+        # The tolerance makes a control step at a knot's time take the knot in spite of rounding.
         index = max(bisect.bisect_right([knot.time for knot in self.knots], t + 1e-9) - 1, 0)
         knot, elapsed = self.knots[index], max(t - self.knots[index].time, 0.0)
         if elapsed >= knot.ramp:
@@ -60,22 +69,89 @@ class Schedule:
         return Command.from_array(before + elapsed / knot.ramp * (after - before), knot.command.gait)
 
     def hands_at(self, t: float) -> HandTargets | None:
-        """None: the arms are the controller's, or the conditions' intervention's."""
+        """Return None: the arms belong to the controller or to the intervention of the conditions."""
+        return None
+
+
+@dataclasses.dataclass(frozen=True)
+class Waypoint:
+    """A pose of the pelvis in the world: x and y [m], yaw [rad]."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Tour:
+    """Waypoints that are approached one after the other, each for the same time.
+
+    Attributes:
+        waypoints: at least one waypoint.
+        leg: time for each waypoint [s]; after the last leg the last waypoint stays the goal.
+        gait: gait of the walk.
+    """
+
+    waypoints: tuple[Waypoint, ...]
+    leg: float
+    gait: Gait = Gait.WALKING
+
+    def __post_init__(self) -> None:
+        if not self.waypoints or not 0.0 < self.leg < math.inf:
+            raise ConfigError(
+                f"a tour of {len(self.waypoints)} waypoints, {self.leg} s each; give 1 or more, a finite time above 0 s"
+            )
+
+    def waypoint_at(self, t: float) -> Waypoint:
+        """Return the waypoint that is the goal at time t [s]."""
+        return self.waypoints[min(max(int(t / self.leg + 1e-9), 0), len(self.waypoints) - 1)]
+
+
+class Navigator:
+    """The command source of a tour: velocity commands from the robot's true pose, as an operator would give them.
+
+    The velocity is proportional to the distance in the heading frame, the yaw rate to the yaw error. Both are clipped
+    to `NAVIGATION_LIMITS`. The loop calls `follow` with the true state before it asks for a command.
+    """
+
+    def __init__(self, tour: Tour) -> None:
+        """Start at the origin."""
+        self._tour = tour
+        self._xy, self._yaw = np.zeros(2), 0.0
+
+    def follow(self, state: RobotState) -> None:
+        """Take the robot's pose; a state that is not finite leaves the last one."""
+        assert state.position is not None
+        if state.is_finite:
+            self._xy, self._yaw = state.position[:2].copy(), state.yaw
+
+    def command_at(self, t: float) -> Command:
+        """Return the command towards the waypoint of time t [s] from the last pose."""
+        goal = self._tour.waypoint_at(t)
+        away = rotations.rotation_z(-self._yaw)[:2, :2] @ (np.array([goal.x, goal.y]) - self._xy)
+        wanted = {"v_x": away[0], "v_y": away[1], "omega": rotations.wrap_angle(goal.yaw - self._yaw)}
+        velocities = {
+            name: float(np.clip(NAVIGATION_GAIN * value, *NAVIGATION_LIMITS[name])) for name, value in wanted.items()
+        }
+        return Command(**velocities, gait=self._tour.gait)
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return None: the arms belong to the controller or to the intervention of the conditions."""
         return None
 
 
 @dataclasses.dataclass(frozen=True)
 class EpisodePlan:
-    """One episode.
+    """What happens in one episode.
 
     Attributes:
-        commands: one for the whole episode, a schedule, or a tour, whose commands depend on where the robot is.
-        forces: that act on the robot.
-        conditions: of this episode; None for those of the protocol's settings.
-        draw: number that, with the settings' seed, determines ground, sensors' noise and arms; None for the episode's
-            place in the list.
-        timed: whether the time that the controller takes matters: such an episode runs by itself.
-        label: what the episode is for, to the protocol that judges it.
+        commands: one command for the whole episode, a schedule, or a tour, whose commands depend on the robot's pose.
+        forces: external forces on the robot.
+        conditions: conditions of this episode; None for those of the protocol's settings.
+        draw: number that, together with the settings' seed, determines ground, sensor noise and arm motion; None for
+            the episode's index. Plans with the same draw meet the same randomness.
+        timed: whether the controller's computing time is measured; such an episode runs alone.
+        label: what the episode is for; read by the judge of the protocol.
     """
 
     commands: Command | Schedule | Tour
@@ -87,12 +163,12 @@ class EpisodePlan:
 
     @property
     def source(self) -> CommandSource:
-        """The commands over time, for one rollout."""
+        """A new command source for one rollout."""
         if isinstance(self.commands, Tour):
             return Navigator(self.commands)
         return Constant(self.commands) if isinstance(self.commands, Command) else self.commands
 
     @property
     def command(self) -> Command:
-        """The command at the start, which is that of the whole episode without a schedule."""
+        """The command at the start; without a schedule or tour, that of the whole episode."""
         return self.source.command_at(0.0)

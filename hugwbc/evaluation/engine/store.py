@@ -1,8 +1,8 @@
-"""Finished episodes in files: an interrupted evaluation goes on where it stopped, a finished one is only read.
+"""Store finished episodes in files: an interrupted evaluation resumes, a finished one is only read.
 
-A file holds the episodes of one cell: one controller, one judge, one set of settings. Its first line says which, each
-other line is an episode's row with its key and a checksum. Lines are only ever appended, each by one write: a killed
-run loses nothing but the episodes that were under way.
+A file has the episodes of one cell: one controller, one judge, one set of settings. Its first line is the cell's
+identity; every other line is the row of one episode with its key and a checksum. Lines are only appended, each by one
+write, so that a killed run loses only the episodes that were running.
 """
 
 import dataclasses
@@ -27,28 +27,28 @@ _log = logging.getLogger(__name__)
 
 
 class EpisodeFile:
-    """The rows of one cell.
+    """The stored rows of one cell, a mapping from an episode's key to its row.
 
     Attributes:
-        path: of the file, which exists once a row has been added.
-        damaged: lines that could not be read; their episodes count as not run.
+        path: path of the file, which is created with the first row.
+        damaged: number of lines that could not be read; their episodes count as missing.
     """
 
     def __init__(self, path: pathlib.Path, identity: dict[str, Any]) -> None:
-        """Read what there is.
+        """Read the file if it exists.
 
         Args:
-            path: of the file.
-            identity: of the cell, JSON.
+            path: path of the file.
+            identity: identity of the cell, JSON.
 
         Raises:
-            ResultFileError: if there is a file and it is foreign, or of another version or cell.
+            ResultFileError: if the file has another format or version, or belongs to another cell.
         """
         self.path = path
         self.damaged = 0
         self._identity = identity
         self._rows: dict[str, Any] = {}
-        self._complete = True  # whether the last line has its end
+        self._complete = True  # whether the last line ends with a line break
         if path.exists():
             self._read()
 
@@ -62,7 +62,7 @@ class EpisodeFile:
         return self._rows[key]
 
     def add(self, key: str, row: Any) -> None:  # noqa: ANN401  whatever JSON holds
-        """Append an episode, so that it outlives this process.
+        """Append the row of an episode, so that it outlives this process.
 
         Raises:
             ResultFileError: if the file cannot be written.
@@ -73,7 +73,7 @@ class EpisodeFile:
                 _create(self.path, _dump({"format": FORMAT, "version": VERSION, "identity": self._identity}))
             _append(self.path, ("" if self._complete else "\n") + f"{zlib.crc32(payload.encode()):08x} {payload}\n")
         except OSError as error:
-            self._complete = False  # a part of the line may be there
+            self._complete = False  # a part of the line may have been written
             raise ResultFileError(
                 f"cannot write {self.path}: {error.strerror}; choose another folder for the results"
             ) from error
@@ -117,19 +117,19 @@ class EpisodeFile:
 
 
 class ResultStore:
-    """A folder of such files.
+    """A folder of episode files.
 
     Attributes:
-        folder: where they are; made with the first row.
-        restored: episodes that were read from files instead of run.
+        folder: folder of the files, created with the first row.
+        restored: number of episodes that were read from files instead of run.
     """
 
     def __init__(self, folder: str | pathlib.Path = DEFAULT_FOLDER, *, fresh: bool = False) -> None:
         """Use a folder.
 
         Args:
-            folder: of the files.
-            fresh: leave earlier results out: a file that exists when its cell is opened is kept under another name.
+            folder: folder of the files.
+            fresh: whether to ignore earlier results; a file that exists when its cell is opened is renamed.
         """
         self.folder = pathlib.Path(folder)
         self.restored = 0
@@ -138,20 +138,20 @@ class ResultStore:
         self._open: dict[pathlib.Path, EpisodeFile] = {}
 
     def first_use(self, path: pathlib.Path) -> bool:
-        """Whether what is in a file of this folder is to be left out: the first time that a fresh store is asked."""
+        """Return whether to set a file aside: in a fresh store, the first time that it is asked for."""
         first = self._fresh and path not in self._seen
         self._seen.add(path)
         return first
 
     def cell(self, label: str, identity: dict[str, Any]) -> EpisodeFile:
-        """The file of a cell; the same object every time.
+        """Return the file of a cell, the same object every time.
 
         Args:
-            label: start of the file's name, for people.
-            identity: everything that determines the rows beside the episodes' own keys, JSON.
+            label: readable start of the file's name.
+            identity: everything that determines the rows except the episodes' own keys, JSON.
 
         Raises:
-            ResultFileError: if there is a file that cannot be used.
+            ResultFileError: if the file exists and cannot be used.
         """
         path = self.folder / f"{label}-{digest(identity)[:16]}.jsonl"
         if path not in self._open:
@@ -162,7 +162,7 @@ class ResultStore:
 
 
 def set_aside(path: pathlib.Path) -> pathlib.Path | None:
-    """Give a file another name, `.1.old` or the next free number; the new path, or None if there was no file."""
+    """Rename a file to `.1.old` or the next free number; return the new path, or None if there was no file."""
     if not path.exists():
         return None
     numbered = (path.with_suffix(f".{number}.old") for number in itertools.count(1))
@@ -173,7 +173,7 @@ def set_aside(path: pathlib.Path) -> pathlib.Path | None:
 
 
 def plain(row: object) -> Any:  # noqa: ANN401  whatever JSON holds
-    """A row as it is stored: the fields of a dataclass, anything else as it is."""
+    """Return a row as it is stored: the fields of a dataclass, anything else unchanged."""
     return dataclasses.asdict(row) if dataclasses.is_dataclass(row) and not isinstance(row, type) else row
 
 
@@ -182,7 +182,8 @@ def _dump(content: object) -> str:
 
 
 def _create(path: pathlib.Path, head: str) -> None:
-    """Make a file with a first line, at once and only if there is none."""
+    """Create a file with its first line, atomically and only if it does not exist."""
+    # Linking a finished file into place fails if the name is taken; no process can see a half-written first line.
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
     try:
@@ -190,7 +191,7 @@ def _create(path: pathlib.Path, head: str) -> None:
             file.write(head + "\n")
         os.link(name, path)
     except FileExistsError:
-        return  # another process was faster, with the same line
+        return  # another process was faster; its first line is the same
     finally:
         os.unlink(name)
 

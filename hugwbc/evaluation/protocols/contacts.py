@@ -8,7 +8,7 @@ import numpy as np
 
 from hugwbc import gait as gaits
 from hugwbc.commands import Command, default_command
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.picture_data import GaitDiagram

@@ -16,7 +16,7 @@ import numpy as np
 
 from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import Polar

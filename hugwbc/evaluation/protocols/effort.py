@@ -12,9 +12,8 @@ import numpy as np
 
 from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation import effort_metrics as effort
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import Curves
@@ -162,19 +161,19 @@ class EffortJudge:
     def _measured(self, run: Run) -> dict[str, float | None]:
         trace, settle = run.trace, self.settle
         unknown = {"rms": None, "peak": None}
-        torque = effort.torque_use(trace, settle) or unknown
-        joint_speed = effort.joint_speed_use(trace, settle) or unknown
+        torque = metrics.torque_use(trace, settle) or unknown
+        joint_speed = metrics.joint_speed_use(trace, settle) or unknown
         moves = run.command.gait is not Gait.STANDING and run.command.v_x != 0.0
         return {
-            "speed": known(effort.speed(trace, settle)),
-            "power": known(effort.mechanical_power(trace, settle)),
-            "cost_of_transport": known(effort.cost_of_transport(trace, self.mass, settle)) if moves else None,
+            "speed": known(metrics.speed(trace, settle)),
+            "power": known(metrics.mechanical_power(trace, settle)),
+            "cost_of_transport": known(metrics.cost_of_transport(trace, self.mass, settle)) if moves else None,
             "torque_rms": torque["rms"],
             "torque_peak": torque["peak"],
             "joint_speed_rms": joint_speed["rms"],
             "joint_speed_peak": joint_speed["peak"],
-            "torque_rate": known(effort.torque_rate(trace, settle)),
-            "target_jerk": known(effort.target_jerk(trace, settle)),
+            "torque_rate": known(metrics.torque_rate(trace, settle)),
+            "target_jerk": known(metrics.target_jerk(trace, settle)),
         }
 
 

@@ -10,13 +10,12 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.comparison import upper_body_source
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedSettings, ProtocolResult, known, mean
 from hugwbc.evaluation.protocols.protocol import Protocol
 from hugwbc.evaluation.tables import format_table, hand_rows
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import UpperBodySource
+from hugwbc.runtime.loop import ArmSource, upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.scripts.hand_paths import Line
@@ -113,7 +112,7 @@ class HandsResult(ProtocolResult[HandsEpisode]):
 class _Recording:
     """An upper-body source that records the solutions of another one's inverse kinematics, and its commands."""
 
-    def __init__(self, source: UpperBodySource) -> None:
+    def __init__(self, source: ArmSource) -> None:
         self._source = source
         self.wanted: list[np.ndarray] = []
         self.commanded: list[np.ndarray] = []
@@ -128,14 +127,19 @@ class _Recording:
         self._source.reset()
 
     def update(
-        self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None = None
-    ) -> UpperBody:
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
         """Update the source and record its solution and its command."""
-        body = self._source.update(state, hands, dt, commanded)
+        body, command = self._source.update(state, hands, command, dt, commanded)
         nothing = np.full(8, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
-        return body
+        return body, command
 
     def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
         """Return the rows at the times of a trace, shape (samples, 8)."""

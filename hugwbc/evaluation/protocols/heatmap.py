@@ -15,7 +15,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import HeatMaps

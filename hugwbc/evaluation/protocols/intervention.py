@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import INTERVENTIONS
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors

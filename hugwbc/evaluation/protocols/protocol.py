@@ -10,8 +10,7 @@ import abc
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
-from hugwbc.evaluation.engine.episode import ControllerFactory, Judge, Row
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import ControllerFactory, EpisodePlan, Judge, Row
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.picture_data import Picture
 from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, run_episodes

@@ -12,7 +12,7 @@ import numpy as np
 
 from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule
+from hugwbc.evaluation.engine import EpisodePlan, Knot, Schedule
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.metrics import tracking_errors

@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, known
 from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
 from hugwbc.evaluation.tables import format_table

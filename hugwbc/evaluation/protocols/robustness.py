@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate, wilson_percentage
 from hugwbc.evaluation.paper import ERROR_NAMES

@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, error_name, other_controllers, single_command_errors

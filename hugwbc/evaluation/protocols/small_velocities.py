@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, known, mean
 from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
 from hugwbc.evaluation.tables import format_table

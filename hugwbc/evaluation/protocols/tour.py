@@ -15,10 +15,9 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan, Tour, Waypoint
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
-from hugwbc.evaluation.navigation import Tour, Waypoint
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, mean
 from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
 from hugwbc.evaluation.tables import format_table

@@ -1,15 +1,15 @@
-"""Every number of training, imitation and distillation, each with its meaning; all of them are flags of the verbs."""
+"""Every number of training, imitation and distillation, with its meaning; each is a flag of its verb."""
 
-from hugwbc.learned.config.distillation_settings import CALIBRATED_COMMANDS, DistillationConfig
 from hugwbc.learned.config.environment import (
     CommandConfig,
     CurriculumConfig,
     EnvConfig,
+    ExtraWeights,
     RandomizationConfig,
+    RewardWeights,
     TerrainConfig,
 )
-from hugwbc.learned.config.imitation_settings import ImitationConfig
-from hugwbc.learned.config.reward_weights import ExtraWeights, RewardWeights
+from hugwbc.learned.config.imitation_settings import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig
 from hugwbc.learned.config.training_settings import PPOConfig, TrainConfig
 
 __all__ = [

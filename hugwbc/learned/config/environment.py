@@ -1,4 +1,4 @@
-"""Settings of the training environment: commands, randomisation, curricula, ground, robots."""
+"""Settings of the training environment: commands, randomisation, curricula, ground, rewards, robots."""
 
 import dataclasses
 import math
@@ -7,27 +7,29 @@ from typing import Literal
 
 import numpy as np
 
+from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.reward_weights import ExtraWeights, RewardWeights
-from hugwbc.learned.policy.policy_contract import ACTION_SCALE, WAIST_RATE
 from hugwbc.robot import Robot
 
-_FASTEST_HOP = 5.0  # [Hz], of which a control step is a tenth of a cycle
+_FASTEST_HOP = 5.0  # [Hz], at which a control step is a tenth of a cycle
 
 
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
-    """How commands are drawn in training. Gaits: the fractions below; what they leave is jumping."""
+    """How training draws commands. Gaits are drawn in the fractions below; the rest is jumping."""
 
     standing_fraction: float = 0.2
+    """Fraction of the commands that are for standing."""
     walking_fraction: float = 0.55
+    """Fraction of the commands that are for walking."""
     hopping_fraction: float = 0.0
-    """One-leg hopping, half on either leg. The paper trains it alone: standing 0.1, walking 0, hopping 0.9."""
+    """Fraction of the commands that are for one-leg hopping, half on each leg. The paper trains it alone: standing 0.1,
+    walking 0, hopping 0.9."""
     hopping_frequency: tuple[float, float] = (2.0, 2.0)
-    """Range of a hop's f [Hz], which is 2 when the policy is used. Policies find a rhythm near 4 by themselves; a
-    training that begins there and goes down keeps to the clock."""
+    """Range of f while hopping [Hz]; a trained policy is asked for 2. Policies find a rhythm near 4 by themselves, so a
+    training that starts there and lowers the range keeps them in step with the clock."""
     default_fraction: float = 0.4
-    """Probability, for each of f, l, h, p, w, to be at its default instead of drawn from its range."""
+    """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
     zero_velocity_fraction: float = 0.1
     """Probability of stepping in place."""
     resample_steps: int = 500
@@ -40,7 +42,7 @@ class CommandConfig:
             value = getattr(self, name)
             require(0.0 <= value <= 1.0, f"command.{name}", value, "0 to 1")
         total = sum(getattr(self, name) for name in gaits)
-        # Decimal fractions that make up 1 may add up to a little more.
+        # Decimal fractions that sum to 1 may exceed it by rounding.
         require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
         low, high = self.hopping_frequency
         require(
@@ -52,7 +54,7 @@ class CommandConfig:
         require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
 
     def fractions(self) -> dict[str, float]:
-        """Part of the commands of each gait; jumping is what the others leave."""
+        """Return the fraction of the commands of each gait; jumping is the rest."""
         given = {"standing": self.standing_fraction, "walking": self.walking_fraction, "hopping": self.hopping_fraction}
         rest = 1.0 - sum(given.values())
         return given | {"jumping": rest if rest > 1e-9 else 0.0}
@@ -60,31 +62,31 @@ class CommandConfig:
 
 @dataclasses.dataclass(frozen=True)
 class RandomizationConfig:
-    """Per-robot model parameters, drawn once, and disturbances. Ranges of factors are relative to the table's value."""
+    """Model parameters of each robot, drawn once, and disturbances. Factors multiply the nominal value."""
 
     friction: tuple[float, float] = (0.4, 1.5)
-    """Sliding friction of the robot's shapes."""
+    """Sliding friction of the robot's geometry."""
     torso_mass: tuple[float, float] = (-2.0, 4.0)
-    """Added to the torso, which has 18 [kg]."""
+    """Mass added to the torso, which has 18 kg [kg]."""
     torso_centre: float = 0.03
     """Half-width of the shift of the torso's centre of mass along each axis [m]."""
     gains: tuple[float, float] = (0.9, 1.1)
-    """Factor on each joint's stiffness and, independently, damping."""
+    """Factor on the stiffness of each joint and, independently, on its damping."""
     link_mass: tuple[float, float] = (1.0, 1.0)
     """Factor on the mass and inertia of each link (the authors: 0.8 to 1.2)."""
     link_centre: float = 0.0
     """Half-width of the shift of each link's centre of mass along each axis [m] (the authors: 0.01)."""
     strength: tuple[float, float] = (1.0, 1.0)
-    """Factor on the torque that each joint gives, before its limit (the authors: 0.8 to 1.2)."""
+    """Factor on the torque of each joint before its limit applies (the authors: 0.8 to 1.2)."""
     offset: float = 0.0
     """Half-width of the error of each joint's position target [rad] (the authors: 0.02)."""
     latency: tuple[float, float] = (0.0, 0.0)
-    """Time from an action to its effect [s], one for each robot, in physics steps (the authors: 0 to 0.02, of the
-    observations). Above 0 it costs about a fifth of the speed."""
+    """Time from an action to its effect [s], one value per robot, rounded to physics steps (the authors delay the
+    observations by 0 to 0.02). A range above 0 makes the training about a fifth slower."""
     push_velocity: float = 0.5
-    """Half-width of a push: change of the horizontal pelvis velocity [m/s]."""
+    """Half-width of a push, which changes the horizontal velocity of the pelvis [m/s]."""
     push_interval: int = 400
-    """Mean control steps between two pushes of a robot."""
+    """Mean number of control steps between two pushes of a robot."""
     noise: float = 0.2
     """Scale of the observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
 
@@ -105,34 +107,35 @@ class RandomizationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CurriculumConfig:
-    """Penalty scale, external arm noise and speed; each gate compares tracking rewards relative to their maximum."""
+    """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima."""
 
     warm_up_iterations: int = 300
-    """Iterations before any of the three moves."""
+    """Number of iterations before any of the three moves."""
     penalty_start: float = 0.2
     """Initial factor on the regularisation rewards."""
     penalty_growth: float = 1.001
     """Factor on the penalty scale per iteration, up to 1."""
     linear_threshold: float = 0.8
     angular_threshold: float = 0.6
-    """Relative tracking rewards that let the noise level alpha rise; below two thirds of either it falls."""
+    """Relative linear and angular tracking rewards above which the noise level alpha rises; it falls below two thirds
+    of either."""
     alpha_step: float = 0.01
-    """Change of the noise level (the paper's)."""
+    """Change of the noise level per decision (the paper's)."""
     alpha_interval: int = 3
-    """Iterations between two decisions on alpha, so that the averages reflect the level."""
+    """Iterations between two decisions on alpha, so that the averages reflect the new level."""
     speed: Literal["range", "grid"] = "range"
-    """How the speeds of the agile group grow: one range for all, or the paper's grid-adaptive rule, which opens each
-    cell of the (v_x, omega) plane when its neighbours are tracked well."""
+    """How the speeds of the agile group grow: as one range, or by the paper's grid-adaptive rule, which opens a cell of
+    the (v_x, omega) plane when its neighbours are tracked well."""
     speed_angular_threshold: float = 0.4
-    """Relative angular tracking reward that a cell of the grid needs beside the linear one."""
+    """Relative angular tracking reward that a command on the grid needs to pass, in addition to the linear one."""
     speed_threshold: float = 0.75
-    """Relative linear tracking reward that lets the speed of the agile group grow."""
+    """Relative linear tracking reward above which the speed of the agile group grows."""
     speed_step: float = 0.02
-    """Growth of the largest forward speed of the agile group [m/s]."""
+    """Growth of the largest forward speed of the agile group per decision [m/s]."""
     speed_interval: int = 20
     """Iterations between two decisions on the speed."""
     agile_fraction: float = 0.5
-    """Fraction of robots in the agile group: higher speeds, no intervention."""
+    """Fraction of the robots that are in the agile group, which has higher speeds and no intervention."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -151,19 +154,19 @@ class CurriculumConfig:
 
 @dataclasses.dataclass(frozen=True)
 class TerrainConfig:
-    """Rough ground with levels; each robot has its own. Without roughness the ground is a plane."""
+    """Rough ground of several levels; each robot has its own level. Without roughness the ground is a plane."""
 
     roughness: float = 0.0
     """Half-width of the uniformly random heights of the highest level [m]; 0 for a plane. The paper: 0.02."""
     levels: int = 10
     """From a plane to the roughness, in equal steps."""
     start_level: int = 0
-    """Highest level on which robots start at first, evenly from 0 on."""
+    """Highest level on which robots start; they are spread evenly over the levels from 0 up to it."""
     threshold: float = 0.7
-    """Relative linear tracking reward from which a robot that stayed up moves to the next level; a fall moves back."""
+    """Relative linear tracking reward from which a robot that did not fall moves one level up; a fall moves it down."""
     mastered: float = 0.0
-    """Mean level, as a part of the highest, below which noise and speed wait; the paper lets them wait until the
-    hardest ground is mastered. 0 moves all curricula at once."""
+    """Mean level, as a fraction of the highest, below which the curricula of noise and speed wait. The paper has them
+    wait until the hardest ground is mastered; 0 moves all curricula at once."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -175,6 +178,72 @@ class TerrainConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the paper's reward table, one per row. Every reward is multiplied by the control period."""
+
+    linear_velocity_tracking: float = 2.0
+    angular_velocity_tracking: float = 2.0
+    body_height_tracking: float = -40.0
+    body_pitch_tracking: float = -10.0
+    waist_yaw_tracking: float = -2.0
+    foot_swing_tracking: float = -30.0
+    contact_swing_tracking: float = -2.0
+    roll_pitch_angular_velocity: float = -0.5
+    vertical_body_movement: float = -0.1
+    feet_slip: float = -0.2
+    action_rate: float = -0.01
+    action_smoothness: float = -0.01
+    joint_torque: float = -5e-6
+    joint_acceleration: float = -2.5e-7
+    upper_joint_deviation: float = -0.5
+    hip_joint_deviation: float = -2.0
+    feet_symmetry: float = -5.0
+    termination: float = -200.0
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        require_finite(self, "rewards.")
+        for name in ("linear_velocity_tracking", "angular_velocity_tracking"):
+            value = getattr(self, name)
+            require(value > 0.0, f"rewards.{name}", value, "above 0: the curricula compare the reward with its maximum")
+
+
+@dataclasses.dataclass(frozen=True)
+class ExtraWeights:
+    """Weights of terms that the paper's table lacks; 0 switches a term off. The reasons are in docs/learned.md."""
+
+    alive: float = 2.0
+    """Constant reward while the robot is up. It keeps early returns positive, so that falling never pays."""
+    body_roll_tracking: float = -10.0
+    """Squared roll, which the authors' code has inside its pitch term."""
+    joint_limits: float = -5.0
+    """Angle of legs and waist beyond 95 % of the joint range [rad]."""
+    linear_velocity_precision: float = 2.0
+    """exp(-|e| / 0.25) of the horizontal velocity. It keeps a slope near zero error, where the paper's squared
+    exponential is flat and small commands would be ignored."""
+    linear_velocity_error: float = 0.0
+    """Squared error of the horizontal velocity, up to 1 (m/s)^2. Its slope does not vanish at large errors, where both
+    exponentials are flat; hopping, which falls by drifting away, needs it (-6)."""
+    yaw_rate_precision: float = 1.0
+    """exp(-|e| / 0.25) of the yaw rate, for the same reason as the precision of the linear velocity."""
+    yaw_rate_error: float = -1.0
+    """Squared error of the yaw rate, up to 4 (rad/s)^2. Its slope does not vanish under the oscillation of the stride
+    and the exploration noise, which flatten the exponentials."""
+    posture_precision: float = 3.0
+    """Mean of exp(-|e| / 0.1) over h, p and w. With the squared errors alone, offsets of 0.1 m and 0.1 rad remained:
+    compared with the velocities they cost almost nothing."""
+    swing_precision: float = 1.0
+    """exp(-|e| / 0.05) of the clearance of each swing foot, for the same reason."""
+    unequal_support: float = -3.0
+    """1 while a single foot carries the robot although both feet move in phase (standing, jumping). Without it the
+    policy ran at twice the frequency instead of jumping."""
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        require_finite(self, "extra.")
+
+
+@dataclasses.dataclass(frozen=True)
 class EnvConfig:
     """The training environment."""
 
@@ -183,33 +252,34 @@ class EnvConfig:
     substeps: int = 4
     """Physics steps of 5 ms in a control step."""
     episode_steps: int = 1000
+    """Control steps after which an episode ends."""
     action_scale: float = ACTION_SCALE
     """Radians of joint target per unit of action."""
     yaw_action_factor: float = 0.4
-    """Factor on that of hip yaw and waist: stiff joints on a small yaw inertia, where the exploration noise of the
-    other joints' scale drowns the yaw rate that the reward is to see."""
+    """Factor on the action scale of hip yaw and waist. These joints are stiff and the yaw inertia is small: at the
+    common scale, their exploration noise hides the yaw rate from the reward. 1 gives the paper's."""
     yaw_damping_factor: float = 3.0
-    """Factor on the damping of hip yaw and waist, which with the paper's gains resonate near 2 Hz, the stride's
-    frequency. 1 for the paper's gains."""
+    """Factor on the damping of hip yaw and waist. With the paper's gains (1) they resonate near 2 Hz, the frequency of
+    the stride."""
     starts: pathlib.Path | None = None
-    """File of recorded motion, such as the starts.safetensors that `hugwbc imitate` writes, in which a part of the
-    episodes starts instead of from a stand."""
+    """File of recorded motion in which a share of the episodes starts, instead of from a stand; `hugwbc imitate` writes
+    one as starts.safetensors."""
     starts_share: float = 0.7
-    """That part, of the episodes whose gait was recorded."""
+    """Share of the episodes that start in recorded motion, among those whose gait was recorded."""
     held_foot_grace: float = 0.0
-    """Time after a new command in which a hopping robot has to lift its held foot [s]: from then on, and at once where
-    the episode starts in mid-hop, that foot on the ground for longer than a touch ends the episode. 0 never."""
+    """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
+    episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
     waist_rate: float = WAIST_RATE
-    """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. 0 leaves the
-    waist to the action alone, as in the paper."""
+    """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
+    action alone moves the waist, as in the paper."""
     intervention: Literal["noise", "motion", "none"] = "noise"
-    """What takes over the arms: the paper's noise, motion files, or nothing."""
+    """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
-    """Folder of motion files (.npz) for the motion intervention; without one, generated motions."""
+    """Folder of motion files (.npz) for the motion intervention; motions are generated if it is not given."""
     flip_probability: float = 0.005
-    """Probability per step that the intervention indicator flips."""
+    """Probability per control step that the intervention indicator I(t) flips."""
     noise_interval: int = 90
-    """Control steps between two draws of the intervention's arm targets."""
+    """Control steps between two draws of the arm noise."""
     command: CommandConfig = dataclasses.field(default_factory=CommandConfig)
     randomization: RandomizationConfig = dataclasses.field(default_factory=RandomizationConfig)
     rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
@@ -234,11 +304,11 @@ class EnvConfig:
         require(not unused, "env.motions", self.motions, "none without env.intervention motion")
 
     def action_scales(self, robot: Robot) -> np.ndarray:
-        """Radians of joint target per unit of action, shape (19,)."""
+        """Return the radians of joint target per unit of action, shape (19,)."""
         return self._with_yaw(np.full(len(robot.joint_names), self.action_scale), self.yaw_action_factor, robot)
 
     def damping(self, robot: Robot) -> np.ndarray:
-        """Damping of the joints' PD [N*m*s/rad], shape (19,)."""
+        """Return the damping of the joints' PD [N*m*s/rad], shape (19,)."""
         return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
 
     @staticmethod

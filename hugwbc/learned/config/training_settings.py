@@ -11,39 +11,53 @@ from hugwbc.learned.config.environment import EnvConfig
 
 @dataclasses.dataclass(frozen=True)
 class PPOConfig:
-    """The learner. Weights: loss = value + policy_weight * surrogate + estimation_weight * L_est + beta * L_sym."""
+    """PPO: loss = value + policy_weight surrogate + estimation_weight L_est + beta L_sym - entropy_weight entropy."""
 
     horizon: int = 24
-    """Control steps per iteration."""
+    """Control steps of every robot per iteration."""
     epochs: int = 3
+    """Passes over the experience of an iteration."""
     minibatches: int = 4
+    """Minibatches per epoch."""
     gamma: float = 0.98
+    """Discount per control step. With the usual 0.99 (and lambda 0.95), rare falls made up most of the variance of the
+    advantages and hid the cost of tracking errors (docs/log/training.md)."""
     lam: float = 0.92
-    """With the usual 0.99 and 0.95, rare falls made most of the advantages' variance and hid what a command's error
-    costs: see the log in docs/learned.md."""
+    """Trace decay lambda of the generalised advantage estimate."""
     clip: float = 0.2
+    """Largest change of the probability ratio that the surrogate rewards."""
     value_clip: float = 0.2
-    """How far a value may move in an update [reward]; 0 for no limit, which the critic of a policy that often falls
-    needs: with the limit, that of the hop drifted 13 above its returns (docs/learned.md)."""
+    """Largest change of a value in an update [reward]; 0 for no limit. Policies that often fall need 0: with the limit,
+    the values of the hop drifted to 13 above its returns (docs/log/training.md)."""
     policy_weight: float = 1.0
+    """Weight of the surrogate loss (the paper's lambda_policy)."""
     estimation_weight: float = 1.0
+    """Weight of the estimation loss (the paper's lambda_est)."""
     beta: float = 0.5
     """Weight of the symmetry loss (the paper's beta)."""
     entropy_weight: float = 0.002
+    """Weight of the entropy bonus."""
     learning_rate: float = 3e-4
-    """Of the actor at the start of a run; the KL then moves it within the range below."""
+    """Learning rate of the actor at the start; the KL divergence then moves it within `learning_rate_range`."""
     critic_learning_rate: float = 3e-4
-    """Of the critic, throughout."""
+    """Learning rate of the critic, constant."""
     learning_rate_range: tuple[float, float] = (1e-5, 1e-3)
+    """Smallest and largest learning rate of the actor."""
     target_kl: float = 0.02
+    """KL divergence of an update at which the learning rate stays; above twice of it the rate falls, below half of it
+    the rate rises."""
     max_grad_norm: float = 1.0
+    """Largest norm of the gradient, for actor and critic separately."""
     std_initial: float = 0.8
+    """Largest exploration std at the start."""
     std_final: float = 0.25
+    """Largest exploration std at the end of the schedule."""
     std_steps: float = 45e6
-    """Environment steps over which the largest exploration std falls, geometrically, from initial to final."""
+    """Environment steps over which the largest exploration std falls geometrically from initial to final."""
     std_min: float = 0.03
+    """Smallest exploration std."""
     mixed_precision: bool = True
-    """bfloat16 in the critic and in the mirrored branch of the symmetry loss; never in the actor."""
+    """Use bfloat16 in the critic and in the mirrored branch of the symmetry loss; the actor always has float32."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -77,29 +91,33 @@ class TrainConfig:
     """A training run."""
 
     out: pathlib.Path = pathlib.Path("runs/h1")
-    """Folder of checkpoints and logs."""
+    """Folder of checkpoints, policy and log."""
     resume: bool = False
     """Continue from the latest checkpoint in `out`."""
     start_from: pathlib.Path | None = None
-    """Checkpoint or snapshot of another run to start from, such as a shipped policy's."""
+    """Checkpoint or snapshot of another run to start from, such as that of a shipped policy."""
     steps: float = 50e6
-    """Stop after this many environment steps in all."""
+    """Environment steps, over all sessions of the run, after which it stops."""
     hours: float = 24.0
-    """Stop after this much wall-clock time."""
+    """Wall-clock time after which the session stops [h]."""
     seed: int = 1
+    """Seed of all random numbers."""
     threads: int = 2
-    """Threads of the simulation and of torch; 1 leaves the other cores alone."""
+    """Threads of the simulation and of torch; with 1, other cores stay free."""
     critic_warm_up: int = 0
-    """Iterations at the start of this session in which only the critic learns: for a policy that another method made,
-    or after a change of rewards or discount, when the values are wrong at first and would lead the actor astray."""
+    """Iterations at the start of this session in which only the critic learns. Use it for a policy from another method,
+    or after a change of rewards or discount: the values are wrong at first and would spoil the actor."""
     save_interval: int = 50
     """Iterations between two checkpoints."""
     evaluation_interval: int = 50
     """Iterations between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
     evaluation_robots: int = 128
+    """Robots of an evaluation."""
     evaluation_seconds: float = 5.0
+    """Length of the episodes of an evaluation [s]."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """cuda: physics (mujoco_warp) and learner on the GPU, extra [gpu]; rewards and observations stay on the CPU."""
+    """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
+    CPU."""
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
 

@@ -1,22 +1,203 @@
-"""External upper-body intervention in training: switching and blending.
+"""External control of the arms in training: when it happens, how it is blended in, and where its targets come from.
 
-The paper's section on intervention training: I(t) flips with probability p per step; the arms follow
-alpha * noise + (1 - alpha) * policy. Where the noise (or a motion) comes from is `hugwbc.learned.env.arm_targets`.
+The paper's section on intervention training: I(t) flips with probability p per step, and while I = 1 the arms follow
+alpha * target + (1 - alpha) * policy. The targets are the paper's noise (uniform, drawn every t_interval steps and
+approached linearly during the first two thirds of the interval) or motions, which each robot plays one after the
+other, faded into each other.
 """
+
+import pathlib
+from collections.abc import Sequence
+from typing import Protocol
 
 import torch
 
-from hugwbc.learned.env.arm_targets import ArmTargets
+from hugwbc.robot import load_robot
+from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
+
+RAMP_FRACTION = 2.0 / 3.0
+FADE_STEPS = 25  # control steps over which a motion takes over from the posture before it
+_ARMS = 8
+
+
+class ArmTargets(Protocol):
+    """A source of arm targets for n robots; `step` is called once per control step."""
+
+    def reset(self, robots: torch.Tensor) -> None:
+        """Restart robots (indices) from the nominal posture."""
+        ...
+
+    def step(self) -> None:
+        """Advance by one control step."""
+        ...
+
+    def targets(self) -> torch.Tensor:
+        """Return the targets in the order of `Robot.arm_names` [rad], shape (n, 8)."""
+        ...
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return everything that a resumed run needs."""
+        ...
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what `state_dict` returned; ignore the state of another kind of source."""
+        ...
+
+
+def _nominal_arms(count: int) -> torch.Tensor:
+    robot = load_robot()
+    return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32).repeat(count, 1)
+
+
+class NoiseTargets:
+    """The paper's noise: uniform targets over the range of `arm_noise_range`, approached linearly."""
+
+    def __init__(self, count: int, interval: int, generator: torch.Generator) -> None:
+        """Start at the nominal posture.
+
+        Args:
+            count: number of robots.
+            interval: control steps between two draws of a target.
+            generator: source of the draws.
+        """
+        self.interval = interval
+        self._generator = generator
+        self._low, self._high = (torch.tensor(bound, dtype=torch.float32) for bound in arm_noise_range())
+        self._initial = _nominal_arms(count)
+        self._target = self._draw(count)
+        self._age = torch.randint(interval, (count,), generator=generator)  # so that robots do not draw in step
+
+    def _draw(self, count: int) -> torch.Tensor:
+        sample = torch.rand((count, _ARMS), generator=self._generator)
+        return self._low + sample * (self._high - self._low)
+
+    def reset(self, robots: torch.Tensor) -> None:
+        """Restart robots (indices) from the nominal posture."""
+        self._initial[robots] = _nominal_arms(robots.numel())
+        self._target[robots] = self._draw(robots.numel())
+        self._age[robots] = 0
+
+    def step(self) -> None:
+        """Advance by one control step, and draw a new target where an interval has passed."""
+        self._age += 1
+        due = (self._age >= self.interval).nonzero().squeeze(1)
+        if due.numel():
+            self._initial[due] = self._target[due]
+            self._target[due] = self._draw(due.numel())
+            self._age[due] = 0
+
+    def targets(self) -> torch.Tensor:
+        """Return (1 - r) initial + r target [rad], shape (n, 8); r rises to 1 in two thirds of the interval."""
+        ratio = (self._age / (RAMP_FRACTION * self.interval)).clamp(max=1.0)[:, None]
+        return (1.0 - ratio) * self._initial + ratio * self._target
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return everything that a resumed run needs."""
+        return {"initial": self._initial, "target": self._target, "age": self._age}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what `state_dict` returned; ignore the state of another kind of source."""
+        if "target" in state:
+            self._initial, self._target = state["initial"].clone(), state["target"].clone()
+            self._age = state["age"].clone()
+
+
+class MotionTargets:
+    """Motions: each is played from a random frame to its end, and another one follows."""
+
+    def __init__(self, count: int, motions: Sequence[ArmMotion], generator: torch.Generator) -> None:
+        """Start at the nominal posture.
+
+        Args:
+            count: number of robots.
+            motions: motions at any rate; they are resampled to the control rate.
+            generator: source of the choices.
+        """
+        clips = [torch.tensor(motion.resampled().positions, dtype=torch.float32) for motion in motions]
+        self._frames = torch.cat(clips)
+        self._length = torch.tensor([len(clip) for clip in clips])
+        self._begin = self._length.cumsum(0) - self._length
+        self._generator = generator
+        self._previous = _nominal_arms(count)
+        self._clip = torch.zeros(count, dtype=torch.long)
+        self._frame = torch.zeros(count, dtype=torch.long)
+        self._played = torch.zeros(count, dtype=torch.long)
+        self._choose(torch.arange(count))
+
+    def _choose(self, robots: torch.Tensor) -> None:
+        clip = torch.randint(len(self._length), (robots.numel(),), generator=self._generator)
+        start = torch.rand(robots.numel(), generator=self._generator) * (self._length[clip] - 1)
+        self._clip[robots], self._frame[robots], self._played[robots] = clip, start.long(), 0
+
+    def reset(self, robots: torch.Tensor) -> None:
+        """Restart robots (indices) from the nominal posture."""
+        self._previous[robots] = _nominal_arms(robots.numel())
+        self._choose(robots)
+
+    def step(self) -> None:
+        """Advance by one control step, and choose another motion where one has ended."""
+        self._frame += 1
+        self._played += 1
+        ended = (self._frame >= self._length[self._clip]).nonzero().squeeze(1)
+        if ended.numel():
+            last = self._begin[self._clip[ended]] + self._length[self._clip[ended]] - 1
+            self._previous[ended] = self._frames[last]
+            self._choose(ended)
+
+    def targets(self) -> torch.Tensor:
+        """Return the posture of the motion, faded in from the posture before it [rad], shape (n, 8)."""
+        ratio = (self._played / FADE_STEPS).clamp(max=1.0)[:, None]
+        return (1.0 - ratio) * self._previous + ratio * self._frames[self._begin[self._clip] + self._frame]
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return everything that a resumed run needs."""
+        return {"previous": self._previous, "clip": self._clip, "frame": self._frame, "played": self._played}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what `state_dict` returned; ignore the state of another source or of other motions."""
+        if "clip" not in state or int(state["clip"].max()) >= len(self._length):
+            return
+        if bool((state["frame"] < self._length[state["clip"]]).all()):
+            self._previous, self._clip = state["previous"].clone(), state["clip"].clone()
+            self._frame, self._played = state["frame"].clone(), state["played"].clone()
+
+
+def make_arm_targets(
+    kind: str,
+    count: int,
+    *,
+    interval: int,
+    motions: pathlib.Path | None,
+    motions_seed: int,
+    generator: torch.Generator,
+) -> ArmTargets:
+    """Build the source of arm targets of an intervention, for training and for evaluation.
+
+    Args:
+        kind: "motion", or anything else for noise, which does no harm where nothing is intervened.
+        count: number of robots.
+        interval: control steps between two draws of the noise.
+        motions: folder of motion files; None for generated motions.
+        motions_seed: seed of the generated motions.
+        generator: source of the draws.
+
+    Raises:
+        MotionFileError: if the motion files cannot be used.
+    """
+    if kind != "motion":
+        return NoiseTargets(count, interval, generator)
+    clips = generate_motions(motions_seed) if motions is None else load_motions(motions)
+    return MotionTargets(count, clips, generator)
 
 
 class Intervention:
-    """State of the intervention of n robots.
+    """The intervention of n robots: its indicators, its noise level and its targets.
 
     Attributes:
-        eligible: robots that may be intervened now, shape (n,), bool.
+        eligible: whether a robot may be intervened now, shape (n,), bool.
         active: the paper's I(t), shape (n,), bool.
         alpha: noise level in [0, 1], common to all robots.
-        source: of the arm targets.
+        source: source of the arm targets.
     """
 
     def __init__(
@@ -25,10 +206,10 @@ class Intervention:
         """Start without intervention.
 
         Args:
-            eligible: robots that may be intervened, shape (n,), bool.
-            flip_probability: of I(t), per step.
-            source: of the arm targets.
-            generator: of the flips.
+            eligible: whether a robot may be intervened, shape (n,), bool.
+            flip_probability: probability per control step that I(t) flips.
+            source: source of the arm targets.
+            generator: source of the flips.
         """
         self.eligible = eligible
         self.flip_probability = flip_probability
@@ -38,36 +219,36 @@ class Intervention:
         self._generator = generator
 
     def reset(self, robots: torch.Tensor) -> None:
-        """Forget the intervention of some robots (indices); their arms start at nominal."""
+        """End the intervention of robots (indices); their arms start at the nominal posture."""
         self.active[robots] = False
         self.source.reset(robots)
 
     def step(self) -> None:
-        """Flip indicators, and move the targets on."""
+        """Flip the indicators and advance the targets."""
         flip = torch.rand(self.active.shape, generator=self._generator) < self.flip_probability
         self.active = (self.active ^ flip) & self.eligible
         self.source.step()
 
     def targets(self) -> torch.Tensor:
-        """The external targets of the arms [rad], shape (n, 8)."""
+        """Return the external targets of the arms [rad], shape (n, 8)."""
         return self.source.targets()
 
     def blend(self, policy: torch.Tensor) -> torch.Tensor:
-        """Arm targets that the joints receive [rad], shape (n, 8): external targets blended in where I = 1.
+        """Blend the external targets into the policy's where I = 1; return what the joints receive [rad], shape (n, 8).
 
         Args:
-            policy: the policy's arm targets [rad], shape (n, 8).
+            policy: arm targets of the policy [rad], shape (n, 8).
         """
         blended = self.alpha * self.targets() + (1.0 - self.alpha) * policy
         return torch.where(self.active[:, None], blended, policy)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Everything that a resumed run needs."""
+        """Return everything that a resumed run needs."""
         own = {"active": self.active, "alpha": torch.tensor(self.alpha, dtype=torch.float64)}
         return own | self.source.state_dict()
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` gave."""
+        """Restore what `state_dict` returned."""
         self.active = state["active"].clone()
         self.alpha = float(state["alpha"])
         self.source.load_state_dict(state)

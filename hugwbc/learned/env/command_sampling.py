@@ -1,4 +1,4 @@
-"""How training draws gaits and commands."""
+"""Drawing gaits and commands for training."""
 
 import torch
 
@@ -17,26 +17,27 @@ _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w
 def uniform(
     generator: torch.Generator, count: int, low: float | torch.Tensor, high: float | torch.Tensor
 ) -> torch.Tensor:
-    """Uniform numbers between `low` and `high`, shape (count,)."""
+    """Draw uniform numbers between `low` and `high`, shape (count,)."""
     return low + torch.rand(count, generator=generator) * (high - low)
 
 
 def draw_commands(
     agile: torch.Tensor, config: CommandConfig, curriculum: Curriculum, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Gaits and commands for some robots.
+    """Draw gaits and commands.
 
-    Each command is uniform over its initial range, v_x and omega of the agile group over the range that the
-    curriculum has reached, or over the cells that its grid has opened; each behaviour command is at its default with
-    probability `default_fraction`; standing and stepping in place have no velocity. Hopping has the paper's command
-    space of its own: v_x, v_y, omega and h; the others stay at their defaults, whose tracking rewards then regularise,
-    but for f, which training may start elsewhere.
+    Each command is uniform over its initial range. v_x and omega of the agile group are uniform over the range that
+    the curriculum has reached, or over the cells that its grid has opened. Each behaviour command is at its default
+    with probability `default_fraction`. Standing and stepping in place have no velocity.
+
+    Hopping has the paper's smaller command space: v_x, v_y, omega and h. The other commands stay at their defaults, so
+    that their tracking rewards act as regularisers; only f may be drawn from another range (`hopping_frequency`).
 
     Args:
-        agile: which of the robots belong to the agile group, shape (k,), bool.
+        agile: whether each robot belongs to the agile group, shape (k,), bool.
         config: the probabilities.
-        curriculum: the reached speeds.
-        generator: of the draws.
+        curriculum: the speeds reached so far.
+        generator: source of the draws.
 
     Returns:
         Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
@@ -61,14 +62,14 @@ def draw_commands(
         command[at_default, i] = ranges[COMMAND_NAMES[i]].default
     still = torch.rand(count, generator=generator) < config.zero_velocity_fraction
     command[standing | still, : _OMEGA + 1] = 0.0
-    # Hopping's ranges are the general ones or the default alone: clamping to them keeps the draws uniform.
+    # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
     command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
     command[hopping, _F] = uniform(generator, int(hopping.sum()), *config.hopping_frequency)
     return command, gait
 
 
 def _draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
-    """Values of `Gait` in the configured fractions, shape (count,)."""
+    """Draw values of `Gait` in the configured fractions, shape (count,)."""
     gaits = torch.tensor([Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING])
     hopping = config.hopping_fraction / 2.0
     shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""The training environment: many H1s, commands and gaits, interventions, rewards and resets; torch in, torch out."""
+"""The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import dataclasses
 
@@ -10,19 +10,16 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.env import env_observations, env_starts, env_state, terminations
-from hugwbc.learned.env.action_latency import Latency, draw_delays
-from hugwbc.learned.env.arm_intervention import Intervention
-from hugwbc.learned.env.arm_targets import make_arm_targets
+from hugwbc.learned.env import terminations
+from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
-from hugwbc.learned.env.randomization import push, randomize
-from hugwbc.learned.env.readings import read, tensor
+from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
+from hugwbc.learned.env.readings import Body, Transition, read, tensor
 from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.env.running_statistics import Statistics
-from hugwbc.learned.env.starts import RecordedStarts, draw_starts
-from hugwbc.learned.env.transition import Body, Transition
+from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.robot import load_robot
@@ -30,8 +27,16 @@ from hugwbc.sim.scene import TRAINING_TIMESTEP
 from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0
-_F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
+LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
+_F, _L, _H, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "w"))
 _ALL = slice(None)
+# What of a recorded start lives in the environment, and what in the simulation; `actions` is stored transposed.
+_START_TENSORS = ("command", "gait", "phase", "history", "waist")
+_START_SIMULATION = ("qpos", "qvel")
+# Of a checkpoint: tensors of the environment, parts with a state of their own, and arrays of the simulation.
+_STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist")
+_STATE_GROUPS = ("intervention", "curriculum", "terrain", "held_foot")
+_STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,9 +44,9 @@ class StepResult:
     """Outcome of a control step.
 
     Attributes:
-        reward: shape (n,).
-        done: episode ended for any reason, shape (n,), bool.
-        timed_out: indices of robots whose episode only ran out of time.
+        reward: sum of the weighted terms, shape (n,).
+        done: whether the episode ended for any reason, shape (n,), bool.
+        timed_out: indices of the robots whose episode only ran out of time.
         final_critic: critic observation of those robots before their reset, for bootstrapping.
     """
 
@@ -56,29 +61,38 @@ class HumanoidEnv:
 
     Attributes:
         config: the settings.
-        ground: rough ground and the robots' levels; None on a plane.
+        ground: rough ground and the level of each robot; None on a plane.
         simulation: the robots.
-        latency: joint targets under way; None if they act at once.
-        readings: their state after the last step.
-        curriculum: penalty, noise and speed levels.
-        intervention: external arm control.
+        latency: joint targets on their way to the motors; None if targets act at once.
+        readings: state of the robots after the last step.
+        curriculum: levels of penalty, noise and speed.
+        intervention: external control of the arms.
         statistics: running figures.
-        command, gait, phase: commands (n, 8), gaits (n,), common phases (n,).
-        age: control steps since the episode's start, shape (n,).
-        actions: the last three policy outputs, newest first, shape (3, n, 19).
-        history: last five proprioceptive frames, shape (n, 5, 63).
+        command, gait, phase: commands (n, 8), gaits (n,) and common phases (n,).
+        age: control steps since the start of the episode, shape (n,).
+        actions: last three policy outputs, newest first, shape (3, n, 19).
+        history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
         friction: sliding friction of each robot, shape (n,).
         noise: half-widths of the observation noise, shape (63,).
         body: constants of the robot.
-        waist: the waist's joint target before the action [rad], shape (n,).
-        nominal_qpos: the nominal stand at the origin, shape (26,).
+        waist: joint target of the waist before the action is added [rad], shape (n,).
+        nominal_qpos: nominal stand at the origin, shape (26,).
         action_scale: radians of joint target per unit of action, shape (19,).
-        starts: recorded motion in which episodes may start; None for stands only.
-        held_foot: rule that ends hops on both feet; None without.
+        starts: recorded motion in which episodes may start; None if all episodes start from a stand.
+        held_foot: rule that ends hops on both feet; None if it is off.
     """
 
+    # Construction ---------------------------------------------------------------------------------------------------
+
     def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
-        """Build and start all episodes, at random times within an episode so that resets do not coincide."""
+        """Build the robots and start all episodes, each at a random age so that resets do not coincide.
+
+        Args:
+            config: the settings.
+            seed: seed of every random number of the environment.
+            threads: threads of the simulation.
+            device: "cpu" for MuJoCo, "cuda" for mujoco_warp; tensors stay on the CPU in both cases.
+        """
         self.config = config
         self.robot = load_robot()
         self.count = config.count
@@ -129,10 +143,14 @@ class HumanoidEnv:
         terrain = self.config.terrain
         return RoughGround(self.count, terrain, np.random.default_rng(seed)) if terrain.roughness > 0.0 else None
 
-    # Stepping -----------------------------------------------------------------------------------------------------
+    # Stepping -------------------------------------------------------------------------------------------------------
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """One control step with the policy's actions, shape (n, 19); finished episodes start anew."""
+        """Advance all robots by one control step and restart the episodes that ended.
+
+        Args:
+            action: outputs of the policy, shape (n, 19).
+        """
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous_dq = self.readings.dq
         self._apply(action)
@@ -146,7 +164,7 @@ class HumanoidEnv:
         fallen = self._fallen() | diverged
         transition = self._transition(previous_dq, fallen)
         rewards = evaluate_terms(transition, self.body, self._weights, self.curriculum.penalty_scale)
-        # A diverged state may hold anything; its robot ends as a failure and must not touch the sums.
+        # A diverged state may hold NaN; its episode ends as a failure and must not reach the sums of the others.
         reward = torch.nan_to_num(torch.stack(tuple(rewards.values())).sum(0), nan=0.0, posinf=0.0, neginf=0.0)
         done = fallen | (self.age >= self.config.episode_steps)
         timed_out = (done & ~fallen).nonzero().squeeze(1)
@@ -155,7 +173,8 @@ class HumanoidEnv:
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
-        self.history = torch.cat((self.history[:, 1:], env_observations.frame(self)[:, None]), dim=1)
+        self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
+        # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
         final_critic = self.observe(timed_out).critic
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
         self._judge_speeds(done, due, fallen)
@@ -167,18 +186,19 @@ class HumanoidEnv:
         return StepResult(reward, done, timed_out, final_critic)
 
     def _apply(self, action: torch.Tensor) -> None:
+        """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
         target = self.body.nominal + self.action_scale * action
         self.waist = self.next_waist()
         target[:, self.body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
-        # The paper: hopping is too unstable for arms under external control.
+        # The paper excludes hopping: it is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
         self.intervention.step()
         target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
         self.simulation.ctrl[:] = target.numpy()
 
     def next_waist(self) -> torch.Tensor:
-        """The waist's joint target of the next step before the action is added [rad], shape (n,)."""
+        """Return the waist's joint target of the next step before the action is added [rad], shape (n,)."""
         reach = self.config.waist_rate * self.dt
         return self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
 
@@ -188,7 +208,7 @@ class HumanoidEnv:
         return self.latency.step(self.simulation)
 
     def _fallen(self) -> torch.Tensor:
-        """Robots whose episode ends early, shape (n,), bool."""
+        """Return which episodes end early, shape (n,), bool."""
         fallen = terminations.fallen(self.readings, self.robot)
         if self.held_foot is not None:
             fallen |= self.held_foot.broken(self.readings, self.gait, self.age)
@@ -196,11 +216,11 @@ class HumanoidEnv:
 
     @property
     def command_time(self) -> torch.Tensor:
-        """Time since each robot's command was drawn [s], shape (n,)."""
+        """Time since the command of each robot was drawn [s], shape (n,)."""
         return self.age % self.config.command.resample_steps * self.dt
 
     def bar_phase(self) -> torch.Tensor:
-        """Homogenised phases of the left and the right foot, shape (n, 2)."""
+        """Return the homogenised phases of the left and the right foot, shape (n, 2)."""
         return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
 
     def _transition(self, previous_dq: torch.Tensor, fallen: torch.Tensor) -> Transition:
@@ -231,15 +251,17 @@ class HumanoidEnv:
             fallen=fallen,
         )
 
+    # Curricula ------------------------------------------------------------------------------------------------------
+
     def _judge_speeds(self, done: torch.Tensor, due: torch.Tensor, fallen: torch.Tensor) -> None:
-        """Tell the curriculum how the commands of the agile group went that end now."""
+        """Report to the curriculum how well the agile group tracked the commands that end with this step."""
         over = done & self.agile
         over[due] = self.agile[due]
         tracking = self.statistics.tracking[over] * ~fallen[over, None]
         self.curriculum.judge(self.gait[over], self.command[over], tracking)
 
     def update_curriculum(self) -> None:
-        """Move the curricula after an iteration, from the running tracking rewards of both groups."""
+        """Move the curricula after an iteration, based on the running tracking rewards of both groups."""
         self.curriculum.update(
             self._mean_tracking(self.agile),
             self._mean_tracking(~self.agile) if self.config.intervention != "none" else None,
@@ -250,25 +272,20 @@ class HumanoidEnv:
             self.statistics.set_level("terrain_level", self.ground.mean_level)
 
     def _mean_tracking(self, group: torch.Tensor) -> tuple[float, float] | None:
-        """Linear and angular tracking reward of some robots of all processes, (n,) bool; None if there are none."""
+        """Return the linear and angular tracking reward of a group, (n,) bool, over all processes; None if empty."""
         if not bool(group.any()):
             return None
         linear, angular = distributed.mean(self.statistics.tracking[group].mean(0)).tolist()
         return linear, angular
 
-    # Episodes -----------------------------------------------------------------------------------------------------
-
-    def _draw_commands(self, robots: torch.Tensor) -> None:
-        """New gait and command for some robots (indices)."""
-        if robots.numel():
-            self.command[robots], self.gait[robots] = draw_commands(
-                self.agile[robots], self.config.command, self.curriculum, self.generator
-            )
-            if self.held_foot is not None:
-                self.held_foot.restart(robots, self.age[robots])
+    # Episodes -------------------------------------------------------------------------------------------------------
 
     def begin_episodes(self, robots: torch.Tensor) -> None:
-        """Start some robots (indices) anew: nominal pose with noise, random heading and velocities, new command."""
+        """Restart robots: nominal pose with noise or recorded motion, random heading, new command.
+
+        Args:
+            robots: indices, shape (k,).
+        """
         count, ids = robots.numel(), robots.numpy()
         if not count:
             return
@@ -284,22 +301,169 @@ class HumanoidEnv:
         self.waist[robots] = 0.0
         self.intervention.reset(robots)
         self._draw_commands(robots)
-        moving = env_starts.start_in_motion(self, robots)
+        moving = self._start_in_motion(robots)
         self.readings = read(self.simulation, self.ground)
+        # A stand has no past, so its first frame fills the history; recorded motion brings its own.
         past = self.history[moving]
-        self.history[robots] = env_observations.frame(self)[robots, None]
+        self.history[robots] = self._frame()[robots, None]
         self.history[moving] = past
 
-    def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
-        """Observations of the current state, of all robots or of some (indices)."""
-        return env_observations.observe(self, robots)
+    def _draw_commands(self, robots: torch.Tensor) -> None:
+        """Draw a new gait and command for robots (indices)."""
+        if robots.numel():
+            self.command[robots], self.gait[robots] = draw_commands(
+                self.agile[robots], self.config.command, self.curriculum, self.generator
+            )
+            if self.held_foot is not None:
+                self.held_foot.restart(robots, self.age[robots])
 
-    # Checkpointing ------------------------------------------------------------------------------------------------
+    def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
+        """Replace the stand of some robots, just set up, by recorded motion of their gait.
+
+        They keep their place and take command and history from the record.
+
+        Args:
+            robots: indices, shape (k,).
+
+        Returns:
+            Indices of the robots that start in motion; empty without a record.
+        """
+        if self.starts is None:
+            return robots[:0]
+        having, state = self.starts.draw(self.gait[robots], self.config.starts_share, self.generator)
+        moving = robots[having]
+        if not moving.numel():
+            return moving
+        for name in _START_TENSORS:
+            getattr(self, name)[moving] = state[name]
+        self.actions[:, moving] = state["actions"].transpose(0, 1)
+        ids = moving.numpy()
+        qpos = state["qpos"].numpy().copy()
+        qpos[:, :2] = self.simulation.qpos[ids, :2]
+        if self.ground is not None:  # the record is of a plane: lift it by the height of the ground here
+            qpos[:, 2] += self.simulation.qpos[ids, 2] - self.nominal_qpos[2]
+        self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
+        target = self.body.nominal + self.action_scale * self.actions[0, moving]
+        target[:, self.body.waist] += self.waist[moving]
+        self.simulation.ctrl[ids] = target.numpy()
+        if self.latency is not None:
+            self.latency.reset(ids, target.numpy())
+        self.simulation.forward(ids)
+        if self.held_foot is not None:
+            self.held_foot.restart(moving, self.age[moving], hopping=True)
+        return moving
+
+    def recorded(self, robots: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Return the present state of robots (indices) in the columns of `hugwbc.learned.env.starts.COLUMNS`."""
+        columns = {name: getattr(self, name)[robots] for name in _START_TENSORS}
+        columns["actions"] = self.actions[:, robots].transpose(0, 1)
+        ids = robots.numpy()
+        columns |= {name: torch.from_numpy(getattr(self.simulation, name)[ids]) for name in _START_SIMULATION}
+        return {name: columns[name] for name in COLUMNS}
+
+    # Observations ---------------------------------------------------------------------------------------------------
+
+    def _frame(self) -> torch.Tensor:
+        """Return the proprioceptive frame of the current state with new noise, shape (n, 63)."""
+        r = self.readings
+        exact = obs.proprioception(r.angular_velocity, r.gravity, r.q - self.body.nominal, r.dq, self.actions[0])
+        noise = 2.0 * torch.rand(exact.shape, generator=self.generator) - 1.0
+        return exact + noise * self.noise
+
+    def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
+        """Return the observations of the current state, of all robots or of some (indices)."""
+        r = self.readings
+        history = self.history[robots].flatten(1)
+        clock = gaits.clock(self.bar_phase()[robots])
+        active = self.intervention.active[robots]
+        command = obs.command_observation(self.command[robots], self.gait[robots], clock, active)
+        velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
+        privileged = obs.privileged(
+            velocity,
+            height - self.command[robots, _H],
+            clearance,
+            self.friction[robots],
+            r.foot_force[robots],
+            r.link_force[robots] > LINK_CONTACT_FORCE,
+        )
+        terrain = self._terrain_samples(height, robots)
+        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
+        return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
+
+    def _terrain_samples(self, height: torch.Tensor, robots: torch.Tensor | slice) -> torch.Tensor:
+        """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled."""
+        if self.ground is None:  # on a plane all samples are equal
+            return (height * obs.LENGTH_SCALE)[:, None].expand(-1, obs.TERRAIN_SIZE)
+        position = self.readings.position[robots]
+        ground = self.ground.samples(position[:, :2], self.readings.heading[robots])
+        below = position[:, 2:] - self.robot.nominal_height - ground
+        return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
+
+    # Checkpointing --------------------------------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Everything that a resumed run needs, as tensors."""
-        return env_state.state_of(self)
+        """Return everything that a bit-exact continuation needs; some of the tensors are the environment's own."""
+        state = {name: getattr(self, name) for name in _STATE_TENSORS}
+        state["tracking"] = self.statistics.tracking
+        state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _STATE_SIMULATION}
+        # Forces belong to the last physics step; position and velocity alone do not give them back.
+        state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
+        state["generator"] = self.generator.get_state()
+        state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
+        if self.latency is not None:
+            state["targets"] = self.latency.targets
+        if self.held_foot is not None:
+            state |= {f"held_foot.{k}": v for k, v in self.held_foot.state_dict().items()}
+        if self.ground is not None:
+            state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
+            state["terrain.footing"] = torch.from_numpy(self.simulation.footing)
+        levels = self.curriculum.state_dict()
+        return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` gave."""
-        env_state.restore(self, state)
+        """Restore what `state_dict` returned.
+
+        Args:
+            state: of a run with as many robots. Where its settings of latency, ground or intervention differ from
+                these, the part in question starts afresh.
+
+        Raises:
+            KeyError: if a part is missing.
+        """
+        for name in _STATE_TENSORS:
+            setattr(self, name, state[name].clone())
+        self.statistics.tracking = state["tracking"].clone()
+        self.generator.set_state(state["generator"])
+        prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in _STATE_GROUPS}
+        for key, value in state.items():
+            group, _, name = key.partition(".")
+            if name:
+                prefixed[group][name] = value
+        self.intervention.load_state_dict(prefixed["intervention"])
+        self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
+        # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
+        self._write_simulation(state)
+        self.simulation.forward(np.arange(self.count))
+        if "footing" in prefixed["terrain"]:
+            self.simulation.restore_footing(prefixed["terrain"]["footing"].numpy())
+        self._write_simulation(state)
+        forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
+        if self.latency is not None:
+            self._restore_latency(self.latency, state.get("targets"))
+        if self.held_foot is not None and prefixed["held_foot"]:
+            self.held_foot.load_state_dict(prefixed["held_foot"])
+        if self.ground is not None:
+            self.ground.load_state_dict(prefixed["terrain"])
+        self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)
+        if self.ground is not None:
+            self.begin_episodes(self.ground.lost(self.readings.position[:, :2]).nonzero().squeeze(1))
+
+    def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
+        for name in _STATE_SIMULATION:
+            getattr(self.simulation, name)[:] = state[name].numpy()
+
+    def _restore_latency(self, latency: Latency, targets: torch.Tensor | None) -> None:
+        if targets is not None and targets.shape == latency.targets.shape:
+            latency.targets = targets.clone()
+        else:  # the stored run had another latency or none: pretend that the current target has acted for ever
+            latency.reset(np.arange(self.count), self.simulation.ctrl.copy())

@@ -1,4 +1,7 @@
-"""Per-robot model parameters, drawn once: friction, masses and their centres, joint gains, strength, offset; pushes."""
+"""Domain randomisation: per-robot model parameters and action latency, drawn once, and pushes.
+
+Parameters are friction, masses and their centres, gains, strength and offset of the joints.
+"""
 
 import numpy as np
 import torch
@@ -15,13 +18,13 @@ def randomize(
     rng: np.random.Generator,
     damping_factor: np.ndarray | float = 1.0,
 ) -> np.ndarray:
-    """Draw the parameters of every robot of a batch.
+    """Draw the model parameters of every robot of a batch.
 
     Args:
         simulation: the batch; its model fields become per-robot.
         config: the ranges.
-        rng: of the draws.
-        damping_factor: of each joint's PD, before the draws, shape (19,).
+        rng: source of the draws.
+        damping_factor: factor on the damping of each joint's PD before the draws, shape (19,).
 
     Returns:
         Friction coefficient of each robot, shape (count,).
@@ -32,7 +35,7 @@ def randomize(
     friction = rng.uniform(*config.friction, count)
     sliding = batch.expand("geom_friction")[:, :, 0]
     sliding[:, own] = friction[:, None]
-    # MuJoCo takes the larger of two coefficients: the floor's must not exceed the robot's.
+    # A contact has the larger of its two coefficients: a floor of 1 would hide every robot below it.
     sliding[:, floor] = np.minimum(sliding[:, floor], friction)
     torso = model.body("torso_link").id
     batch.expand("body_mass")[:, torso] += rng.uniform(*config.torso_mass, count)
@@ -40,7 +43,7 @@ def randomize(
     stiffness = rng.uniform(*config.gains, (count, model.nu))
     damping = damping_factor * rng.uniform(*config.gains, (count, model.nu))
     _scale_actuators(simulation, stiffness, damping)
-    # What is off by default is drawn last, so that it changes nothing else's draw.
+    # Draw last what is off by default: switching it on then leaves all other draws as they are.
     _randomize_links(simulation, config, rng)
     _randomize_motors(simulation, config, rng)
     batch.set_const()
@@ -48,7 +51,7 @@ def randomize(
 
 
 def _scale_actuators(simulation: BatchSimulation, stiffness: np.ndarray, damping: np.ndarray) -> None:
-    """Multiply the PD law tau = kp (target - q) - kd dq, factors of shape (count, 19)."""
+    """Scale kp and kd of the PD law tau = kp (target - q) - kd dq by factors of shape (count, 19)."""
     simulation.batch.expand("actuator_gainprm")[:, :, 0] *= stiffness
     bias = simulation.batch.expand("actuator_biasprm")
     bias[:, :, 1] *= stiffness
@@ -74,19 +77,83 @@ def _randomize_motors(simulation: BatchSimulation, config: RandomizationConfig, 
     if config.offset > 0.0:
         stiffness = simulation.batch.expand("actuator_gainprm")[:, :, 0]
         bias = simulation.batch.expand("actuator_biasprm")
+        # tau = kp (target + offset - q) - kd dq: an offset of the target is a constant torque of kp offset.
         bias[:, :, 0] += stiffness * rng.uniform(-config.offset, config.offset, shape)
 
 
 def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> None:
-    """Change the horizontal velocity of the pelvis of some robots, before a control step.
+    """Change the horizontal velocity of the pelvis of random robots before a control step.
 
     Args:
         simulation: the batch.
-        config: how often and how much.
-        generator: of the draws.
+        config: frequency and size of the pushes.
+        generator: source of the draws.
     """
     pushed = torch.rand(simulation.count, generator=generator) < 1.0 / config.push_interval
     ids = pushed.nonzero().squeeze(1)
     if ids.numel():
         kick = (2.0 * torch.rand((ids.numel(), 2), generator=generator) - 1.0) * config.push_velocity
         simulation.qvel[ids.numpy(), :2] += kick.numpy()
+
+
+class Latency:
+    """Action latency: joint targets take effect some physics steps later, with a delay per robot.
+
+    Attributes:
+        delay: delay of each robot [physics steps], shape (n,).
+        targets: last joint targets, newest first [rad], shape (control steps kept, n, 19).
+    """
+
+    def __init__(self, delay: np.ndarray, substeps: int, joints: int) -> None:
+        """Start without targets; call `reset` before the first step.
+
+        Args:
+            delay: delay of each robot [physics steps], shape (n,).
+            substeps: physics steps in a control step.
+            joints: number of joints.
+        """
+        self.delay = delay
+        self._substeps = substeps
+        self._robots = np.arange(len(delay))
+        kept = 1 + int(self._age(0).max())
+        self.targets = torch.zeros(kept, len(delay), joints, dtype=torch.float64)
+
+    def _age(self, substep: int) -> np.ndarray:
+        """Return how many control steps ago the target was given that acts in this physics step, shape (n,)."""
+        return np.maximum(-((substep - self.delay) // self._substeps), 0)
+
+    def reset(self, robots: np.ndarray, target: np.ndarray) -> None:
+        """Fill the past of robots (indices) with one target [rad], shape (k, 19)."""
+        self.targets[:, robots] = torch.from_numpy(target).to(self.targets.dtype)
+
+    def step(self, simulation: BatchSimulation) -> np.ndarray:
+        """Advance the physics by a control step; `simulation.ctrl` holds the newest target.
+
+        Returns:
+            Whether each robot diverged, shape (n,), bool.
+        """
+        newest = torch.from_numpy(simulation.ctrl.copy())
+        self.targets = torch.cat((newest[None], self.targets[:-1]))
+        targets = self.targets.numpy()
+        diverged = np.zeros(len(self._robots), dtype=bool)
+        for substep in range(self._substeps):
+            simulation.ctrl[:] = targets[self._age(substep), self._robots]
+            diverged |= simulation.step(1)
+        simulation.ctrl[:] = targets[0]
+        return diverged
+
+
+def draw_delays(
+    count: int, latency: tuple[float, float], timestep: float, rng: np.random.Generator
+) -> np.ndarray | None:
+    """Draw the delays of robots in whole physics steps, shape (count,); None if latency is off.
+
+    Args:
+        count: number of robots.
+        latency: shortest and longest delay [s].
+        timestep: time step of the physics [s].
+        rng: source of the draws.
+    """
+    if latency[1] == 0.0:
+        return None
+    return np.round(rng.uniform(*latency, count) / timestep).astype(int)

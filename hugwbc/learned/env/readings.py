@@ -1,29 +1,29 @@
-"""The simulation's state as float32 tensors, with the derived quantities that rewards and observations share."""
+"""What the rewards and observations read: the simulation's state as float32 tensors, and a control step made of it.
+
+Quantities are in SI units. The heading frame has its origin at the pelvis and turns with the pelvis' yaw only.
+"""
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from hugwbc.learned.env.rough_ground import RoughGround
+from hugwbc.robot import Robot
 from hugwbc.sim.batch import BatchSimulation
 
-if TYPE_CHECKING:
-    from hugwbc.learned.env.transition import Transition
-
-TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows at once
-CONTACT_THRESHOLD = 5.0  # [N], above which a foot is on the ground
+TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows in a single state
+CONTACT_THRESHOLD = 5.0  # [N], above which a foot counts as on the ground
 
 
 def tensor(array: np.ndarray) -> torch.Tensor:
-    """A float32 copy of an array."""
+    """Copy an array to a float32 tensor."""
     return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Readings:
-    """State of n robots after a control step; SI units. The heading frame turns with the pelvis' yaw only.
+    """State of n robots after a control step.
 
     Attributes:
         q, dq: joint positions and velocities, shape (n, 19).
@@ -32,15 +32,15 @@ class Readings:
         gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
         roll, pitch: of the pelvis, shape (n,).
         position: of the pelvis in the world, shape (n, 3).
-        heading: its yaw, shape (n,).
+        heading: yaw of the pelvis, shape (n,).
         velocity: of the pelvis in the heading frame, shape (n, 3).
         yaw_rate: about gravity, shape (n,).
-        height: of the pelvis above the ground below it, minus the nominal one, shape (n,).
+        height: of the pelvis above the ground below it, minus the nominal height, shape (n,).
         clearance: of both soles above the ground below each, shape (n, 2).
         foot_offset: left minus right sole in the heading frame, shape (n, 3).
         foot_velocity: of both soles in the world, shape (n, 2, 3).
         foot_force: ground reaction on both feet in the world, shape (n, 2, 3).
-        link_force: contact force magnitude on `Robot.contact_links`, shape (n, 11).
+        link_force: magnitude of the contact force on each of `Robot.contact_links`, shape (n, 11).
     """
 
     q: torch.Tensor
@@ -62,13 +62,103 @@ class Readings:
     link_force: torch.Tensor
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transition:
+    """What the rewards read after a control step of n robots.
+
+    Attributes:
+        command: in the order of `COMMAND_NAMES`, shape (n, 8).
+        velocity: of the pelvis in the heading frame, shape (n, 3).
+        angular_velocity: of the pelvis in its own frame, shape (n, 3).
+        yaw_rate: about gravity, shape (n,).
+        height, pitch, roll: pelvis height minus the nominal one, pelvis pitch and roll, shape (n,).
+        q, dq, previous_dq: joint positions and velocities, shape (n, 19).
+        torque: joint torques, shape (n, 19).
+        action, previous_action, older_action: last three policy outputs, newest first, shape (n, 19).
+        clearance: of both soles above the ground, shape (n, 2).
+        foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
+        foot_offset: left minus right sole in the heading frame, shape (n, 3).
+        target_clearance: swing profile of both feet, shape (n, 2).
+        contact: expected contact C of both feet, shape (n, 2).
+        in_phase: whether both feet have the same homogenised phase, shape (n,), bool.
+        intervention: the paper's I(t), shape (n,), bool.
+        fallen: whether the episode ends early, shape (n,), bool.
+    """
+
+    command: torch.Tensor
+    velocity: torch.Tensor
+    angular_velocity: torch.Tensor
+    yaw_rate: torch.Tensor
+    height: torch.Tensor
+    pitch: torch.Tensor
+    roll: torch.Tensor
+    q: torch.Tensor
+    dq: torch.Tensor
+    previous_dq: torch.Tensor
+    torque: torch.Tensor
+    action: torch.Tensor
+    previous_action: torch.Tensor
+    older_action: torch.Tensor
+    clearance: torch.Tensor
+    foot_velocity: torch.Tensor
+    foot_force: torch.Tensor
+    foot_offset: torch.Tensor
+    target_clearance: torch.Tensor
+    contact: torch.Tensor
+    in_phase: torch.Tensor
+    intervention: torch.Tensor
+    fallen: torch.Tensor
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Body:
+    """Constants of the robot that the rewards read, as tensors.
+
+    Attributes:
+        nominal, lower, upper: nominal joint positions and their limits [rad], shape (19,).
+        arms, hips, waist_and_legs: indices of joints.
+        waist: index of the waist joint.
+        dt: control period [s].
+    """
+
+    nominal: torch.Tensor
+    lower: torch.Tensor
+    upper: torch.Tensor
+    arms: torch.Tensor
+    hips: torch.Tensor
+    waist_and_legs: torch.Tensor
+    waist: int
+    dt: float
+
+    @classmethod
+    def of(cls, robot: Robot, dt: float) -> "Body":
+        """Collect the constants of a robot that is controlled every `dt` [s]."""
+        others = np.setdiff1d(np.arange(len(robot.joint_names)), robot.arms)
+        return cls(
+            nominal=tensor(robot.nominal),
+            lower=tensor(robot.lower),
+            upper=tensor(robot.upper),
+            arms=torch.as_tensor(robot.arms),
+            hips=torch.as_tensor(robot.hip_yaw_roll),
+            waist_and_legs=torch.as_tensor(others),
+            waist=robot.waist,
+            dt=dt,
+        )
+
+
 def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Readings:
-    """Copy the current state of all robots of a batch, which stand on the given ground or on a plane."""
+    """Copy the current state of all robots of a batch.
+
+    Args:
+        simulation: the batch.
+        ground: rough ground below the robots; None for a plane at height zero.
+    """
     qpos, qvel = tensor(simulation.qpos), tensor(simulation.qvel)
     w, x, y, z = torch.nn.functional.normalize(qpos[:, 3:7], dim=1).unbind(1)
     heading = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     # Minus the third row of the rotation matrix: the world's down direction seen from the pelvis.
     gravity = -torch.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), dim=1)
+    # MuJoCo stores a free joint's linear velocity in the world and its angular velocity in the body's frame.
     angular_velocity = qvel[:, 3:6]
     soles = tensor(simulation.sole_position())
     height, clearance = qpos[:, 2] - simulation.robot.nominal_height, soles[..., 2]
@@ -82,6 +172,7 @@ def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Read
         angular_velocity=angular_velocity,
         gravity=gravity,
         roll=torch.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        # Rounding can take the argument of asin beyond 1, where it would give NaN.
         pitch=torch.asin((2.0 * (w * y - x * z)).clamp(-1.0, 1.0)),
         position=qpos[:, :3],
         heading=heading,
@@ -97,22 +188,27 @@ def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Read
     )
 
 
-def tracked(r: "Readings | Transition", waist: int) -> torch.Tensor:
-    """What robots execute of the commands `TRACKED`, from their readings or from a transition, shape (n, 6).
-
-    Args:
-        r: the state.
-        waist: index of the waist joint.
-    """
-    return torch.stack((r.velocity[:, 0], r.velocity[:, 1], r.yaw_rate, r.height, r.pitch, r.q[:, waist]), dim=1)
-
-
 def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
     cos, sin = heading.cos(), heading.sin()
     x, y, z = vector.unbind(1)
     return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=1)
 
 
+def tracked(state: Readings | Transition, waist: int) -> torch.Tensor:
+    """Return what the robots execute of the commands `TRACKED`, shape (n, 6).
+
+    Args:
+        state: the readings, or a transition made of them.
+        waist: index of the waist joint.
+    """
+    s = state
+    return torch.stack((s.velocity[:, 0], s.velocity[:, 1], s.yaw_rate, s.height, s.pitch, s.q[:, waist]), dim=1)
+
+
 def feet_on_ground(foot_force: torch.Tensor) -> torch.Tensor:
-    """Which feet carry more than `CONTACT_THRESHOLD`, shape (n, 2), bool; forces on both feet [N], shape (n, 2, 3)."""
+    """Return which feet carry more than `CONTACT_THRESHOLD`, shape (n, 2), bool.
+
+    Args:
+        foot_force: ground reaction on both feet [N], shape (n, 2, 3).
+    """
     return foot_force.square().sum(2) > CONTACT_THRESHOLD**2

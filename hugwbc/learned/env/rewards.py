@@ -1,21 +1,31 @@
-"""The paper's reward table, one pure function per row; with the terms that it lacks, weighted and by name.
+"""The rewards: the rows of the paper's table, then the terms that it lacks, one pure function each.
 
-Every function maps a `Transition` to one number per robot, shape (n,); weights are in `hugwbc.learned.config`. The
-function's name is the row's; the docstring has the formula and says what was corrected. Terms of our own are in
-`hugwbc.learned.env.extra_rewards`.
+A function maps a `Transition` and the constants of the `Body` to one number per robot, shape (n,). Its name is the
+term's, and its docstring has the formula and says what was corrected. Weights are in `hugwbc.learned.config`
+(`RewardWeights` and `ExtraWeights`); the reasons for the terms of our own are in docs/learned.md.
 """
+
+from collections.abc import Callable
 
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.learned.env.extra_rewards import EXTRA_TERMS
-from hugwbc.learned.env.readings import feet_on_ground
-from hugwbc.learned.env.transition import Body, Term, Transition
+from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
 CONTACT_VELOCITY_SIGMA = 5.0  # [m^2/s^2]; the paper prints the name of the force's constant twice
+LIMIT_FRACTION = 0.95
+PRECISION = 0.25  # [m/s] and [rad/s]
+POSTURE_PRECISION = 0.1  # [m] and [rad]
+SWING_PRECISION = 0.05  # [m]
+LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
+LARGEST_VELOCITY_ERROR = 1.0  # [m^2/s^2]
 _OMEGA, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "h", "p", "w"))
+
+Term = Callable[[Transition, Body], torch.Tensor]
+
+# The paper's table: tracking -----------------------------------------------------------------------------------------
 
 
 def linear_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
@@ -44,19 +54,22 @@ def waist_yaw_tracking(t: Transition, body: Body) -> torch.Tensor:
 
 
 def foot_swing_tracking(t: Transition, body: Body) -> torch.Tensor:
-    """sum_i (1 - C_i) (l_target_i - l_i)^2, with the corrected quintic profile."""
+    """sum_i (1 - C_i) (l_target_i - l_i)^2, with the corrected quintic profile of the swing."""
     return ((1.0 - t.contact) * (t.target_clearance - t.clearance).square()).sum(1)
 
 
 def contact_swing_tracking(t: Transition, body: Body) -> torch.Tensor:
     """sum_i (1 - C_i) (1 - exp(-|f_i|^2 / 50)) + C_i (1 - exp(-|v_xy_i|^2 / 5)).
 
-    Corrected: the paper prints positive exponents and a leading minus; the two sign errors cancel in direction, but
+    Corrected: the paper prints positive exponents and a leading minus. The two sign errors cancel in direction, but
     the printed form is unbounded.
     """
     force = 1.0 - torch.exp(-t.foot_force.square().sum(2) / CONTACT_FORCE_SIGMA)
     speed = 1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2) / CONTACT_VELOCITY_SIGMA)
     return ((1.0 - t.contact) * force + t.contact * speed).sum(1)
+
+
+# The paper's table: regularisation -----------------------------------------------------------------------------------
 
 
 def roll_pitch_angular_velocity(t: Transition, body: Body) -> torch.Tensor:
@@ -70,15 +83,16 @@ def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
 
 
 def feet_slip(t: Transition, body: Body) -> torch.Tensor:
-    """Sum over feet on the ground of 1 - exp(-|v_xy_i|^2).
+    """sum_i (1 - exp(-|v_xy_i|^2)) over the feet on the ground.
 
-    Corrected: the printed 1 - sum_i exp(-v_i^2) rewards rest with a bonus and also judges the swing foot.
+    Corrected: the printed 1 - sum_i exp(-v_i^2) pays a bonus at rest and also judges the swing foot.
     """
     return (feet_on_ground(t.foot_force) * (1.0 - torch.exp(-t.foot_velocity[..., :2].square().sum(2)))).sum(1)
 
 
 def _upper_mask(t: Transition, body: Body) -> torch.Tensor:
-    """1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    """Return 1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    # What intervened arms do is not the choice of the policy: penalising it would only add noise to the reward.
     mask = torch.ones_like(t.action)
     mask[:, body.arms] = (~t.intervention).to(mask.dtype)[:, None]
     return mask
@@ -125,6 +139,71 @@ def termination(t: Transition, body: Body) -> torch.Tensor:
     return t.fallen.to(t.command.dtype)
 
 
+# Terms of our own ----------------------------------------------------------------------------------------------------
+#
+# A squared exponential is flat near zero error and again far from it. exp(-|e| / s) ("precision") keeps its slope near
+# zero, where small errors are to vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
+# Errors are bounded so that a single stumble does not outweigh the rest of an episode.
+
+
+def alive(t: Transition, body: Body) -> torch.Tensor:
+    """1 while not terminated (not in the paper)."""
+    return (~t.fallen).to(t.command.dtype)
+
+
+def body_roll_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """roll^2 (not in the paper's table; part of the authors' pitch term)."""
+    return t.roll.square()
+
+
+def joint_limits(t: Transition, body: Body) -> torch.Tensor:
+    """Radians beyond 95 % of the range, summed over legs and waist (not in the paper)."""
+    centre, half = (body.upper + body.lower) / 2.0, (body.upper - body.lower) / 2.0
+    excess = ((t.q - centre).abs() - LIMIT_FRACTION * half).clamp(min=0.0)
+    return excess[:, body.waist_and_legs].sum(1)
+
+
+def linear_velocity_precision(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-|v_xy_target - v_xy| / 0.25) (not in the paper)."""
+    return torch.exp(-torch.linalg.vector_norm(t.command[:, :2] - t.velocity[:, :2], dim=1) / PRECISION)
+
+
+def linear_velocity_error(t: Transition, body: Body) -> torch.Tensor:
+    """|v_xy_target - v_xy|^2, at most 1 (not in the paper)."""
+    return (t.command[:, :2] - t.velocity[:, :2]).square().sum(1).clamp(max=LARGEST_VELOCITY_ERROR)
+
+
+def yaw_rate_precision(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-|omega_target - omega_z| / 0.25) (not in the paper)."""
+    return torch.exp(-(t.command[:, _OMEGA] - t.yaw_rate).abs() / PRECISION)
+
+
+def yaw_rate_error(t: Transition, body: Body) -> torch.Tensor:
+    """(omega_target - omega_z)^2, at most 4 (not in the paper)."""
+    return (t.command[:, _OMEGA] - t.yaw_rate).square().clamp(max=LARGEST_YAW_RATE_ERROR)
+
+
+def posture_precision(t: Transition, body: Body) -> torch.Tensor:
+    """Mean of exp(-|e| / 0.1) over body height, body pitch and waist yaw (not in the paper)."""
+    errors = torch.stack(
+        (t.command[:, _H] - t.height, t.command[:, _P] - t.pitch, t.command[:, _W] - t.q[:, body.waist]), dim=1
+    )
+    return torch.exp(-errors.abs() / POSTURE_PRECISION).mean(1)
+
+
+def swing_precision(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i (1 - C_i) exp(-|l_target_i - l_i| / 0.05) (not in the paper)."""
+    return ((1.0 - t.contact) * torch.exp(-(t.target_clearance - t.clearance).abs() / SWING_PRECISION)).sum(1)
+
+
+def unequal_support(t: Transition, body: Body) -> torch.Tensor:
+    """1[bar phi_1 = bar phi_2] while one foot is on the ground and the other is not (not in the paper)."""
+    on_ground = feet_on_ground(t.foot_force)
+    return (t.in_phase & (on_ground[:, 0] != on_ground[:, 1])).to(t.command.dtype)
+
+
+# Tables and evaluation -----------------------------------------------------------------------------------------------
+
 PAPER_TERMS: dict[str, Term] = {
     term.__name__: term
     for term in (
@@ -148,7 +227,22 @@ PAPER_TERMS: dict[str, Term] = {
         termination,
     )
 }
-# The paper's regularisation group: grows with the penalty curriculum. Termination does not.
+EXTRA_TERMS: dict[str, Term] = {
+    term.__name__: term
+    for term in (
+        alive,
+        body_roll_tracking,
+        joint_limits,
+        linear_velocity_precision,
+        linear_velocity_error,
+        yaw_rate_precision,
+        yaw_rate_error,
+        posture_precision,
+        swing_precision,
+        unequal_support,
+    )
+}
+# What the penalty curriculum scales. Termination is not part of it: a fall must cost as much early in the training.
 REGULARISATION = frozenset(PAPER_TERMS) - {
     "linear_velocity_tracking",
     "angular_velocity_tracking",
@@ -164,16 +258,16 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
 def evaluate_terms(
     transition: Transition, body: Body, weights: dict[str, float], penalty_scale: float
 ) -> dict[str, torch.Tensor]:
-    """Weighted rewards of one control step, by term; terms of weight zero are left out.
+    """Return the weighted rewards of a control step by term, without the terms of weight zero.
 
     Args:
-        transition: the step.
-        body: the robot's constants.
-        weights: by term name, paper's and extra.
-        penalty_scale: the curriculum's factor on the regularisation group.
+        transition: the control step.
+        body: constants of the robot.
+        weights: weight of each term, the paper's and our own, by name.
+        penalty_scale: factor of the curriculum on the regularisation group.
 
     Returns:
-        Term to shape (n,), already multiplied by the control period.
+        Rewards by term, shape (n,) each, already multiplied by the control period.
     """
     terms = PAPER_TERMS | EXTRA_TERMS
     rewards = {}
@@ -185,11 +279,11 @@ def evaluate_terms(
 
 
 def relative_tracking(rewards: dict[str, torch.Tensor], weights: dict[str, float], dt: float) -> torch.Tensor:
-    """Linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2).
+    """Return the linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2).
 
     Args:
-        rewards: what `evaluate_terms` gave.
-        weights: that it was given.
+        rewards: what `evaluate_terms` returned.
+        weights: the weights that it was given.
         dt: control period [s].
     """
     names = (linear_velocity_tracking.__name__, angular_velocity_tracking.__name__)

@@ -1,6 +1,7 @@
-"""Rough ground in training: the height below any point, where robots start, and the level of each robot.
+"""Rough ground in training: height below any point, places to start, and the level of each robot.
 
-Heights are looked up in the grid, as MuJoCo's collision sees them: equal to casting rays, and several times faster.
+Heights are looked up in the grid of the height field as MuJoCo's collision detection sees it. This equals casting rays
+and is several times faster.
 """
 
 import numpy as np
@@ -12,16 +13,16 @@ from hugwbc.learned.policy import observations as obs
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.terrain import level_terrain
 
-_LATE = 0.25  # [m] beyond half a period before a robot is moved back by a period, so that none is moved to and fro
-_FOOTPRINT = torch.cartesian_prod(torch.linspace(-0.2, 0.3, 6), torch.linspace(-0.25, 0.25, 6))  # [m] of a stand
+_LATE = 0.25  # [m], hysteresis: a robot is moved by a period this far beyond half of it, and so not moved to and fro
+_FOOTPRINT = torch.cartesian_prod(torch.linspace(-0.2, 0.3, 6), torch.linspace(-0.25, 0.25, 6))  # of a stand [m]
 
 
 class RoughGround:
-    """Levels of rough ground for n robots.
+    """Rough ground of several levels, and the level of each of n robots.
 
     Attributes:
-        terrain: the height field of all levels.
-        level: of each robot, shape (n,).
+        terrain: height field of all levels.
+        level: level of each robot, shape (n,).
     """
 
     def __init__(self, count: int, config: TerrainConfig, rng: np.random.Generator) -> None:
@@ -30,7 +31,7 @@ class RoughGround:
         Args:
             count: number of robots.
             config: roughness, levels and threshold.
-            rng: of the ground.
+            rng: source of the heights.
         """
         ground = level_terrain(config.levels, config.roughness, rng)
         self.terrain = ground.field
@@ -45,11 +46,12 @@ class RoughGround:
         self._held_reward = 0.0
 
     def height_at(self, xy: torch.Tensor) -> torch.Tensor:
-        """Height of the ground [m] at points (..., 2), as `HeightField.height_at`; NaN counts as the origin."""
+        """Return the height of the ground [m] at points (..., 2), as `HeightField.height_at`; NaN is the origin."""
         middle = 0.5 * torch.tensor([self._columns - 1.0, self._rows - 1.0])
-        # A diverged robot may be anywhere; its index must be in the grid.
+        # A diverged robot may be anywhere; clamp its index to the grid.
         cell = torch.nan_to_num(xy) * self._scale + middle
         column, row = cell[..., 0].clamp(0.0, self._columns - 1.001), cell[..., 1].clamp(0.0, self._rows - 1.001)
+        # MuJoCo splits each cell into two triangles along one diagonal: interpolate linearly on the one that is hit.
         left, below = column.long(), row.long()
         u, v = column - left, row - below
         index = below * self._columns + left
@@ -58,20 +60,20 @@ class RoughGround:
         return near + torch.maximum(u, v) * (corner - near) + torch.minimum(u, v) * (far - corner)
 
     def samples(self, xy: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
-        """Heights at the critic's sample points around robots [m], shape (k, 221).
+        """Return the heights at the critic's sample points around robots [m], shape (k, 221).
 
         Args:
-            xy: positions of their pelvises, shape (k, 2).
-            heading: their yaw [rad], shape (k,).
+            xy: positions of the pelvises [m], shape (k, 2).
+            heading: yaw of the pelvises [rad], shape (k,).
         """
         return self.height_at(_around(xy, heading, obs.terrain_points()))
 
     def starts(self, robots: torch.Tensor, heading: torch.Tensor, sample: torch.Tensor) -> torch.Tensor:
-        """Positions at which some robots start on their levels, above the highest ground under a stand, shape (k, 3).
+        """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3).
 
         Args:
             robots: indices, shape (k,).
-            heading: their yaw [rad], shape (k,).
+            heading: yaw of the robots [rad], shape (k,).
             sample: uniform numbers in [0, 1), shape (k, 2).
         """
         xy = self._centres[self.level[robots]] + (sample - 0.5) * self._period
@@ -79,21 +81,23 @@ class RoughGround:
         return torch.cat((xy, z[:, None]), dim=1)
 
     def shift(self, xy: torch.Tensor) -> torch.Tensor:
-        """Whole periods by which to move robots that went too far from the middle of their region [m], shape (n, 2).
+        """Return by how much to move robots that are far from the middle of their region [m], shape (n, 2).
+
+        Shifts are whole periods of the ground, zero for all other robots.
 
         Args:
-            xy: positions of the pelvises, shape (n, 2).
+            xy: positions of the pelvises [m], shape (n, 2).
         """
         offset = xy - self._centres[self.level]
         far = offset.abs() > 0.5 * self._period + _LATE
         return torch.where(far, -self._period * torch.round(offset / self._period), 0.0)
 
     def keep_inside(self, simulation: BatchSimulation, xy: torch.Tensor) -> None:
-        """Move robots that near the end of their region to where the ground is the same.
+        """Move robots that approach the end of their region to a place where the ground is the same.
 
         Args:
             simulation: the batch.
-            xy: positions of the pelvises, shape (n, 2).
+            xy: positions of the pelvises [m], shape (n, 2).
         """
         shift = self.shift(xy)
         ids = shift.any(1).nonzero().squeeze(1)
@@ -102,22 +106,24 @@ class RoughGround:
             simulation.forward(ids.numpy())
 
     def lost(self, xy: torch.Tensor) -> torch.Tensor:
-        """Which robots are outside of their level's region, as in the state of a run on other ground, shape (n,), bool.
+        """Return which robots are outside the region of their level, shape (n,), bool.
+
+        This happens with the stored state of a run on other ground.
 
         Args:
-            xy: positions of the pelvises, shape (n, 2).
+            xy: positions of the pelvises [m], shape (n, 2).
         """
         return ((xy - self._centres[self.level]).abs() > self._period).any(1)
 
     def advance(self, robots: torch.Tensor, fell: torch.Tensor, tracking: torch.Tensor) -> None:
-        """Move robots whose episode ended to the next level, back, or nowhere.
+        """Move robots whose episode ended one level up, one level down, or not at all.
 
-        Distance walked does not count: slow and turning commands would never pass.
+        The distance walked does not count: robots with slow or turning commands would never pass.
 
         Args:
             robots: indices, shape (k,).
-            fell: whether they fell, shape (k,), bool.
-            tracking: their linear tracking reward relative to its maximum, shape (k,).
+            fell: whether each fell, shape (k,), bool.
+            tracking: linear tracking reward of each relative to its maximum, shape (k,).
         """
         up = ~fell & (tracking >= self._config.threshold)
         held = ~fell & ~up
@@ -129,16 +135,16 @@ class RoughGround:
 
     @property
     def mean_level(self) -> float:
-        """Of all robots of all processes, from 0 to levels - 1."""
+        """Mean level of all robots of all processes, from 0 to levels - 1."""
         return float(distributed.mean(self.level.float().mean()))
 
     @property
     def mastered(self) -> bool:
-        """Whether the mean level lets the other curricula move."""
+        """Whether the mean level is high enough for the other curricula to move."""
         return self.mean_level >= self._config.mastered * (self._config.levels - 1)
 
     def report(self) -> str:
-        """What happened since the last call, in words."""
+        """Describe in words what happened since the last call."""
         moves, reward = self._moves, self._held_reward
         self._moves, self._held_reward = dict.fromkeys(moves, 0), 0.0
         text = f"level {self.mean_level:.2f} of {self._config.levels - 1}, {moves['up']} up, {moves['down']} fell back"
@@ -148,17 +154,17 @@ class RoughGround:
         return text
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Everything that a resumed run needs."""
+        """Return everything that a resumed run needs."""
         return {"level": self.level}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` gave; without it, the levels stay as they are."""
+        """Restore what `state_dict` returned; an empty state leaves the levels as they are."""
         if "level" in state:
             self.level = state["level"].clamp(max=self._config.levels - 1)
 
 
 def _around(xy: torch.Tensor, heading: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-    """Points (m, 2) of the heading frame of k robots in the world, shape (k, m, 2)."""
+    """Transform points (m, 2) from the heading frames of k robots to the world, shape (k, m, 2)."""
     cos, sin = heading.cos()[:, None], heading.sin()[:, None]
     x, y = points[:, 0], points[:, 1]
     return torch.stack((xy[:, :1] + cos * x - sin * y, xy[:, 1:] + sin * x + cos * y), dim=-1)

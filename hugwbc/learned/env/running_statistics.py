@@ -1,4 +1,4 @@
-"""Running figures of training: reward terms, tracking errors, episodes; and the averages that open the curricula."""
+"""Running figures of the training: reward terms, tracking errors, episodes, and what moves the curricula."""
 
 import math
 
@@ -6,16 +6,15 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned.env.readings import TRACKED, tracked
-from hugwbc.learned.env.transition import Transition
+from hugwbc.learned.env.readings import TRACKED, Transition, tracked
 
-TRACKING_MEMORY = 0.99  # of the exponential averages of the tracking rewards, per control step
+TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 _EVENTS = ("episodes", "falls", "diverged")
 
 
 class Statistics:
-    """Sums over control steps, and per-robot averages of the tracking rewards.
+    """Sums over control steps, and running averages of the tracking rewards of each robot.
 
     Attributes:
         tracking: exponential averages of the linear and angular tracking reward relative to their maxima, shape (n, 2).
@@ -27,7 +26,7 @@ class Statistics:
         Args:
             count: number of robots.
             waist: index of the waist joint.
-            hopping: whether the errors of hopping robots are figures too, beside those of walking ones.
+            hopping: whether to report the errors of hopping robots in addition to those of walking ones.
         """
         self.tracking = torch.zeros(count, 2)
         self._gaits = {"walking": (Gait.WALKING, Gait.WALKING)}
@@ -35,10 +34,10 @@ class Statistics:
             self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
         self._levels: dict[str, float] = {}
-        self._start_anew()
+        self._clear()
 
-    def _start_anew(self) -> None:
-        self._sums: dict[str, tuple[float, float]] = {}  # of each average: total, and of how many
+    def _clear(self) -> None:
+        self._sums: dict[str, tuple[float, float]] = {}  # total and number of samples of each average
         self._events = dict.fromkeys(_EVENTS, 0.0)
         self._finished_steps = 0.0
 
@@ -54,12 +53,12 @@ class Statistics:
         """Add a control step.
 
         Args:
-            rewards: weighted terms, each of shape (n,).
+            rewards: weighted terms, shape (n,) each.
             tracking: linear and angular tracking reward relative to their maxima, shape (n, 2).
             t: the transition.
             gait: values of `Gait`, shape (n,).
-            finished_age: steps of the episodes that ended, shape (number of those,).
-            diverged: robots whose physics failed, shape (n,), bool.
+            finished_age: lengths of the episodes that ended [control steps], shape (number of episodes,).
+            diverged: whether the physics of each robot failed, shape (n,), bool.
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
         for name, value in rewards.items():
@@ -76,22 +75,22 @@ class Statistics:
         self._finished_steps += float(finished_age.sum())
 
     def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
-        """Add the part of some robots for which a flag is set; both arguments of shape (n,), bool."""
+        """Add the share of the chosen robots whose flag is set; both arguments have shape (n,), bool."""
         self._average(name, float((flag & robots).sum()), float(robots.sum()))
 
     def _average(self, name: str, total: float, count: float) -> None:
         before, samples = self._sums.get(name, (0.0, 0.0))
-        # What is not finite is of a robot whose physics failed.
+        # A total that is not finite comes from a robot whose physics failed: leave it out.
         self._sums[name] = (before + total, samples + count) if math.isfinite(total) else (before, samples)
 
     def set_level(self, name: str, value: float) -> None:
-        """A level that `pop` reports as it is, not as an average."""
+        """Set a level that `pop` reports as it is, not as an average."""
         self._levels[name] = value
 
     def pop(self) -> dict[str, float]:
-        """Averages since the last call, NaN of nothing; numbers of events, mean length of episodes; then start anew."""
+        """Return and clear the averages (NaN without samples), event counts and mean episode length."""
         result = {name: total / count if count else math.nan for name, (total, count) in self._sums.items()}
         episodes = self._events["episodes"]
         result |= self._events | {"episode_length": self._finished_steps / episodes if episodes else math.nan}
-        self._start_anew()
+        self._clear()
         return result | self._levels

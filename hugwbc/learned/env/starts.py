@@ -1,4 +1,4 @@
-"""Where episodes start: near the nominal pose; or in recorded motion, for hopping."""
+"""Initial states of episodes: near the nominal pose, or in recorded motion."""
 
 import pathlib
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.policy_contract import versions
 
 STARTS_FILE = "starts.safetensors"
-# Of one recorded state: position and velocity of the simulation, and what the environment remembers of a robot.
+# Shapes of one recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
 COLUMNS: dict[str, tuple[int, ...]] = {
     "qpos": (7 + obs.JOINTS,),
     "qvel": (6 + obs.JOINTS,),
@@ -29,28 +29,28 @@ COLUMNS: dict[str, tuple[int, ...]] = {
 }
 
 START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
-START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start
+START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start of an episode
 
 
 class RecordedStarts:
     """States of robots in motion, from which episodes can start.
 
-    An episode that starts in the middle of a hop shows what a good hop is worth before the learner can begin one
-    (reference state initialisation: Peng et al., DeepMimic, ACM Transactions on Graphics 2018).
+    An episode that starts in the middle of a hop shows the learner what a good hop is worth before it can begin one by
+    itself (reference state initialisation: Peng et al., "DeepMimic", ACM Transactions on Graphics 2018).
 
     Attributes:
-        columns: by the names of `COLUMNS`, a row per state.
+        columns: the columns of `COLUMNS` by name, one row per state.
     """
 
     def __init__(self, columns: Mapping[str, torch.Tensor], path: pathlib.Path) -> None:
         """Take the columns of a file.
 
         Args:
-            columns: by name.
-            path: of the file, for messages.
+            columns: the columns by name.
+            path: path of the file, for messages.
 
         Raises:
-            PolicyFileError: if columns are missing or have other shapes.
+            PolicyFileError: if a column is missing or has another shape than `COLUMNS` says.
         """
         rows = len(columns["gait"]) if "gait" in columns else 0
         for name, shape in COLUMNS.items():
@@ -64,10 +64,10 @@ class RecordedStarts:
 
     @classmethod
     def load(cls, path: pathlib.Path) -> "RecordedStarts":
-        """Read what `save` wrote.
+        """Read a file that `StartRecorder.save` wrote.
 
         Raises:
-            PolicyFileError: if the file is missing, truncated, corrupted, or of another kind.
+            PolicyFileError: if the file is missing, truncated, corrupted or of another kind.
         """
         tensors, _ = checkpoint.load_file(path, "starts")
         return cls(tensors, path)
@@ -75,16 +75,16 @@ class RecordedStarts:
     def draw(
         self, gait: torch.Tensor, share: float, generator: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """Random states for a share of the robots, of each one's own gait.
+        """Draw recorded states for a share of the robots, each of the robot's own gait.
 
         Args:
             gait: values of `Gait`, shape (k,).
-            share: probability of each robot.
-            generator: of the draws.
+            share: probability that a robot gets a recorded state.
+            generator: source of the draws.
 
         Returns:
-            Which of the robots have one, as indices into `gait`, shape (m,), and the columns of those, (m, ...). A
-            robot whose gait was not recorded has none.
+            Robots that get a state, as indices into `gait`, shape (m,), and the columns of these states, (m, ...).
+            Robots whose gait was not recorded get none.
         """
         chosen = torch.rand(len(gait), generator=generator) < share
         sample = torch.rand(len(gait), generator=generator, dtype=torch.float64)
@@ -99,31 +99,31 @@ class RecordedStarts:
 
 
 class StartRecorder:
-    """Collects states for `RecordedStarts`, up to a number of them.
+    """A collector of states for `RecordedStarts`, up to a given number.
 
     Attributes:
-        count: how many there are.
+        count: number of states so far.
     """
 
     def __init__(self, capacity: int) -> None:
-        """Room for `capacity` states."""
+        """Make room for `capacity` states."""
         self._capacity = capacity
         self._parts: list[dict[str, torch.Tensor]] = []
         self.count = 0
 
     def add(self, columns: Mapping[str, torch.Tensor]) -> None:
-        """Take states, the columns of `COLUMNS` with a row for each; what is beyond the capacity is left out."""
+        """Add states, given as the columns of `COLUMNS`; leave out what exceeds the capacity."""
         part = {name: columns[name][: self._capacity - self.count].clone() for name in COLUMNS}
         self._parts.append(part)
         self.count += len(part["gait"])
 
     @property
     def full(self) -> bool:
-        """Whether no more fit in."""
+        """Whether the capacity is reached."""
         return self.count >= self._capacity
 
     def save(self, path: pathlib.Path) -> None:
-        """Write all states."""
+        """Write all states to a file."""
         columns = {name: torch.cat([part[name] for part in self._parts]) for name in COLUMNS}
         checkpoint.save_file(path, columns, "starts", {"states": self.count, "versions": versions()})
 
@@ -131,16 +131,16 @@ class StartRecorder:
 def draw_starts(
     nominal: np.ndarray, robots: torch.Tensor, ground: RoughGround | None, generator: torch.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of robots that start: nominal with noise, a random heading, and a push of the pelvis.
+    """Draw the stands in which robots start: nominal joints with noise, a random heading, a moving pelvis.
 
     Args:
-        nominal: pelvis position above the origin, quaternion (w, x, y, z), joint positions, shape (26,).
+        nominal: pelvis position above the origin, quaternion (w, x, y, z) and joint positions, shape (26,).
         robots: indices, shape (k,).
-        ground: on whose levels they start; None for a plane, where all start at the origin.
-        generator: of the draws.
+        ground: rough ground on whose levels they start; None for a plane, where all start at the origin.
+        generator: source of the draws.
 
     Returns:
-        Positions as `nominal`, shape (k, 26); velocities, shape (k, 25), zero in the joints.
+        Positions in the layout of `nominal`, shape (k, 26), and velocities, zero in the joints, shape (k, 25).
     """
     count = robots.numel()
     yaw = uniform(generator, count, -np.pi, np.pi).numpy()

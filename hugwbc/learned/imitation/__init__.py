@@ -1,1 +1,6 @@
-"""Learning from a teacher: imitation of the QP, and distillation of several policies into one."""
+"""Learning from teachers: imitation of a controller such as the QP, and distillation of several policies into one."""
+
+from hugwbc.learned.imitation.distillation import Distiller
+from hugwbc.learned.imitation.imitation import Imitator
+
+__all__ = ["Distiller", "Imitator"]

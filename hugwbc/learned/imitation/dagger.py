@@ -1,9 +1,9 @@
-"""Fitting a network to teachers on the student's own states, and what imitation and distillation share of it.
+"""DAgger: fitting a network to teachers on the student's own states; imitation and distillation build on it.
 
 DAgger (Ross, Gordon, Bagnell, "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning", AISTATS 2011): robots are driven by the student, after a beginning by the teacher; the teacher names the
-action that it would take in every state, and the student is fitted to all of them. Cloning the teacher's own episodes
-does not do: the student's first small errors lead to states that the teacher never visits.
+Learning", AISTATS 2011): the teacher drives the robots at first, then the student does. In every state the teacher
+names the action that it would take, and the student is fitted to all these labels. Cloning episodes of the teacher
+alone does not work: the first small errors of the student lead to states that the teacher never visits.
 """
 
 import abc
@@ -27,10 +27,10 @@ Report = Callable[[dict[str, float]], None]
 
 
 class Memory:
-    """The newest labelled observations.
+    """A ring buffer of the newest labelled observations.
 
     Attributes:
-        size: how many there are.
+        size: number of samples in it.
     """
 
     def __init__(self, capacity: int, generator: torch.Generator) -> None:
@@ -38,10 +38,10 @@ class Memory:
 
         Args:
             capacity: largest number of samples.
-            generator: of the batches.
+            generator: source of the batches.
 
         Raises:
-            ConfigError: if the machine has not that much memory.
+            ConfigError: if the machine does not have that much memory.
         """
         self.size = 0
         self._next = 0
@@ -56,8 +56,15 @@ class Memory:
             raise ConfigError(f"{capacity} labels take {size:.0f} GiB of memory; ask for fewer") from error
 
     def add(self, observation: Observation, action: torch.Tensor, weight: torch.Tensor) -> None:
-        """Store a row per robot: what it saw, the teacher's action (n, 19) and the weight of each joint (n, 19)."""
+        """Store one row per robot.
+
+        Args:
+            observation: what the student saw.
+            action: the teacher's action, shape (n, 19).
+            weight: weight of each joint in the loss, shape (n, 19).
+        """
         capacity = len(self._columns["action"])
+        # The oldest labels, of states that earlier drivers visited, are overwritten first.
         rows = (self._next + torch.arange(len(action))) % capacity
         values = (observation.history, observation.command, observation.estimate, action, weight)
         for column, value in zip(self._columns.values(), values, strict=True):
@@ -66,7 +73,7 @@ class Memory:
         self.size = min(self.size + len(action), capacity)
 
     def sample(self, count: int) -> dict[str, torch.Tensor]:
-        """Random rows, half of them as their mirror images: what is right on the left is right on the right."""
+        """Draw random rows and mirror half of them: the robot is symmetric, so each label also holds mirrored."""
         rows = torch.randint(self.size, (count,), generator=self._generator)
         batch = {name: column[rows] for name, column in self._columns.items()}
         half = count // 2
@@ -82,20 +89,20 @@ class Memory:
 
 
 class Dagger(abc.ABC, Generic[Config]):
-    """Collects labels of the states that robots visit, and fits the student to them.
+    """A loop that collects labels of the states that robots visit, and fits the student to them.
 
     Attributes:
         config: the settings.
         env: the robots.
-        network: the student; its critic stays as it starts.
+        network: the student; its critic is not trained.
         memory: the labels.
-        samples: labels so far.
+        samples: number of labels so far.
     """
 
     interval: int
     """Control steps between two rounds of fitting."""
     least_rate: float
-    """To which part of its first value the learning rate falls."""
+    """Fraction of its initial value to which the learning rate falls."""
 
     def __init__(self, config: Config, network: ActorCritic, capacity: int) -> None:
         """Set up the robots and the memory.
@@ -103,12 +110,13 @@ class Dagger(abc.ABC, Generic[Config]):
         Args:
             config: the settings.
             network: the student.
-            capacity: how many labels are kept.
+            capacity: number of labels that are kept.
         """
         torch.set_num_threads(config.threads)
         self.config = config
         self.network = network
         self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
+        # Nobody updates the curriculum here: its levels stay as they are set.
         self.env.curriculum.alpha = config.noise_level
         self.env.curriculum.max_speed = config.max_speed
         self.samples = 0
@@ -118,11 +126,15 @@ class Dagger(abc.ABC, Generic[Config]):
 
     @property
     def progress(self) -> float:
-        """Part of the work that is done."""
+        """Fraction of the labels that are collected."""
         return self.samples / self.config.samples
 
     def run(self, report: Report) -> None:
-        """Collect and fit until there are `config.samples` labels; writes a policy and a snapshot to train from."""
+        """Collect and fit until there are `config.samples` labels; write a policy and a snapshot to train from.
+
+        Args:
+            report: called after every round of fitting with its figures.
+        """
         begin = time.monotonic()
         while self.samples < self.config.samples:
             falls = sum(self.collect() for _ in range(self.interval))
@@ -138,15 +150,15 @@ class Dagger(abc.ABC, Generic[Config]):
 
     @abc.abstractmethod
     def collect(self) -> int:
-        """One control step of all robots, and its labels; returns how many fell."""
+        """Advance all robots by one control step and store the labels; return how many robots fell."""
 
     @abc.abstractmethod
     def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
-        """Of each joint's error; actions, labels and losses have the shape (n, 19)."""
+        """Return the loss of each joint; actions, labels and losses have shape (n, 19)."""
 
     @abc.abstractmethod
     def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
-        """What the policy and the snapshot say of their training.
+        """Return what the policy and the snapshot say of their training.
 
         Args:
             record: duration, versions and settings of this run.
@@ -162,11 +174,12 @@ class Dagger(abc.ABC, Generic[Config]):
         return action
 
     def _exploration(self) -> torch.Tensor:
+        # Noise pushes the robots off the path of their driver; the labels there show the way back.
         noise = torch.randn((self.env.count, ACTION_SIZE), generator=self._generator)
         return noise * self.config.exploration
 
     def fit(self) -> dict[str, float]:
-        """Gradient steps on random labels; returns the mean losses."""
+        """Take gradient steps on random labels; return the mean losses."""
         c, actor = self.config, self.network.actor
         for group in self._optimiser.param_groups:
             group["lr"] = c.learning_rate * max(self.least_rate, 1.0 - self.progress)
@@ -174,6 +187,7 @@ class Dagger(abc.ABC, Generic[Config]):
         for _ in range(c.updates):
             batch = self.memory.sample(c.batch)
             mean, estimate = actor(batch["history"], batch["command"])
+            # A joint has weight 0 where its label means nothing, such as arms that follow external targets.
             l_imitation = (batch["weight"] * self.loss(mean, batch["action"])).mean()
             l_estimation = (estimate - batch["estimate"]).square().mean()
             self._optimiser.zero_grad()

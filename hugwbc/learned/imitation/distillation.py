@@ -1,12 +1,12 @@
-"""One network from several: each gait from the policy that does it best, on the student's own states.
+"""Distillation: one network from several, each gait from the policy that does it best.
 
-As in imitation the student drives and its teachers name their actions (`hugwbc.learned.imitation.dagger`); the
-teachers are policies, so that a label costs next to nothing. Standing can have two: one that is accurate while little
-moves, and one that catches the robot when much does. The label goes smoothly from one to the other.
+As in imitation the student drives and its teachers name their actions (`hugwbc.learned.imitation.dagger`). The teachers
+are policies, so a label costs almost nothing. Standing can have two teachers: one that is accurate while the robot is
+at rest, and one that catches the robot when it moves. The label changes smoothly from one to the other.
 
-A trained policy is often exact about the wrong value: it turns at 0.8 of what it is told, or stands 3 cm too low. While
-the teachers drive, at the beginning, they are calibrated: for each command and gait a curve of what to ask for, so that
-what they execute is what was asked for. The student learns their actions under the original commands.
+A trained policy is often precise but biased: it turns at 0.8 of the commanded rate, or stands 3 cm too low. At the
+beginning the teachers drive and are calibrated: for each gait and command, a curve says what to ask for so that the
+executed value is the commanded one. The student learns the resulting actions under the original commands.
 """
 
 import pathlib
@@ -25,21 +25,22 @@ from hugwbc.learned.policy import checkpoint, observations
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
 
-# A standing robot is caught rather than held from about this speed, angular velocity or roll on, or a mixture.
+# Speed, angular velocity or roll (or a mixture) from which a standing robot is caught rather than held.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
 _CATCH_SHARPNESS = 5.0
 _COLUMNS = [COMMAND_NAMES.index(name) for name in CALIBRATED_COMMANDS]
 _SETTLED = 1.0  # [s] after a change of command
-_KNOTS = 7  # a policy may answer a command by a curve, such as a swing height that saturates
-# Of the error that is made up for after each interval; the swing height is measured once a stride and often far off.
+_KNOTS = 7  # a line would not do: a policy may answer along a curve, such as a swing height that saturates
+# Fraction of the error that is corrected per interval. The swing height is measured once per stride and often far off.
 _RATES = torch.tensor([0.05] * 6 + [0.15])[:, None]
-# How far from a command a policy may be asked: beyond, it was never in training. Swing heights make an exception:
-# policies answer them with a fraction of the slope, but steadily to far outside of the range. Deeper squats topple.
+# Largest difference between a command and what is asked for: further away the policy was never trained. Swing heights
+# may differ more, since policies answer them with a small slope, but steadily far beyond the range. Squats may differ
+# little, since deeper ones topple.
 _LARGEST_CHANGE = torch.tensor([0.3, 0.25, 0.3, 0.06, 0.1, 0.3, 0.8])[:, None]
 
 
 def disturbance(readings: Readings) -> torch.Tensor:
-    """How far robots are from rest, between 0 and 1, shape (n,); 0.5 at `CATCH_SPEED` alone."""
+    """Return how far robots are from rest, between 0 and 1, shape (n,); 0.5 at `CATCH_SPEED` alone."""
     motion = (
         torch.linalg.vector_norm(readings.velocity, dim=1) / CATCH_SPEED
         + torch.linalg.vector_norm(readings.angular_velocity, dim=1) / CATCH_ANGULAR_VELOCITY
@@ -49,7 +50,7 @@ def disturbance(readings: Readings) -> torch.Tensor:
 
 
 def _knots() -> torch.Tensor:
-    """Commands by value of `Gait` and calibrated command, shape (number of gaits, 7, knots)."""
+    """Return the knots by value of `Gait` and calibrated command, shape (number of gaits, 7, knots)."""
     ranges = [[command_ranges(gait)[name].finishing for name in CALIBRATED_COMMANDS] for gait in Gait]
     low, high = torch.tensor(ranges, dtype=torch.float32).unbind(-1)
     share = torch.linspace(0.0, 1.0, _KNOTS)
@@ -57,19 +58,19 @@ def _knots() -> torch.Tensor:
 
 
 class Calibration:
-    """Which commands make policies execute what is asked for.
+    """Curves of what to ask a policy for, so that it executes the original command.
 
     Attributes:
-        knots: commands, evenly over their ranges, by value of `Gait`, of v_x, v_y, omega, h, p, w, l, shape (number of
-            gaits, 7, knots).
+        knots: commands spread evenly over their ranges, by value of `Gait` and by v_x, v_y, omega, h, p, w, l, shape
+            (number of gaits, 7, knots).
         asked: what to ask for at the knots, same shape; linear in between.
     """
 
     def __init__(self, calibrated: Collection[str] = CALIBRATED_COMMANDS) -> None:
-        """Trust the policies.
+        """Start with curves that change nothing.
 
         Args:
-            calibrated: names of the commands that `update` changes.
+            calibrated: names of the commands that `update` may change.
         """
         self.knots = _knots()
         self.asked = self.knots.clone()
@@ -77,25 +78,25 @@ class Calibration:
         self._changeable = chosen & (self.knots[..., -1] > self.knots[..., 0])  # and commanded in the gait
 
     def _shares(self, command: torch.Tensor, gait: torch.Tensor) -> torch.Tensor:
-        """How much each knot counts for a command, 0 to 1: at most two do; shape (n, 7, knots)."""
+        """Return the weight of each knot for a command, shape (n, 7, knots); at most two are not zero."""
         knots = self.knots[gait]
         spacing = (knots[..., 1:2] - knots[..., :1]).clamp_min(1e-6)
         position = ((command[:, _COLUMNS, None] - knots[..., :1]) / spacing).clamp(0.0, _KNOTS - 1.0)
         return (1.0 - (position - torch.arange(_KNOTS)).abs()).clamp_min(0.0)
 
     def commands(self, command: torch.Tensor, gait: torch.Tensor) -> torch.Tensor:
-        """What to ask for, shape (n, 8), for commands (n, 8) and values of `Gait` (n,)."""
+        """Return what to ask for, shape (n, 8), given commands (n, 8) and values of `Gait` (n,)."""
         asked = command.clone()
         change = (self.asked - self.knots)[gait]
         asked[:, _COLUMNS] += (self._shares(command, gait) * change).sum(-1)
         return asked
 
     def update(self, command: torch.Tensor, executed: torch.Tensor, gait: torch.Tensor) -> None:
-        """Make up for a part of the mean error around each knot.
+        """Correct a fraction of the mean error around each knot.
 
         Args:
-            command: original ones, shape (n, 8).
-            executed: v_x, v_y, omega, h, p, w, l, shape (n, 7); NaN where it is not known.
+            command: original commands, shape (n, 8).
+            executed: executed v_x, v_y, omega, h, p, w, l, shape (n, 7); NaN where unknown.
             gait: values of `Gait`, shape (n,).
         """
         known = executed.isfinite()
@@ -110,7 +111,7 @@ class Calibration:
         self.asked = self.knots + change
 
     def as_dict(self) -> dict[str, dict[str, list[list[float]]]]:
-        """Pairs of command and what is asked for by gait and command, for the record."""
+        """Return the pairs of command and what is asked for, by gait and command, for the record."""
         pairs = torch.stack((self.knots, self.asked), dim=-1)
         return {
             gait.label: {
@@ -123,20 +124,20 @@ class Calibration:
 
 
 class SwingHeights:
-    """The highest clearance of every robot's feet in its last stride.
+    """The highest clearance of the feet of every robot in its last stride.
 
     Attributes:
-        last: mean of both feet [m], NaN before the first stride, shape (n,).
+        last: mean over both feet [m], NaN before the first stride, shape (n,).
     """
 
     def __init__(self, count: int) -> None:
-        """Nothing is known of `count` robots."""
+        """Start without a stride of any of `count` robots."""
         self.last = torch.full((count,), torch.nan)
         self._highest = torch.zeros(count, 2)
         self._phase = torch.zeros(count)
 
     def update(self, phase: torch.Tensor, clearance: torch.Tensor) -> None:
-        """Take in a control step: the common phases, shape (n,), and the soles' clearances [m], shape (n, 2)."""
+        """Add a control step: the common phases, shape (n,), and the clearances of the soles [m], shape (n, 2)."""
         begun = phase < self._phase
         self.last = torch.where(begun, self._highest.mean(1), self.last)
         self._highest = torch.where(begun[:, None], clearance, torch.maximum(self._highest, clearance))
@@ -144,10 +145,10 @@ class SwingHeights:
 
 
 class Distiller(Dagger[DistillationConfig]):
-    """Collects the teachers' actions and fits the student.
+    """DAgger with policies as teachers, one per gait.
 
     Attributes:
-        calibration: of the teachers.
+        calibration: calibration of the teachers.
     """
 
     interval = 10
@@ -157,7 +158,7 @@ class Distiller(Dagger[DistillationConfig]):
         """Load the teachers and set up robots and student.
 
         Raises:
-            ConfigError: if a gait that is drawn has no teacher, or the labels do not fit into memory.
+            ConfigError: if there is no network to start from, or the labels do not fit into memory.
             PolicyFileError: if a snapshot cannot be read.
         """
         self.teachers = {name: _load(path)[0].actor for name, path in config.teachers().items()}
@@ -168,12 +169,12 @@ class Distiller(Dagger[DistillationConfig]):
         self._arms = torch.as_tensor(self.env.robot.arms)
 
     def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
-        """What the policy and the snapshot say of their training: the student's past, and this."""
+        """Return what the policy and the snapshot say of their training: the student's past and this run."""
         own = {"labels": self.samples, "calibration": self.calibration.as_dict()}
         return self._metadata | {"distillation": own | record}
 
     def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
-        """Squared error."""
+        """Return the squared error."""
         return torch.nn.functional.mse_loss(action, label, reduction="none")
 
     @property
@@ -191,13 +192,13 @@ class Distiller(Dagger[DistillationConfig]):
         self.calibration.update(env.command[settled], executed[settled], env.gait[settled])
 
     def collect(self) -> int:
-        """One control step of all robots, and its labels; returns how many fell."""
+        """Advance all robots by one control step and store the labels; return how many robots fell."""
         env = self.env
         observation = env.observe()
         with torch.no_grad():
             label = self.label(observation)
         weight = torch.ones(env.count, ACTION_SIZE)
-        # Arms under takeover do not follow the action: whatever a teacher says about them is untested.
+        # Arms under intervention do not follow the action, so what a teacher says about them is untested.
         weight[env.intervention.active.nonzero(), self._arms] = 0.0
         self._store(observation, label, weight)
         result = env.step(label if self._calibrating else self._own_action(observation) + self._exploration())
@@ -205,11 +206,11 @@ class Distiller(Dagger[DistillationConfig]):
         return int(result.done.sum()) - len(result.timed_out)
 
     def label(self, observation: Observation) -> torch.Tensor:
-        """What each robot's teacher would do, shape (n, 19).
+        """Return the action of each robot's teacher, shape (n, 19).
 
-        Hops on the right leg are the mirror images of those on the left. A policy hops a little differently on its two
-        legs, and half of what the student learns from is mirrored: taught both ways of hopping for every state, it
-        learned their mean, which kept the held foot on the ground.
+        Hops on the right leg are taught as mirror images of hops on the left leg. A policy hops a little differently on
+        its two legs, and half of the student's samples are mirrored: taught both ways of hopping in every state, the
+        student learned their mean, which kept the held foot on the ground.
         """
         gait = self.env.gait
         right = (gait == int(Gait.HOPPING_RIGHT))[:, None]
@@ -230,14 +231,14 @@ class Distiller(Dagger[DistillationConfig]):
         return torch.where(right, observations.mirror_action(label), label)
 
     def fit(self) -> dict[str, float]:
-        """Calibrate the teachers while they drive, and take gradient steps; returns the mean losses."""
+        """Calibrate the teachers while they drive, and take gradient steps; return the mean losses."""
         if self._calibrating:
             self._calibrate()
         return super().fit()
 
 
 def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:
-    """Which robots a teacher labels, shape (n,), bool."""
+    """Return which robots a teacher labels, shape (n,), bool."""
     if teacher == "hopping":
         return (gait == int(Gait.HOPPING_LEFT)) | (gait == int(Gait.HOPPING_RIGHT))
     return gait == int(Gait.STANDING if teacher == "catching" else Gait.parse(teacher))
@@ -245,7 +246,7 @@ def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:
 
 def _load(path: pathlib.Path | None) -> tuple[ActorCritic, dict[str, object]]:
     if path is None:
-        raise ConfigError("start_from is missing; give the snapshot of the network that the student starts as")
+        raise ConfigError("start_from is missing; give --start-from SNAPSHOT, the network that the student starts as")
     tensors, metadata = checkpoint.load_file(path, "checkpoint")
     network = ActorCritic()
     prefix = "network."

@@ -1,4 +1,4 @@
-"""A start for the reinforcement learning: imitate a controller, such as the QP (`hugwbc.learned.imitation.dagger`)."""
+"""Imitation of a controller such as the whole-body QP, as a start for reinforcement learning."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -11,7 +11,6 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.gait import Gait
 from hugwbc.learned.config import ImitationConfig
 from hugwbc.learned.env.curriculum import Curriculum
-from hugwbc.learned.env.env_starts import recorded
 from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.imitation.dagger import Dagger, Report
@@ -19,23 +18,23 @@ from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 
-ACTION_LIMIT = 12.0  # of a label, in action units: in a fall the teacher may ask for anything
-_AGREED = 0.5  # [s] for which robot and teacher are in the commanded gait before the student may drive
-_FIRST_OWN_TIME = 0.1  # [s], at the beginning
-_RECORDED = 0.3  # of the states in which an episode could start: those of successive steps are alike
+ACTION_LIMIT = 12.0  # of a label in units of the action: in a fall the teacher may ask for anything
+_AGREED = 0.5  # [s] for which robot and teacher must be in the commanded gait before the student may drive
+_FIRST_OWN_TIME = 0.1  # [s], mean time that the student drives at the beginning
+_RECORDED = 0.3  # fraction of the usable states to record: those of successive steps are nearly equal
 
 
 class Teacher(Protocol):
-    """A controller that runs the common phase of `hugwbc.gait` by itself."""
+    """A controller that advances the common phase of `hugwbc.gait` by itself."""
 
     @property
     def phase(self) -> float:
-        """The phase of the control period that the last call of `act` was for, in [0, 1)."""
+        """Phase of the control period of the last call of `act`, in [0, 1)."""
         ...
 
     @property
     def stepping(self) -> bool:
-        """Whether that phase advances: not while it stands, or prepares the first step."""
+        """Whether the phase advances, which it does not in a stand or before the first step."""
         ...
 
     def reset(self, state: RobotState) -> None:
@@ -43,26 +42,26 @@ class Teacher(Protocol):
         ...
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The joint command for the next period."""
+        """Return the joint command for the next period."""
         ...
 
 
 def equivalent_targets(command: JointCommand, robot: Robot, damping: np.ndarray) -> np.ndarray:
-    """Position targets that make the policy's PD do what a joint command asks for, shape (19,) [rad].
+    """Return position targets q* with which the policy's PD does what a joint command asks for [rad], shape (19,).
 
-    kp (q* - q) - kd dq = tau + kp (q_d - q) + kd (dq_d - dq) for every q and dq, so q* = q_d + (tau + kd dq_d) / kp:
-    the command's feed-forward and motion at the policy's stiffness instead of the command's.
+    kp (q* - q) - kd dq = tau + kp (q_d - q) + kd (dq_d - dq) for every q and dq gives q* = q_d + (tau + kd dq_d) / kp:
+    feed-forward torque and motion of the command at the policy's stiffness instead of the command's.
 
     Args:
-        command: the teacher's.
-        robot: with the policy's stiffness.
-        damping: the policy's [N*m*s/rad], shape (19,).
+        command: joint command of the teacher.
+        robot: the robot, with the policy's stiffness.
+        damping: damping of the policy's PD [N*m*s/rad], shape (19,).
     """
     return command.q + (command.tau + damping * command.dq) / robot.kp
 
 
 class Imitator(Dagger[ImitationConfig]):
-    """Collects a controller's labels and fits the student."""
+    """DAgger with a controller per robot as the teacher."""
 
     interval = 40
     least_rate = 0.1
@@ -72,7 +71,7 @@ class Imitator(Dagger[ImitationConfig]):
 
         Args:
             config: the settings.
-            make_teacher: gives a teacher for a control period [s]; called once a robot.
+            make_teacher: builds a teacher for a control period [s]; called once per robot.
 
         Raises:
             ConfigError: if the labels do not fit into memory.
@@ -89,30 +88,30 @@ class Imitator(Dagger[ImitationConfig]):
         self._damping = config.env.damping(self._robot)
 
     def run(self, report: Report) -> None:
-        """Collect and fit; writes a policy, a snapshot to train from, and states to start from."""
+        """Collect and fit; write a policy, a snapshot to train from, and states to start episodes in."""
         super().run(report)
         if self._starts.count:
             self._starts.save(self.config.out / STARTS_FILE)
 
     def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
-        """What the policy and the snapshot say of their training: its beginning."""
+        """Return what the policy and the snapshot say of their training: that it is at its beginning."""
         own = {
             "iteration": 0,
             "steps": self.samples,
-            # At the small std that keeps what was imitated, the first steps of a higher rate would undo it.
+            # The std is small to keep what was imitated; at a higher rate the first steps would undo it.
             "learning_rate": 1e-5,
             "skipped": 0,
-            # The teacher's motion needs no easing-in of the penalties.
+            # The motion is regular already, so the penalties need not be eased in.
             "curriculum": Curriculum(self.config.env.curriculum).state_dict() | {"penalty_scale": 1.0},
         }
         return own | record
 
     def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
-        """Smooth L1: the teacher's torques jump when a foot comes down."""
+        """Return the smooth L1 loss, which tolerates the jumps of the teacher's torques when a foot comes down."""
         return torch.nn.functional.smooth_l1_loss(action, label, reduction="none")
 
     def collect(self) -> int:
-        """One control step of all robots, and its labels; returns how many fell."""
+        """Advance all robots by one control step and store the labels; return how many robots fell."""
         env = self.env
         label, weight = self._labels()
         self._record()
@@ -129,16 +128,16 @@ class Imitator(Dagger[ImitationConfig]):
         return int(fallen.sum())
 
     def _record(self) -> None:
-        """Keep some of the states in which the teacher drives and the robot is in its gait."""
+        """Record some of the states in which the teacher drives and the robot is in its gait."""
         if self._starts.full or self.progress >= self.config.handover:
             return
         sample = torch.rand(self.env.count, generator=self._generator) < _RECORDED
         rows = (sample & self._taught & (self._agreed >= _AGREED)).nonzero().squeeze(1)
         if rows.numel():
-            self._starts.add(recorded(self.env, rows))
+            self._starts.add(self.env.recorded(rows))
 
     def _hand_over(self) -> None:
-        """Follow how long robots and teachers have been in the commanded gait; change drivers within the episode."""
+        """Update for how long robots and teachers agree with the commanded gait; change drivers within the episode."""
         env, c = self.env, self.config
         down = held_foot_down(env.readings, env.gait)
         stepping = torch.tensor([teacher.stepping for teacher in self._teachers])
@@ -153,7 +152,7 @@ class Imitator(Dagger[ImitationConfig]):
         self._taught ^= given | taken
 
     def _restart(self, robots: torch.Tensor) -> None:
-        """New episodes: the teacher drives fewer and fewer of them, or begins all of them."""
+        """Choose the drivers of new episodes: the teacher drives fewer and fewer of them, or begins all of them."""
         if robots.numel():
             share = max(self.config.least_taught, 1.0 - self.progress / self.config.handover)
             by_share = torch.rand(robots.numel(), generator=self._generator) < share
@@ -164,7 +163,7 @@ class Imitator(Dagger[ImitationConfig]):
                 self._teachers[robot].reset(states[robot])
 
     def _labels(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The teachers' actions and the weight of each joint; robots take the phase of teachers that step."""
+        """Return the teachers' actions and the weight of each joint; robots take the phase of stepping teachers."""
         env, robot = self.env, self._robot
         arms, active = env.intervention.targets().double().numpy(), env.intervention.active.numpy()
         base = env.next_waist().numpy()
@@ -176,11 +175,11 @@ class Imitator(Dagger[ImitationConfig]):
             joints = self._teachers[i].act(state, command, upper_body)
             labels[i] = equivalent_targets(joints, robot, self._damping) - robot.nominal
             labels[i, robot.waist] -= base[i]
-            if self._teachers[i].stepping:  # before that, the phase runs on, as it does without a teacher
+            if self._teachers[i].stepping:  # otherwise the phase runs on as it does without a teacher
                 env.phase[i] = self._teachers[i].phase
         actions = torch.from_numpy(labels / scale).float()
         weight = torch.ones_like(actions)
-        # Legs carry the robot; arms and waist are easy and must not fill the network.
+        # The legs carry the robot; arms and waist are easy and must not take up the network.
         weight[:, robot.arms] = self.config.upper_weight
         weight[:, robot.waist] = self.config.upper_weight
         weight[np.ix_(active, robot.arms)] = 0.0

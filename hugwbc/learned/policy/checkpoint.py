@@ -1,4 +1,4 @@
-"""Checkpoints: one safetensors file with tensors, a JSON header and a checksum; written atomically, never pickled."""
+"""Files of tensors: safetensors with JSON metadata and a checksum, written atomically, never pickled."""
 
 import hashlib
 import json
@@ -14,11 +14,11 @@ from hugwbc.files import write_whole
 
 _PREFIX = "hugwbc-"
 FORMAT = f"{_PREFIX}2"
-_WITHOUT_METADATA = f"{_PREFIX}1"  # an earlier format, still read: its checksum covers the tensors only
+_WITHOUT_METADATA = f"{_PREFIX}1"  # an earlier format that is still read; its checksum covers the tensors only
 
 
 def _digest(tensors: dict[str, torch.Tensor], metadata: str) -> str:
-    """SHA-256 over the metadata and the tensors' names, types, shapes and bytes, independent of their order."""
+    """Return the SHA-256 of metadata and of names, types, shapes and bytes of the tensors, whatever their order."""
     sha = hashlib.sha256(metadata.encode())
     for name in sorted(tensors):
         tensor = tensors[name].detach().contiguous()
@@ -28,12 +28,12 @@ def _digest(tensors: dict[str, torch.Tensor], metadata: str) -> str:
 
 
 def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, metadata: dict[str, Any]) -> None:
-    """Write tensors and metadata to a file, so that the file is always either the old or the new one.
+    """Write tensors and metadata to a file; an interruption leaves the old file whole.
 
     Args:
-        path: of the file; its folder is made.
-        tensors: by name.
-        kind: what the file is ("policy" or "checkpoint"); loading asks for it.
+        path: path of the file; its folder is created if needed.
+        tensors: the tensors by name.
+        kind: kind of the file, such as "policy" or "checkpoint"; loading asks for it.
         metadata: anything JSON can hold.
     """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
@@ -43,11 +43,15 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
 
 
 def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Read what `save_file` wrote.
+    """Read tensors and metadata of a file that `save_file` wrote.
+
+    Args:
+        path: path of the file.
+        kind: kind that the file must have.
 
     Raises:
-        PolicyFileError: if the file is missing, truncated, corrupted, of another program, another kind or a newer
-            version.
+        PolicyFileError: if the file is missing, truncated, corrupted, written by another program or a newer version,
+            or of another kind.
     """
     try:
         data = pathlib.Path(path).read_bytes()
@@ -71,9 +75,9 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     try:
         metadata = json.loads(text)
     except ValueError as error:
-        raise PolicyFileError(f"{path} is corrupted: its metadata are not JSON ({error}). Copy it again") from error
+        raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
     if not isinstance(metadata, dict):
-        raise PolicyFileError(f"{path} is corrupted: its metadata are no JSON object. Copy it again")
+        raise PolicyFileError(f"{path} is corrupted: its metadata is not a JSON object. Copy it again")
     return tensors, metadata
 
 
@@ -87,6 +91,6 @@ def _check_format(path: pathlib.Path, found: str) -> None:
 
 
 def _header(data: bytes) -> dict[str, str]:
-    """The metadata of a safetensors file: an 8-byte length and a JSON header precede the tensors."""
+    """Return the metadata of a safetensors file, in which an 8-byte length and a JSON header precede the tensors."""
     length = int.from_bytes(data[:8], "little")
     return json.loads(data[8 : 8 + length]).get("__metadata__", {})

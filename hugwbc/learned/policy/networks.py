@@ -28,10 +28,10 @@ def _mlp(inputs: int, hidden: tuple[int, ...], outputs: int) -> nn.Sequential:
 
 
 class Actor(nn.Module):
-    """Policy mean from the proprioceptive history and the command.
+    """The policy's mean action and state estimate from the proprioceptive history and the command.
 
-    z = encoder(o_his); [v, l, h] = estimator(z); a = policy(z, [v, l, h], o_pro, c). The estimate enters the policy
-    without gradient: it is trained by its own loss alone, so that it stays an estimate.
+    z = encoder(o_his); [v, l, h] = estimator(z); a = policy(z, [v, l, h], o_pro, c). No gradient passes from the
+    policy to the estimate: its own loss alone trains it, so that it remains an estimate of the state.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Actor(nn.Module):
         self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + COMMAND_SIZE, POLICY_HIDDEN, ACTION_SIZE)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean action and estimate.
+        """Return mean action and estimate.
 
         Args:
             history: the last five proprioceptive frames, oldest first, shape (n, 315).
@@ -57,14 +57,14 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """State value from the privileged observation, shape (n, 321) to (n,)."""
+    """The value of a state from the privileged observation, shape (n, 321) to (n,)."""
 
     def __init__(self) -> None:
         super().__init__()
         self.value = _mlp(CRITIC_SIZE, CRITIC_HIDDEN, 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Value of each row."""
+        """Return the value of each row."""
         return self.value(observation).squeeze(1)
 
 

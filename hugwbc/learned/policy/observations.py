@@ -1,4 +1,4 @@
-"""Observations of actor and critic: layout, scales, and their mirror images. All arrays are torch tensors."""
+"""Observations of actor and critic: layout, scales and mirror images; all arrays are torch tensors."""
 
 import dataclasses
 import functools
@@ -27,8 +27,8 @@ JOINT_VELOCITY_SCALE = 0.05
 LINEAR_VELOCITY_SCALE = 2.0
 LENGTH_SCALE = 5.0
 FORCE_SCALE = 0.002
-# Order of the command observation, and the scale that brings each to about one. The authors scale l by 0.15, which
-# hides it from the network; the values here are ours.
+# Order of the command observation, with the scale that brings each command to about 1. These scales are ours: the
+# authors scale l by 0.15, which hides it from the network.
 COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
 # Half-widths of the paper's observation noise, in physical units.
 NOISE_ANGULAR_VELOCITY, NOISE_GRAVITY, NOISE_Q, NOISE_DQ = 0.2, 0.05, 0.01, 1.5
@@ -36,12 +36,12 @@ NOISE_ANGULAR_VELOCITY, NOISE_GRAVITY, NOISE_Q, NOISE_DQ = 0.2, 0.05, 0.01, 1.5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Observation:
-    """What the networks read.
+    """The inputs of the networks, and the target of the estimator.
 
     Attributes:
         history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: shape (n, 13).
-        critic: shape (n, 321).
+        command: commands, gait parameters, clocks and indicator, shape (n, 13).
+        critic: privileged observation, shape (n, 321).
         estimate: target of the estimator, shape (n, 6).
     """
 
@@ -58,10 +58,10 @@ def proprioception(
     dq: torch.Tensor,
     action: torch.Tensor,
 ) -> torch.Tensor:
-    """One proprioceptive frame, shape (n, 63).
+    """Build one proprioceptive frame, shape (n, 63).
 
     Args:
-        angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
+        angular_velocity: angular velocity of the pelvis in its own frame [rad/s], shape (n, 3).
         gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
         q: joint positions minus the nominal ones [rad], shape (n, 19).
         dq: joint velocities [rad/s], shape (n, 19).
@@ -72,7 +72,7 @@ def proprioception(
 
 
 def noise_amplitude() -> torch.Tensor:
-    """Half-widths of the paper's noise on a proprioceptive frame, in observation units, shape (63,)."""
+    """Return the half-widths of the paper's noise on a proprioceptive frame, in observation units, shape (63,)."""
     parts = (
         torch.full((3,), NOISE_ANGULAR_VELOCITY * ANGULAR_VELOCITY_SCALE),
         torch.full((3,), NOISE_GRAVITY),
@@ -85,17 +85,17 @@ def noise_amplitude() -> torch.Tensor:
 
 @functools.cache
 def command_scale() -> torch.Tensor:
-    """Scales of the eight commands in the observation, shape (8,)."""
+    """Return the scales of the eight commands in the observation, shape (8,)."""
     return torch.tensor([COMMAND_SCALES[name] for name in COMMAND_NAMES])
 
 
 def command_observation(
     command: torch.Tensor, gait: torch.Tensor, clock: torch.Tensor, indicator: torch.Tensor
 ) -> torch.Tensor:
-    """Commands, gait parameters, clocks and indicator, shape (n, 13).
+    """Build the observation of commands, gait parameters, clocks and indicator, shape (n, 13).
 
     Order: the eight scaled commands, psi, phi_stance, left and right clock, I. Standing has phi_stance = 1 (always in
-    stance), which tells it from a jump at mid-stance; the other gaits have the paper's 0.5.
+    stance), which distinguishes it from a jump at mid-stance; the other gaits have the paper's 0.5.
 
     Args:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
@@ -110,11 +110,11 @@ def command_observation(
 
 
 def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
-    """What the estimator is to output: base velocity, sole clearances, base height, shape (n, 6).
+    """Build the target of the estimator: base velocity, sole clearances, base height, shape (n, 6).
 
     Args:
-        velocity: of the pelvis in the heading frame [m/s], shape (n, 3).
-        clearance: of both soles [m], shape (n, 2).
+        velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
+        clearance: clearance of both soles [m], shape (n, 2).
         height: pelvis height minus the nominal one [m], shape (n,).
     """
     return torch.cat((velocity * LINEAR_VELOCITY_SCALE, clearance * LENGTH_SCALE, height[:, None] * LENGTH_SCALE), 1)
@@ -128,13 +128,13 @@ def privileged(
     foot_force: torch.Tensor,
     link_contact: torch.Tensor,
 ) -> torch.Tensor:
-    """The critic's privileged observation, shape (n, 24).
+    """Build the privileged part of the critic's observation, shape (n, 24).
 
     Args:
-        velocity: of the pelvis in the heading frame [m/s], shape (n, 3).
+        velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
         height_error: measured minus commanded height [m], shape (n,).
-        clearance: of both soles [m], shape (n, 2).
-        friction: coefficient of the robot's shapes, shape (n,).
+        clearance: clearance of both soles [m], shape (n, 2).
+        friction: friction coefficient of the robot's geometry, shape (n,).
         foot_force: ground reaction on both feet [N], shape (n, 2, 3).
         link_contact: contact flags of trunk, hips, thighs, shanks, shoulders and arms, shape (n, 11), bool.
     """
@@ -153,7 +153,7 @@ def privileged(
 
 @functools.cache
 def terrain_points() -> torch.Tensor:
-    """Sample points of the terrain observation in the heading frame [m], shape (221, 2): x from -0.42 to 0.70 m."""
+    """Return the sample points of the terrain in the heading frame [m], shape (221, 2); x from -0.42 to 0.70 m."""
     x = (torch.arange(TERRAIN_SHAPE[0]) - 6) * TERRAIN_SPACING
     y = (torch.arange(TERRAIN_SHAPE[1]) - 6) * TERRAIN_SPACING
     return torch.cartesian_prod(x, y)
@@ -184,25 +184,25 @@ def _on(device: torch.device, tensors: tuple[torch.Tensor, ...]) -> tuple[torch.
 
 
 def mirror_history(history: torch.Tensor) -> torch.Tensor:
-    """Mirror image of a proprioceptive history, shape (n, 315)."""
+    """Mirror a proprioceptive history, shape (n, 315)."""
     index, sign, _, _ = _on(history.device, _mirror_maps())
     return history.index_select(1, index) * sign
 
 
 def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
-    """Mirror image of a command observation, shape (n, 13): lateral commands change sign, the clocks swap."""
+    """Mirror a command observation, shape (n, 13): lateral commands change sign, the clocks swap."""
     index, sign = _on(observation.device, _command_mirror())
     return observation.index_select(1, index) * sign
 
 
 def mirror_estimate(estimate: torch.Tensor) -> torch.Tensor:
-    """Mirror image of the estimator's output, shape (n, 6): v_y changes sign, the soles swap."""
+    """Mirror an output of the estimator, shape (n, 6): v_y changes sign, the soles swap."""
     mirrored = estimate[:, [0, 1, 2, 4, 3, 5]]
     mirrored[:, 1] *= -1.0
     return mirrored
 
 
 def mirror_action(action: torch.Tensor) -> torch.Tensor:
-    """Mirror image of an action, shape (n, 19)."""
+    """Mirror an action, shape (n, 19)."""
     _, _, joints, signs = _on(action.device, _mirror_maps())
     return action.index_select(1, joints) * signs

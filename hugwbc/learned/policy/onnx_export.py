@@ -1,4 +1,4 @@
-"""A policy as an ONNX file, for runtimes without torch; written node by node, checked against the policy itself."""
+"""Export of a policy to ONNX, for runtimes without torch: written node by node and checked against the policy."""
 
 import json
 import pathlib
@@ -15,13 +15,13 @@ from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
 from hugwbc.learned.policy.policy import LearnedController
 
 OPSET = 17
-IR_VERSION = 8  # the one that came with this opset; older runtimes refuse newer ones
+IR_VERSION = 8  # the version that came with this opset; older runtimes refuse newer versions
 TOLERANCE = 1e-5  # between torch and the exported file, relative to the larger of 1 and torch's value
 _SAMPLES = 64
 
 
 def _onnx() -> tuple[Any, Any]:
-    """The modules onnx and onnxruntime: an extra, so that a robot that only runs torch need not have them."""
+    """Import onnx and onnxruntime, an extra that a robot with torch does not need."""
     try:
         import onnx
         import onnxruntime
@@ -31,22 +31,22 @@ def _onnx() -> tuple[Any, Any]:
 
 
 def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
-    """Write a policy's network with its contract to an ONNX file, and compare what the file does.
+    """Write the network of a policy with its contract to an ONNX file, and compare the two.
 
     Inputs: history, shape (n, 315), and command, shape (n, 13), as the contract lays them out. Outputs: action, shape
-    (n, 19), and estimate, shape (n, 6). The contract is in the file's metadata, as JSON under "contract"; what turns
-    an action into joint targets is written there.
+    (n, 19), and estimate, shape (n, 6). The contract is in the file's metadata, as JSON under "contract"; it says how
+    an action becomes joint targets.
 
     Args:
         controller: the policy.
-        path: of the file.
+        path: path of the file.
 
     Returns:
-        Largest difference between the file, run by onnxruntime, and torch, on random inputs; relative above 1.
+        Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.
 
     Raises:
         ConfigError: if onnx or onnxruntime is not installed, or the file cannot be written.
-        PolicyFileError: if the file does not do what the policy does.
+        PolicyFileError: if the file does not give the outputs of the policy.
     """
     onnx, runtime = _onnx()
     model = _model(onnx, controller.actor)
@@ -69,12 +69,12 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
 
 
 def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
-    """The graph of `Actor.forward`."""
+    """Build the graph of `Actor.forward`."""
     helper, kind = onnx.helper, onnx.TensorProto.FLOAT
     nodes, weights = [], []
 
     def mlp(name: str, layers: nn.Module, source: str, target: str) -> None:
-        """Linear layers and ELUs from one value of the graph to another."""
+        """Add linear layers and ELUs from one value of the graph to another."""
         modules = list(layers.children())
         for i, layer in enumerate(modules):
             result = target if i == len(modules) - 1 else f"{name}.{i}"

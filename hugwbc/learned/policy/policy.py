@@ -1,4 +1,4 @@
-"""A trained policy as a controller: loaded from safetensors, without the training code."""
+"""A trained policy as a controller, loaded from safetensors without the training code."""
 
 import os
 import pathlib
@@ -19,38 +19,38 @@ from hugwbc.state import RobotState
 
 DEFAULT_POLICY = "h1"
 POLICY_FILE = "policy.safetensors"
-LARGEST_READING = 1e10  # [rad], [rad/s]: MuJoCo's own bound; far beyond it the network overflows
+LARGEST_READING = 1e10  # [rad], [rad/s], MuJoCo's own bound; far beyond it the network overflows
 
 
 def policy_dir() -> pathlib.Path:
-    """Folder of the shipped policies."""
+    """Return the folder of the shipped policies."""
     return model_dir() / "policies"
 
 
 def shipped_policies() -> list[str]:
-    """Names of the shipped policies."""
+    """Return the names of the shipped policies."""
     return sorted(path.parent.name for path in policy_dir().glob(f"*/{POLICY_FILE}"))
 
 
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
-    """The file of a shipped policy's name, of a policy file, or of a folder that holds one.
+    """Find the policy file, given the name of a shipped policy, a file, or a folder that holds one.
 
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
     """
     for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
-        # Unlike pathlib's, os.path's answer to a name that no file can have is no.
+        # pathlib raises on a name that no file can have; os.path says that it does not exist.
         if os.path.exists(path):
             return path / POLICY_FILE if path.is_dir() else path
     raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
 
 
 def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
-    """What moved the arms in a policy's training, as its record says: "noise", "motion" or "none"; None without one.
+    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record.
 
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
-        PolicyFileError: if the file is missing, truncated or foreign.
+        PolicyFileError: if the file is missing, truncated or of another program.
     """
     _, metadata = checkpoint.load_file(policy_file(name_or_path), "policy")
     record: Any = metadata
@@ -60,12 +60,12 @@ def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | Non
 
 
 def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
-    """A controller from a shipped policy's name, a policy file, or a folder that holds one.
+    """Load a policy as a controller, by the name of a shipped policy, a policy file, or a folder that holds one.
 
     Args:
         name_or_path: "h1", or a path.
-        threads: that torch may use in this process; None leaves torch's own choice. For one robot more than one only
-            costs: on a busy machine, threads that wait for each other made a tick of 0.4 ms last 55 ms.
+        threads: number of threads that torch may use in this process; None leaves torch's own choice. One robot gains
+            nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms to 55 ms.
 
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
@@ -91,7 +91,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 
 
 def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], path: pathlib.Path) -> None:
-    """Refuse a policy that does not do here what it did where it was saved."""
+    """Refuse a policy that does not give the same joint targets here as where it was saved."""
     try:
         deviation = self_test.deviation(controller, stored)
     except (LookupError, ValueError, TypeError, RuntimeError) as error:
@@ -109,10 +109,10 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], trai
     """Write a policy file: weights, contract, training record and self-test.
 
     Args:
-        path: of the file.
+        path: path of the file.
         actor: the network.
-        contract: what `policy_contract` gave for the run.
-        training: anything about its making that JSON can hold.
+        contract: contract of the training, from `policy_contract`.
+        training: record of the training, anything JSON can hold.
     """
     metadata = contract | {"training": training}
     tensors = actor.state_dict() | self_test.record(LearnedController(actor, metadata))
@@ -120,30 +120,30 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], trai
 
 
 def _is_readable(state: RobotState) -> bool:
-    """Whether the network can take it: an action that overflowed would come back in the next frame, for ever."""
+    """Return whether the network can read a state: an action that overflowed would stay in its inputs for ever."""
     numbers = np.concatenate((state.q, state.dq, state.angular_velocity))
     return state.is_finite and float(np.abs(numbers).max()) <= LARGEST_READING
 
 
 class LearnedController:
-    """The policy behind the common controller interface.
+    """A trained policy behind the common controller interface.
 
     Attributes:
         name: "learned".
         period: time between two actions [s].
-        metadata: the policy's contract and training record.
-        actor: its network.
-        held: how often a state that cannot be read was replaced by the last good observation.
+        metadata: contract and training record of the policy.
+        actor: network of the policy.
+        held: number of unreadable states that were replaced by the last good observation.
     """
 
     name = "learned"
 
     def __init__(self, actor: Actor, metadata: dict[str, Any]) -> None:
-        """Run a given network.
+        """Set up a controller for a network.
 
         Args:
             actor: the trained network.
-            metadata: its contract, as `policy_contract` or `complete_contract` give it.
+            metadata: its contract, from `policy_contract` or `complete_contract`.
         """
         self.period = float(metadata["period"])
         self.metadata = metadata
@@ -154,27 +154,27 @@ class LearnedController:
 
     @property
     def phase(self) -> float:
-        """The common phase of `hugwbc.gait` in the period that the last command was for, in [0, 1)."""
+        """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1)."""
         return float(self._rows.phase[0])
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past; the history starts filled with the first frame."""
+        """Forget the past and fill the history with the first frame."""
         self._rows.reset()
         if _is_readable(state):
             self._push(state)
 
     def for_many(self, count: int) -> PolicyRows:
-        """The same policy for many robots; what it gives each is what `act` gives one, bit for bit."""
+        """Return the same policy for many robots; each gets what `act` would give it, bit for bit."""
         return PolicyRows(self.metadata, row_by_row(self.actor), count)
 
     def _push(self, state: RobotState) -> None:
         self._rows.push(state.angular_velocity[None], state.projected_gravity[None], state.q[None], state.dq[None])
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Joint targets for the next period; arms under external control take their targets.
+        """Return the joint targets for the next period; arms under external control get the external targets.
 
-        A state that is not finite, or beyond `LARGEST_READING`, leaves the history as it was. Commands outside their
-        ranges are clamped.
+        A state that is not finite, or beyond `LARGEST_READING`, leaves the history unchanged. Commands outside of
+        their ranges are clamped.
         """
         if _is_readable(state):
             self._push(state)
@@ -188,7 +188,7 @@ class LearnedController:
         return override_arms(own, upper_body, self.robot)
 
     def last_pass(self) -> dict[str, torch.Tensor]:
-        """Inputs and outputs of the network in the last call of `act`.
+        """Return inputs and outputs of the network in the last call of `act`.
 
         Returns:
             history (1, 315), observation (1, 13), action (1, 19) and estimate (1, 6), in observation units.

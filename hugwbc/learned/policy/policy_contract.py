@@ -1,4 +1,4 @@
-"""What a policy file promises: everything that someone needs who runs the network elsewhere."""
+"""The contract of a policy file: everything that is needed to run the network elsewhere."""
 
 import dataclasses
 import importlib.metadata
@@ -14,15 +14,13 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
+from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
 from hugwbc.learned.policy import networks
 from hugwbc.learned.policy import observations as obs
 from hugwbc.robot import load_robot
 
 CONTRACT_VERSION = 1
-PERIOD = 0.02  # [s], the paper's control period
-ACTION_SCALE = 0.25  # [rad] of joint target per unit of action
-WAIST_RATE = 2.0  # [rad/s], at which the waist's joint target follows the commanded w
-# What a policy may have of its own, with the valid range of every number; the rest must be this version's.
+# Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
 _FIXED = (
@@ -40,7 +38,7 @@ _FIXED = (
 
 
 def versions() -> dict[str, str]:
-    """Versions that a result depends on."""
+    """Return the versions that a result depends on."""
     packages = ("hugwbc", "mujoco", "numpy", "safetensors", "torch")
     return {
         "python": platform.python_version(),
@@ -50,7 +48,7 @@ def versions() -> dict[str, str]:
 
 
 def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
-    """Settings as JSON holds them, paths as text: what a policy says of how it was made."""
+    """Return settings in a form that JSON can hold, with paths as text, for the record of a policy."""
     return json.loads(json.dumps(dataclasses.asdict(settings), default=str))
 
 
@@ -62,14 +60,14 @@ def policy_contract(
     kp: ArrayLike | None = None,
     kd: ArrayLike | None = None,
 ) -> dict[str, Any]:
-    """The contract of a policy trained with this version, as JSON can hold it; SI units, radians.
+    """Return the contract of a policy trained with this version, in a form that JSON can hold; SI units, radians.
 
     Args:
         period: time between two actions [s].
-        action_scale: radians of joint target per unit of action, one number or one a joint.
+        action_scale: radians of joint target per unit of action, one number or one per joint.
         waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
-        kp: stiffness that it was trained with [N*m/rad], shape (19,); None for the robot's own.
-        kd: damping, likewise [N*m*s/rad].
+        kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
+        kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
     """
     robot = load_robot()
     ranges = command_ranges(Gait.WALKING)
@@ -137,17 +135,17 @@ def _layout(*parts: tuple[str, int, float]) -> list[dict[str, Any]]:
 
 
 def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any]:
-    """The contract of a policy file, checked against what this version can run.
+    """Return the contract of a policy file after checking that this version can run it.
 
-    A file from before the contract was versioned has fewer entries; this version's stand for the missing ones, which
-    had no other values then.
+    A file from before the contract was versioned has fewer entries. This version's values stand for the missing ones,
+    because these had no other values at that time.
 
     Args:
-        metadata: of the file.
-        origin: name of the file, for the message.
+        metadata: metadata of the file.
+        origin: name of the file, for messages.
 
     Raises:
-        PolicyFileError: if an entry is missing, out of range, or other than this version runs.
+        PolicyFileError: if an entry is missing, out of range, or different from what this version runs.
     """
     expected = policy_contract()
     version = metadata.get("contract")
@@ -177,7 +175,7 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
 
 def _check_numbers(origin: object, key: str, values: object, count: int, low: float, high: float) -> None:
     numbers = values if isinstance(values, list) and len(values) == count else [math.nan]
-    # A NaN fails both comparisons; bool is an int for Python, not for a contract.
+    # NaN fails both comparisons. `type` rather than isinstance: Python counts bool as int, a contract does not.
     if not all(type(v) in (int, float) and low <= v <= high for v in numbers):
         raise PolicyFileError(
             f"{origin} has {key} = {values}; valid: {count} number(s) from {low:g} to {high:g}. "

@@ -1,4 +1,4 @@
-"""One policy for any number of robots: each row has its own past, and comes out as if it were alone."""
+"""One policy for any number of robots: each row has its own past and the same result as a robot by itself."""
 
 import copy
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from hugwbc.learned.policy.networks import Actor
 from hugwbc.robot import load_robot
 
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
-_SMALL = 400  # multiplications, below which PyTorch's loop takes over
+_SMALL = 400  # weights, below which PyTorch multiplies a batch by a loop of its own
 Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 
 
@@ -25,17 +25,17 @@ class PolicyRows:
     Attributes:
         kp, kd: gains of the joints [N*m/rad, N*m*s/rad], shape (19,).
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
-        observation: of the commands, shape (n, 13).
-        action, estimate: the network's last outputs, shapes (n, 19) and (n, 6).
-        phase: common phase of each gait, shape (n,).
+        observation: command observation, shape (n, 13).
+        action, estimate: last outputs of the network, shapes (n, 19) and (n, 6).
+        phase: common phase of each robot's gait, shape (n,).
     """
 
     def __init__(self, metadata: dict[str, Any], network: Network, count: int) -> None:
-        """Set up rows; `reset` before the first `push`.
+        """Set up rows; call `reset` before the first `push`.
 
         Args:
-            metadata: the policy's contract.
-            network: action and estimate from history and command observation.
+            metadata: contract of the policy.
+            network: function from history and command observation to action and estimate.
             count: number of robots.
         """
         vectors = (np.array(metadata[name], dtype=float) for name in ("nominal", "action_scale", "kp", "kd"))
@@ -54,7 +54,7 @@ class PolicyRows:
         self._started = False
 
     def reset(self) -> None:
-        """Forget the past of all rows; their histories start filled with the next frame, and are zero until then."""
+        """Forget the past of all rows; the next frame fills the histories, which are zero until then."""
         self.history = torch.zeros_like(self.history)
         self.action = torch.zeros_like(self.action)
         self.phase = np.zeros_like(self.phase)
@@ -62,7 +62,7 @@ class PolicyRows:
         self._started = False
 
     def keep(self, rows: np.ndarray) -> None:
-        """Drop all rows but some, shape (n,), bool: of robots that are done."""
+        """Keep the chosen rows, shape (n,), bool, and drop those of robots that are done."""
         chosen = torch.from_numpy(rows)
         for name in ("history", "observation", "action", "estimate"):
             setattr(self, name, getattr(self, name)[chosen])
@@ -72,7 +72,7 @@ class PolicyRows:
         """Add a frame to the histories.
 
         Args:
-            angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
+            angular_velocity: angular velocity of the pelvis in its own frame [rad/s], shape (n, 3).
             gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
             q: joint positions [rad], shape (n, 19).
             dq: joint velocities [rad/s], shape (n, 19).
@@ -88,10 +88,10 @@ class PolicyRows:
 
     @torch.no_grad()
     def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
-        """Joint position targets for the next period [rad], shape (n, 19).
+        """Return the joint position targets for the next period [rad], shape (n, 19).
 
         Args:
-            command: within the ranges, order of `COMMAND_NAMES`, shape (n, 8).
+            command: commands within their ranges, in the order of `COMMAND_NAMES`, shape (n, 8).
             gait: values of `Gait`, shape (n,).
             indicator: whether the arms are under external control, shape (n,), bool.
         """
@@ -112,11 +112,12 @@ def _tensor(values: np.ndarray) -> torch.Tensor:
 
 
 class _RowLinear(nn.Module):
-    """A linear layer whose rows do not depend on how many there are.
+    """A linear layer whose result for a row does not depend on the number of rows.
 
-    A product of matrices sums in another order than one of a vector and a matrix: the last bits differ, and a walk
-    with contacts makes them grow. A batch of products of one row each sums as the row alone does, and costs a tenth of
-    calling the layer for each. PyTorch multiplies small matrices of a batch by a loop of its own, which does not.
+    A product of two matrices sums in another order than a product of a vector and a matrix. The last bits differ, and
+    a walk with contacts amplifies the difference. A batch of one-row products sums as a single row does, at a tenth of
+    the cost of one call per row. The exception are small matrices, which PyTorch multiplies in a loop of its own: they
+    are called row by row.
     """
 
     def __init__(self, linear: nn.Linear) -> None:
@@ -124,7 +125,7 @@ class _RowLinear(nn.Module):
         self.weight, self.bias = linear.weight, linear.bias
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        """Shape (n, inputs) to (n, outputs)."""
+        """Map rows of shape (n, inputs) to (n, outputs)."""
         if self.weight.numel() < _SMALL:
             return torch.cat([nn.functional.linear(row, self.weight, self.bias) for row in rows.split(1)])
         weight = self.weight.t()[None].expand(len(rows), -1, -1)
@@ -132,7 +133,7 @@ class _RowLinear(nn.Module):
 
 
 def row_by_row(actor: Actor) -> Actor:
-    """A copy of the network that gives each row of a batch what the network gives it alone."""
+    """Return a copy of the network that gives each row of a batch what the network gives that row alone."""
     result = copy.deepcopy(actor)
     for part in [module for module in result.modules() if isinstance(module, nn.Sequential)]:
         for index, layer in enumerate(part):

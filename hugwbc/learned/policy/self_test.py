@@ -1,4 +1,4 @@
-"""The test that a policy file carries of itself: sensor readings and commands, and the joint targets they must give."""
+"""The self-test in a policy file: sensor readings and commands, and the joint targets that they must give."""
 
 from typing import Protocol
 
@@ -11,31 +11,31 @@ from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
-PREFIX = "self_test."  # of its tensors in the file
-TOLERANCE = 1e-4  # [rad] on joint targets; float32 on other machines differs by about 1e-6
+PREFIX = "self_test."  # of the names of its tensors in the file
+TOLERANCE = 1e-4  # [rad] of joint targets; float32 differs by about 1e-6 between machines
 _INPUTS = ("orientation", "angular_velocity", "q", "dq", "command", "gait", "arms", "intervention")
-_STEPS_EACH = 6  # one more than the history holds
+_STEPS_EACH = 6  # of each gait, one more than the history holds
 _SEED = 0
 
 
 class Recordable(Protocol):
-    """A controller that shows what its network read and wrote last."""
+    """A controller that shows the last inputs and outputs of its network."""
 
     def reset(self, state: RobotState) -> None:
         """Forget the past."""
         ...
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """The joint command for the next period."""
+        """Return the joint command for the next period."""
         ...
 
     def last_pass(self) -> dict[str, torch.Tensor]:
-        """Inputs and outputs of the network in the last call of `act`, each of shape (1, ...)."""
+        """Return inputs and outputs of the network in the last call of `act`, shape (1, ...) each."""
         ...
 
 
 def _inputs() -> dict[str, torch.Tensor]:
-    """A made-up episode: every gait, commands over their ranges, the arms now and then under external control."""
+    """Make up an episode with every gait, commands over their ranges, and arms at times under external control."""
     rng, robot = np.random.default_rng(_SEED), load_robot()
     steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
     tilt = 0.2 * rng.standard_normal((steps, 3))
@@ -59,7 +59,7 @@ def _inputs() -> dict[str, torch.Tensor]:
 
 
 def _run(controller: Recordable, inputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """What the controller makes of the inputs: joint targets, and the network's inputs and outputs at every step."""
+    """Return the joint targets of the controller, and inputs and outputs of its network, at every step."""
     rows = {name: inputs[name].numpy() for name in _INPUTS}
     targets, passes = [], []
     for i in range(len(rows["q"])):
@@ -75,22 +75,22 @@ def _run(controller: Recordable, inputs: dict[str, torch.Tensor]) -> dict[str, t
 
 
 def record(controller: Recordable) -> dict[str, torch.Tensor]:
-    """Inputs and outputs to store with a policy; the names begin with `PREFIX`.
+    """Record the inputs and outputs to store with a policy; their names begin with `PREFIX`.
 
-    Of the controller: orientation (k, 4), angular_velocity (k, 3), q and dq (k, 19), command (k, 8), gait (k,), arms
-    (k, 8) and intervention (k,) in k successive calls after a reset give target (k, 19), the joint targets [rad]. Of
-    its network in the same calls: history (k, 315) and observation (k, 13) give action (k, 19) and estimate (k, 6).
+    They are those of k successive calls after a reset. Of the controller: orientation (k, 4), angular_velocity (k, 3),
+    q and dq (k, 19), command (k, 8), gait (k,), arms (k, 8) and intervention (k,) give target (k, 19), the joint
+    targets [rad]. Of its network: history (k, 315) and observation (k, 13) give action (k, 19) and estimate (k, 6).
     """
     inputs = _inputs()
     return {PREFIX + name: tensor for name, tensor in (inputs | _run(controller, inputs)).items()}
 
 
 def deviation(controller: Recordable, stored: dict[str, torch.Tensor]) -> float:
-    """Largest difference between a controller's joint targets and the stored ones [rad]; inf if any is not finite.
+    """Return the largest difference between joint targets and stored ones [rad]; inf if any is not finite.
 
     Args:
-        controller: to test; its episode ends with the test.
-        stored: what `record` gave.
+        controller: the controller to test; its episode ends with the test.
+        stored: what `record` returned.
 
     Raises:
         LookupError, TypeError, ValueError: if the stored tensors are not those of a self-test.

@@ -1,4 +1,4 @@
-"""A short evaluation inside the training: the policy without exploration noise, the same commands every time."""
+"""A short evaluation inside the training: no exploration noise, and the same commands every time."""
 
 import dataclasses
 import math
@@ -12,10 +12,10 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, tracked
 from hugwbc.learned.policy.networks import Actor
 
-# Errors that count the same in the score: of the size of the paper's walking errors [m/s, rad/s, m, rad].
+# Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
-FALL_COST = 20.0  # of the score if every robot falls: more than any error of a robot that stays up
-SETTLE = 1.0  # [s] that are left out of the errors
+FALL_COST = 20.0  # added to the score if every robot falls: more than any error of a robot that stays up
+SETTLE = 1.0  # [s] at the start that do not count in the errors
 SCORE = "evaluation/score"
 _FALLS = "evaluation/falls"
 _NEVER = 2**30  # control steps
@@ -24,21 +24,21 @@ _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 
 class Evaluator:
-    """Robots that start the same episodes again at every evaluation.
+    """Robots that repeat the same episodes at every evaluation.
 
-    Commands, gaits and the robots' parameters are drawn once as training draws them, over the initial ranges; no
-    pushes, observation noise or intervention; rough ground of all levels; a command lasts the whole episode. All random
-    numbers are its own: the training goes on as if there had been no evaluation.
+    Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
+    pushes, no observation noise and no intervention; rough ground has all levels; a command lasts the whole episode.
+    All random numbers are the evaluator's own, so that the training continues as if there had been no evaluation.
     """
 
     def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int) -> None:
         """Build the robots.
 
         Args:
-            config: of the training.
+            config: environment of the training.
             count: number of robots.
             seconds: length of the episodes [s].
-            threads: of the simulation.
+            threads: threads of the simulation.
         """
         calm = dataclasses.replace(config.randomization, noise=0.0, push_velocity=0.0)
         every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
@@ -60,18 +60,18 @@ class Evaluator:
 
     @property
     def names(self) -> list[str]:
-        """Names of the figures."""
+        """Names of the figures that `run` returns."""
         return [SCORE, _FALLS, *(f"evaluation/{gait.label}/{name}" for gait in self._gaits for name in ERROR_SCALES)]
 
     @torch.no_grad()
     def run(self, actor: Actor) -> dict[str, float]:
-        """Mean absolute errors of each gait, fraction of falls, and one score, the lower the better.
+        """Return the mean absolute errors of each gait, the fraction of falls, and one score; lower is better.
 
         The score is the mean over gaits of the mean over commands of error / `ERROR_SCALES`, plus `FALL_COST` times
-        the fraction of robots that fell. Errors count until a robot's fall; without any, they are NaN.
+        the fraction of robots that fell. The errors of a robot count until it falls; an error without samples is NaN.
 
         Args:
-            actor: the policy.
+            actor: the policy network.
         """
         env = self._env
         env.load_state_dict(self._start)
@@ -83,7 +83,7 @@ class Evaluator:
             action, _ = actor(observation.history, observation.command)
             upright &= ~env.step(action).done
             if step >= self._settle:
-                # A robot that fell goes on with another command, in readings of its new episode: not counted.
+                # A robot that fell has restarted under another command: it no longer counts.
                 error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright

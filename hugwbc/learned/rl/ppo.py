@@ -1,4 +1,8 @@
-"""PPO with an estimator loss and a symmetry loss: the whole algorithm, readable from top to bottom."""
+"""PPO with an estimator loss and a symmetry loss: the whole algorithm, readable from top to bottom.
+
+Proximal policy optimisation: Schulman et al., "Proximal Policy Optimization Algorithms", arXiv:1707.06347 (2017).
+Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generalized Advantage Estimation", ICLR 2016.
+"""
 
 import dataclasses
 import math
@@ -19,7 +23,7 @@ _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl"
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
-    """Log density of a diagonal Gaussian, summed over the joints, shape (n,)."""
+    """Return the log density of a diagonal Gaussian, summed over the joints, shape (n,)."""
     normal = (action - mean) * torch.exp(-log_std)
     return (-0.5 * normal.square() - log_std - 0.5 * _LOG_TWO_PI).sum(-1)
 
@@ -27,7 +31,7 @@ def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Ten
 def kl_divergence(
     old_mean: torch.Tensor, old_log_std: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor
 ) -> torch.Tensor:
-    """KL(old || new) of two diagonal Gaussians, summed over the joints, shape (n,)."""
+    """Return KL(old || new) of two diagonal Gaussians, summed over the joints, shape (n,)."""
     ratio = (old_log_std - log_std).exp()
     distance = (old_mean - mean) * torch.exp(-log_std)
     return (log_std - old_log_std + 0.5 * (ratio.square() + distance.square()) - 0.5).sum(-1)
@@ -36,17 +40,17 @@ def kl_divergence(
 def generalised_advantage(
     reward: torch.Tensor, done: torch.Tensor, value: torch.Tensor, last_value: torch.Tensor, gamma: float, lam: float
 ) -> torch.Tensor:
-    """Generalised advantage estimates, shape (t, n).
+    """Return the generalised advantage estimates, shape (t, n).
 
     A_t = delta_t + gamma lam (1 - done_t) A_{t+1}, delta_t = r_t + gamma (1 - done_t) V_{t+1} - V_t.
 
     Args:
-        reward: with gamma V(final observation) already added where an episode only ran out of time, shape (t, n).
-        done: episode ended after this step, shape (t, n), bool.
-        value: of the observation before the step, shape (t, n).
-        last_value: of the observation after the last step, shape (n,).
-        gamma: discount.
-        lam: trace decay.
+        reward: rewards, with gamma V(final observation) added where an episode ran out of time, shape (t, n).
+        done: whether the episode ended after the step, shape (t, n), bool.
+        value: value of the observation before the step, shape (t, n).
+        last_value: value of the observation after the last step, shape (n,).
+        gamma: discount per step.
+        lam: trace decay lambda.
     """
     advantage = torch.zeros_like(value)
     following, running = last_value, torch.zeros_like(last_value)
@@ -61,20 +65,20 @@ def generalised_advantage(
 def surrogate_loss(
     log_prob: torch.Tensor, old_log_prob: torch.Tensor, advantage: torch.Tensor, clip: float
 ) -> torch.Tensor:
-    """PPO's clipped surrogate, negated: -mean min(r A, clip(r, 1 - c, 1 + c) A)."""
+    """Return PPO's clipped surrogate, negated: -mean min(r A, clip(r, 1 - c, 1 + c) A)."""
     ratio = (log_prob - old_log_prob).exp()
     return -torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
 
 
 def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tensor, clip: float) -> torch.Tensor:
-    """Clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2); c may be infinite."""
+    """Return the clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2); c may be inf."""
     clipped = old_value + (value - old_value).clamp(-clip, clip)
     return torch.max((value - returns).square(), (clipped - returns).square()).mean()
 
 
 @dataclasses.dataclass(eq=False)
 class Rollout:
-    """One iteration of experience, all of shape (horizon, n, ...)."""
+    """Experience of one iteration; all tensors have shape (horizon, n, ...)."""
 
     history: torch.Tensor
     command: torch.Tensor
@@ -89,7 +93,7 @@ class Rollout:
 
     @classmethod
     def empty(cls, horizon: int, count: int, device: torch.device) -> "Rollout":
-        """Storage for `horizon` steps of `count` robots on a device."""
+        """Allocate storage for `horizon` steps of `count` robots on a device."""
         sizes = {
             "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
             "command": (obs.COMMAND_SIZE,),
@@ -106,12 +110,12 @@ class Rollout:
 
 
 class PPO:
-    """The learner.
+    """The learner: networks, optimiser and the experience of one iteration.
 
     Attributes:
         network: actor, critic and exploration std.
-        learning_rate: current, adapted to the KL divergence.
-        skipped: updates left out because a loss or gradient was not finite.
+        learning_rate: current learning rate of the actor, adapted to the KL divergence.
+        skipped: number of updates left out because a loss or gradient was not finite.
         on_skip: called with the minibatch and the losses of such an update.
     """
 
@@ -121,8 +125,8 @@ class PPO:
         Args:
             config: the settings.
             count: number of robots.
-            generator: of actions and minibatches, on the CPU.
-            device: of networks and stored experience; observations and actions are exchanged on the CPU.
+            generator: source of exploration noise and minibatches, on the CPU.
+            device: device of networks and experience; observations and actions are exchanged on the CPU.
         """
         self.config = config
         self.device = torch.device(device)
@@ -130,7 +134,7 @@ class PPO:
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
-        # The rate that the KL allows the actor, down to 1e-5 at a small std, would leave the critic behind.
+        # The critic has its own rate: the KL lowers the actor's to 1e-5 at a small std, too slow for the critic.
         self.optimiser = torch.optim.Adam(
             [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}]
         )
@@ -144,7 +148,7 @@ class PPO:
         """Keep the exploration std of every joint between its minimum and the schedule's maximum.
 
         Args:
-            steps: environment steps so far.
+            steps: number of environment steps so far.
         """
         c = self.config
         progress = min(1.0, steps / c.std_steps)
@@ -156,11 +160,12 @@ class PPO:
 
     @torch.no_grad()
     def act(self, t: int, observation: Observation) -> torch.Tensor:
-        """Sample actions for step t and store what the update needs."""
+        """Sample actions for step t, shape (n, 19), and store what the update needs."""
         r = self.rollout
         for field in dataclasses.fields(observation):
             getattr(r, field.name)[t] = getattr(observation, field.name)
         mean, _ = self.network.actor(r.history[t], r.command[t])
+        # Drawn on the CPU, so that a run on a GPU explores with the same numbers.
         noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
         action = mean + noise * self.network.log_std.exp()
         r.action[t], r.mean[t] = action, mean
@@ -170,7 +175,11 @@ class PPO:
 
     @torch.no_grad()
     def record(self, t: int, result: StepResult) -> None:
-        """Store the outcome of step t; a time-out is bootstrapped from the observation in which it ended."""
+        """Store the outcome of step t.
+
+        An episode that only ran out of time would have gone on: the discounted value of its last observation stands
+        for the rewards that it did not collect any more.
+        """
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
         if result.timed_out.numel():
             final = self._value(result.final_critic.to(self.device))
@@ -184,11 +193,11 @@ class PPO:
     # Learning -------------------------------------------------------------------------------------------------------
 
     def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
-        """Learn from the stored iteration; returns mean losses, KL, learning rate and std.
+        """Learn from the stored iteration; return mean losses, KL divergence, learning rate and std.
 
         Args:
             last: observation after the last step.
-            critic_only: leave the actor as it is.
+            critic_only: whether to leave the actor as it is.
         """
         for name, parameter in self.network.named_parameters():
             parameter.requires_grad_(name.startswith("critic.") or not critic_only)
@@ -197,13 +206,14 @@ class PPO:
             last_value = self._value(last.critic.to(self.device))
             advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
+        # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]
         batch["advantage"] = distributed.standardised(advantage.flatten())
         old_log_std = self.network.log_std.detach().clone()
         sums: dict[str, float] = {}
         count = 0
         for rows in self._minibatches(advantage.numel()):
-            # A sixth of the time of value[rows].
+            # index_select takes a sixth of the time of value[rows].
             minibatch = {name: value.index_select(0, rows) for name, value in batch.items()}
             losses, applied = self._step(minibatch, old_log_std)
             if applied:
@@ -225,7 +235,7 @@ class PPO:
             yield from torch.randperm(samples, generator=self._generator).to(self.device).split(size)
 
     def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
-        """One gradient step on a minibatch: its losses, and whether it was applied."""
+        """Take a gradient step on a minibatch; return its losses and whether the step was applied."""
         c, network = self.config, self.network
         mean, estimate = network.actor(b["history"], b["command"])
         value = self._value(b["critic"])
@@ -246,7 +256,8 @@ class PPO:
 
         with torch.no_grad():
             kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
-        # A critic that learns alone moves no policy: its KL of zero says nothing about the rate.
+        # The KL is that of all processes, so that their learning rates, and with them their networks, stay equal.
+        # While the critic learns alone the policy does not move: a KL of zero says nothing about the rate.
         if network.log_std.requires_grad:
             self._adapt_learning_rate(kl)
         applied = self._descend(loss)
@@ -254,12 +265,16 @@ class PPO:
         return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
 
     def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
-        """Mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2; the gradient flows through the mirrored branch."""
+        """Return the mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2, with F the mirror maps.
+
+        The gradient flows through the mirrored branch only; the unmirrored mean is a constant target.
+        """
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
             mirrored, _ = self.network.actor(obs.mirror_history(history), obs.mirror_command_observation(command))
         return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
 
     def _adapt_learning_rate(self, kl: float) -> None:
+        """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""
         low, high = self.config.learning_rate_range
         if kl > 2.0 * self.config.target_kl:
             self.learning_rate = max(low, self.learning_rate / 1.5)
@@ -268,21 +283,22 @@ class PPO:
         self.set_learning_rate(self.learning_rate)
 
     def set_learning_rate(self, rate: float) -> None:
-        """Set the actor's learning rate; the critic's stays as configured."""
+        """Set the learning rate of the actor; that of the critic stays as configured."""
         self.learning_rate = rate
         self.optimiser.param_groups[0]["lr"] = rate
 
     def _descend(self, loss: torch.Tensor) -> bool:
-        """Apply the gradient unless it is not finite; returns whether."""
+        """Apply the gradient if it is finite; return whether it was."""
         self.optimiser.zero_grad()
         loss.backward()
         distributed.average_gradients(self.network.parameters())
-        # Each on its own: a large error of the critic must not shorten the actor's step.
+        # Clip the two separately: a large error of the critic must not shorten the actor's step.
         norms = [
             nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm)
             for group in self.optimiser.param_groups
         ]
         values = (loss, *norms)
+        # If one process skips the step, all must: their networks are equal.
         finite = not distributed.anywhere(not all(bool(torch.isfinite(value)) for value in values))
         if finite:
             self.optimiser.step()

@@ -1,4 +1,4 @@
-"""The log of a training run: a row of figures per iteration, a record per session."""
+"""The log of a training run: one row of figures per iteration, one record per session."""
 
 import csv
 import itertools
@@ -14,15 +14,15 @@ SESSIONS_NAME = "sessions.jsonl"
 
 
 def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
-    """Make a run's log ready for the iterations of a session, so that each is in it once.
+    """Prepare the log of a run for a session, so that every iteration is in it once.
 
-    A run that was cut off has logged iterations after its last checkpoint, which the resumed one does again: their rows
-    are dropped. The log of another run in the folder is kept under another name.
+    A run that was cut off has logged iterations after its last checkpoint. The resumed run does these again, so their
+    rows are dropped. The log of another run in the folder is kept under another name.
 
     Args:
-        folder: of the run.
-        iteration: the last one before the session.
-        resumed: whether the session goes on with the run in the folder.
+        folder: folder of the run.
+        iteration: last iteration before the session.
+        resumed: whether the session continues the run in the folder.
     """
     path = folder / LOG_NAME
     if not path.exists():
@@ -39,14 +39,14 @@ def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
 
 
 def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> None:
-    """Add an iteration's figures to the run's log; NaN leaves a cell empty.
+    """Append the figures of an iteration to the log; NaN leaves a cell empty.
 
     A log with other columns, from a session with other settings, is kept under another name.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         row: figures by name.
-        iteration: their number.
+        iteration: number of the iteration.
     """
     path = folder / LOG_NAME
     if path.exists():
@@ -63,10 +63,10 @@ def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> N
 
 
 def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:
-    """Add a session's settings and versions to the run's record.
+    """Append the settings and versions of a session to the record of the run.
 
     Args:
-        folder: of the run; it is made.
+        folder: folder of the run, created if needed.
         record: anything JSON can hold.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -75,6 +75,6 @@ def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:
 
 
 def _free(path: pathlib.Path) -> pathlib.Path:
-    """The path, or the first of path-2, path-3 and so on that is no file yet."""
+    """Return the path, or the first of path-2, path-3, ... that does not exist."""
     numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
     return next(candidate for candidate in itertools.chain([path], numbered) if not candidate.exists())

@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, move curricula, log, save; stops and resumes cleanly."""
+"""The training loop: collect, learn, move the curricula, log, save; it stops and resumes cleanly."""
 
 import copy
 import math
@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
@@ -18,7 +18,6 @@ from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.policy import POLICY_FILE, save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract, settings_record, versions
-from hugwbc.learned.rl import trainer_state as train_state
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
@@ -29,32 +28,38 @@ CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
 _SEED_STEP = 1_000_003  # between the seeds of two processes
-MAX_DUMPS = 3  # of skipped minibatches in a run's folder; each takes some 20 MB
+MAX_DUMPS = 3  # of skipped minibatches in the folder of a run; each takes some 20 MB
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
 
 class Trainer:
-    """A training run: environment, learner, counters; with torchrun, this process's part of it.
+    """A training run: environment, learner and counters; under torchrun, this process's part of the run.
 
-    Every process simulates its own robots; gradients, KL divergence, advantage moments and the averages that move the
-    curricula are those of all. The first process evaluates, logs and saves; its figures are of its own robots.
+    Every process simulates its own robots. Gradients, KL divergence, moments of the advantages and the averages that
+    move the curricula are those of all processes. The first process evaluates, logs and saves; the figures in its log
+    are those of its own robots.
 
     Attributes:
         iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions.
-        evaluation: figures of the last evaluation, with its iteration; empty before the first.
-        best: the same of the best one, whose policy is in the folder `best`.
+        evaluation: figures of the last evaluation and its iteration; empty before the first.
+        best: the same of the best evaluation, whose policy is in the folder `best`.
         leads: whether this is the first process.
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
+        """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`.
+
+        Raises:
+            ConfigError: if the device is cuda and torch finds no GPU.
+            PolicyFileError: if the file to go on from cannot be used.
+        """
         if config.device == "cuda":
             _claim_gpu()
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
-        # The networks start equal in all processes; robots, commands and noise do not.
+        # The networks start equal in all processes; robots, commands and noise must not.
         own_seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.generator = torch.Generator().manual_seed(own_seed)
@@ -67,24 +72,26 @@ class Trainer:
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.stop_requested = False
         if config.resume:
-            train_state.restore(self, config.out / CHECKPOINT_NAME)
+            self._restore(config.out / CHECKPOINT_NAME)
         elif config.start_from is not None:
-            train_state.restore(self, config.start_from)
-            self.best = {}  # the other run's: there is no such file in this run's folder
+            self._restore(config.start_from)
+            self.best = {}  # it belongs to the other run: this run's folder has no such policy
         self._actor_learns_from = self.iteration + config.critic_warm_up
 
+    # Training -------------------------------------------------------------------------------------------------------
+
     def run(self, report: Report) -> None:
-        """Train until the limits of the configuration, or until asked to stop; saves at the end.
+        """Train until the limits of the configuration or until asked to stop, and save at the end.
 
         Args:
-            report: called after every iteration with figures and the gates' words.
+            report: called after every iteration with the figures and the gates' words.
         """
         start = time.monotonic()
         if self.leads:
             record = {"config": settings_record(self.config), "start_iteration": self.iteration}
             append_session(self.config.out, {"versions": versions(), **record})
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
-        # What one process is told, or its clock says, all of them follow.
+        # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
         while self.steps < self.config.steps and not distributed.anywhere(
             self.stop_requested or time.monotonic() - start >= 3600.0 * self.config.hours
         ):
@@ -97,7 +104,7 @@ class Trainer:
         self.save()
 
     def iterate(self) -> dict[str, float]:
-        """One iteration: collect `horizon` steps, update, move the curricula. Returns its figures."""
+        """Collect `horizon` steps, update the networks and move the curricula; return the iteration's figures."""
         begin = time.monotonic()
         observation = self.env.observe()
         reward = 0.0
@@ -131,7 +138,7 @@ class Trainer:
         }
 
     def _actor(self) -> Actor:
-        """The policy network on the CPU, where it is evaluated and saved."""
+        """Return the policy network on the CPU, where it is evaluated and saved."""
         actor = self.ppo.network.actor
         return actor if self.ppo.device.type == "cpu" else copy.deepcopy(actor).cpu()
 
@@ -142,7 +149,7 @@ class Trainer:
         return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
 
     def _evaluate(self) -> dict[str, float]:
-        """Figures of an evaluation if one is due, else the same names with NaN; the best policy is kept."""
+        """Return the figures of an evaluation, NaN where none is due, and keep the best policy."""
         if self.evaluator is None:
             return {}
         if self.iteration % self.config.evaluation_interval:
@@ -157,24 +164,51 @@ class Trainer:
         self.seconds += time.monotonic() - begin
         return figures
 
-    # Files ----------------------------------------------------------------------------------------------------------
+    # Saving ---------------------------------------------------------------------------------------------------------
 
     def save(self) -> None:
-        """Write the checkpoint, its slim snapshot and the policy; other processes than the first their robots."""
+        """Write checkpoint, snapshot and policy; processes other than the first write their robots only."""
         if not self.leads:
             path = distributed.own_path(self.config.out / CHECKPOINT_NAME)
-            checkpoint.save_file(path, train_state.robots_of(self), "robots", {"iteration": self.iteration})
+            checkpoint.save_file(path, self._robot_tensors(), "robots", {"iteration": self.iteration})
             return
-        tensors = train_state.learner_of(self) | train_state.robots_of(self)
-        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", train_state.metadata_of(self))
+        tensors = self._learner_tensors() | self._robot_tensors()
+        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
         self._save_product(self.config.out)
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.ppo.network, self.config.env, train_state.metadata_of(self))
+        save_product(folder, self.ppo.network, self.config.env, self._metadata())
+
+    def _learner_tensors(self) -> dict[str, torch.Tensor]:
+        """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
+        tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
+        for index, state in self.ppo.optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
+        return tensors
+
+    def _robot_tensors(self) -> dict[str, torch.Tensor]:
+        """Return the part of a checkpoint that belongs to this process alone."""
+        robots = {f"env.{name}": value for name, value in self.env.state_dict().items()}
+        return robots | {"generator": self.generator.get_state()}
+
+    def _metadata(self) -> dict[str, Any]:
+        """Return what a checkpoint, a snapshot and a policy say of their training, in a form that JSON can hold."""
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "learning_rate": self.ppo.learning_rate,
+            "skipped": self.ppo.skipped,
+            "curriculum": self.env.curriculum.state_dict(),
+            "evaluation": self.evaluation,
+            "best": self.best,
+            "versions": versions(),
+            "config": settings_record(self.config),
+        }
 
     def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
-        """Keep a minibatch whose update was skipped, for the search after the cause."""
+        """Keep a minibatch whose update was skipped, so that the cause can be found."""
         dumps = len(list(self.config.out.glob("skipped-*.safetensors")))
         if dumps < MAX_DUMPS:
             record = {
@@ -185,9 +219,102 @@ class Trainer:
             path = distributed.own_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
             checkpoint.save_file(path, minibatch, "minibatch", record)
 
+    # Restoring ------------------------------------------------------------------------------------------------------
+
+    def _restore(self, path: pathlib.Path) -> None:
+        """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser.
+
+        Raises:
+            PolicyFileError: if the file cannot be used, or holds another number of robots.
+        """
+        tensors, metadata = checkpoint.load_file(path, "checkpoint")
+        if not self.leads:
+            tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
+        groups = _by_group(tensors, path)
+        try:
+            self.ppo.network.load_state_dict(groups["network"])
+        except RuntimeError as error:
+            raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
+        if groups["env"]:
+            self._restore_robots(groups["env"], tensors, path)
+        if groups["optimiser"]:
+            self._restore_optimiser(groups["optimiser"])
+        try:
+            if not groups["env"]:
+                self.env.curriculum.load_state_dict(metadata["curriculum"])
+            self._restore_counters(metadata)
+        except (KeyError, TypeError, ValueError) as error:
+            raise PolicyFileError(
+                f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
+            ) from error
+        self.ppo.bound_std(self.steps)
+
+    def _restore_robots(
+        self, state: dict[str, torch.Tensor], tensors: dict[str, torch.Tensor], path: pathlib.Path
+    ) -> None:
+        try:
+            stored, count = len(state["command"]), self.config.env.count
+            if stored == count:
+                self.env.load_state_dict(state)
+                self.generator.set_state(tensors["generator"])
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise PolicyFileError(
+                f"{path} does not hold the environment's state as this version has it ({error}); it was written "
+                "by another version. Continue from its snapshot instead"
+            ) from error
+        if stored != count:
+            raise PolicyFileError(
+                f"{path} holds {stored} robots, the configuration asks for {count}; pass --env.count {stored}"
+            )
+
+    def _restore_optimiser(self, tensors: dict[str, torch.Tensor]) -> None:
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for key, value in tensors.items():
+            index, _, name = key.partition(".")
+            state.setdefault(int(index), {})[name] = value.clone()
+        optimiser = self.ppo.optimiser
+        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+
+    def _restore_counters(self, metadata: dict[str, Any]) -> None:
+        self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
+        self.seconds = float(metadata["seconds"])
+        self.ppo.set_learning_rate(float(metadata["learning_rate"]))
+        self.ppo.skipped = int(metadata["skipped"])
+        # Checkpoints from before there were evaluations lack these two.
+        self.evaluation, self.best = dict(metadata.get("evaluation", {})), dict(metadata.get("best", {}))
+
+
+def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:
+    """Sort the tensors of a checkpoint into networks, environment and optimiser, by the names used there."""
+    groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
+    for key, value in tensors.items():
+        group, _, name = key.partition(".")
+        if not name:
+            continue  # the generator
+        if group not in groups:
+            raise PolicyFileError(
+                f"{path} holds {group!r}, this version reads {', '.join(groups)}; it was written by another version. "
+                "Use a checkpoint or a snapshot of this one"
+            )
+        groups[group][name] = value
+    return groups
+
+
+def _with_own_robots(
+    tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
+) -> dict[str, torch.Tensor]:
+    """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
+    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "optimiser."))}
+    own = distributed.own_path(path)
+    if not own.exists():
+        return common
+    robots, metadata = checkpoint.load_file(own, "robots")
+    # A file of another iteration comes from an earlier time or run in the same folder: start new episodes instead.
+    return common | robots if metadata.get("iteration") == iteration else common
+
 
 def contract_of(env: EnvConfig) -> dict[str, Any]:
-    """The contract of a policy trained in an environment."""
+    """Return the contract of a policy trained in an environment."""
     robot = load_robot()
     return policy_contract(
         period=TRAINING_TIMESTEP * env.substeps,
@@ -198,13 +325,13 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
 
 
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
-    """Write a policy and the slim snapshot from which a training can go on.
+    """Write a policy, and the snapshot from which a training can go on.
 
     Args:
-        folder: for both.
+        folder: folder of both files.
         network: what was learnt.
-        env: the environment that it was learnt in.
-        metadata: the training's record, anything JSON can hold.
+        env: settings of the environment in which it was learnt.
+        metadata: record of the training, anything JSON can hold.
     """
     # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
@@ -217,8 +344,8 @@ def train(config: TrainConfig, report: Report) -> Trainer:
     """Train by a configuration; SIGINT and SIGTERM end the run after the current iteration, with a checkpoint.
 
     Args:
-        config: the run.
-        report: called after every iteration with figures and the gates' words, in the first process only.
+        config: settings of the run.
+        report: called after every iteration with the figures and the gates' words, in the first process only.
 
     Raises:
         ConfigError: if a new run would overwrite the one in its folder.
@@ -241,7 +368,7 @@ def train(config: TrainConfig, report: Report) -> Trainer:
 
 
 def _claim_gpu() -> None:
-    """Make one GPU of the machine this process's.
+    """Select the GPU of this process.
 
     Raises:
         ConfigError: if torch finds none.

@@ -1,4 +1,4 @@
-"""Policies of somebody else behind the common controller interface: a network file and a contract that describes it."""
+"""Policies of other projects as controllers: a network file, and a contract that describes it."""
 
 from hugwbc.runtime.foreign.contract import PolicyContract, Term
 from hugwbc.runtime.foreign.contract_file import CONTRACT_NAMES, load_contract

@@ -1,4 +1,4 @@
-"""What has to be known of a policy to run it: observation, action, gains, default pose, history, state and clock."""
+"""A description of a policy that is sufficient to run it: observation, action, gains, pose, history, state, clock."""
 
 import dataclasses
 import math
@@ -20,12 +20,12 @@ class Term:
 
     Attributes:
         kind: one of `observation.TERMS`.
-        size: how many numbers it has.
-        scale: factors of the numbers, `size` of them.
-        names: of the joints or commands, for the kinds that have them.
-        absolute: whether joint positions are given as they are, and not relative to the default pose.
-        offset: added to the gait's phase [cycles].
-        value: the numbers of a constant.
+        size: number of its values.
+        scale: a factor for each value.
+        names: names of the joints or commands, for the kinds that have them.
+        absolute: whether joint positions are absolute instead of relative to the default pose.
+        offset: offset that is added to the gait phase [cycles].
+        value: the values of a constant.
     """
 
     kind: str
@@ -39,13 +39,13 @@ class Term:
 
 @dataclasses.dataclass(frozen=True)
 class History:
-    """How the network wants earlier observations.
+    """The arrangement of earlier observations in the network's input.
 
     Attributes:
-        frames: observations in its input, the newest included.
-        order: of time: `HISTORY_ORDERS`.
-        layout: whole observations one after the other, or every term with its past: `HISTORY_LAYOUTS`.
-        start: what stands for observations before the first: `HISTORY_STARTS`.
+        frames: number of observations in the input, including the newest.
+        order: order in time, one of `HISTORY_ORDERS`.
+        layout: whole observations one after the other, or each term with its past; one of `HISTORY_LAYOUTS`.
+        start: what replaces observations before the first; one of `HISTORY_STARTS`.
     """
 
     frames: int = 1
@@ -67,20 +67,21 @@ class PolicyContract:
 
     Attributes:
         name: short name for tables.
-        policy: TorchScript (.pt, .pth) or ONNX (.onnx) file; None where the user has to give one.
+        policy: TorchScript (.pt, .pth) or ONNX (.onnx) file; None if the user has to give one.
         period: time between two actions [s].
-        joints: that it moves, in the order of its actions; the others are held.
-        default_pose: positions of these at action 0 [rad].
-        kp, kd: their gains [N*m/rad], [N*m*s/rad].
-        action_scale: radians of joint target per unit of action, one a joint.
-        observation: its terms, in order.
+        joints: joints that the policy moves, in the order of its actions; the others are held.
+        default_pose: positions of these joints at action 0 [rad].
+        kp, kd: gains of these joints [N*m/rad], [N*m*s/rad].
+        action_scale: joint target per unit of action, for each joint [rad].
+        observation: terms of the observation, in order.
         action_clip: bound of the actions, before scaling.
         observation_clip: bound of the scaled observation.
         history: earlier observations in the input.
-        state: recurrent state of an ONNX network: names of each state input and of the output with its next value.
+        state: recurrent state of an ONNX network: the name of each state input and of the output with its next value.
             A TorchScript network keeps its state itself.
-        clock_period: of the gait clock [s]; None for a clock that follows the commanded stride frequency.
-        held_pose: positions of joints that it does not move, where they differ from the robot's nominal pose [rad].
+        clock_period: period of the gait clock [s]; None for a clock that follows the commanded stride frequency.
+        held_pose: positions of joints that the policy does not move, if they differ from the robot's nominal pose
+            [rad].
     """
 
     name: str
@@ -101,21 +102,21 @@ class PolicyContract:
 
     @property
     def observation_size(self) -> int:
-        """Numbers of one observation, without history."""
+        """Number of values of one observation, without history."""
         return sum(term.size for term in self.observation)
 
     @property
     def input_size(self) -> int:
-        """Numbers of the network's input."""
+        """Number of values of the network's input."""
         return self.observation_size * self.history.frames
 
 
 def check_joints(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names, if each is a joint of the robot and stands there once.
+    """Return the names if each is a joint of the robot and occurs once.
 
     Raises:
-        UnknownNameError: if one is no joint.
-        ConfigError: if one stands there twice.
+        UnknownNameError: if a name is not a joint.
+        ConfigError: if a name occurs twice.
     """
     robot = load_robot()
     for index, name in enumerate(names):
@@ -126,10 +127,10 @@ def check_joints(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def check_commands(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names, if each is a command.
+    """Return the names if each is a command.
 
     Raises:
-        UnknownNameError: if one is none.
+        UnknownNameError: if a name is not a command.
     """
     for name in names:
         if name not in COMMAND_NAMES:

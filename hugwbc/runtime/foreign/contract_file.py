@@ -1,4 +1,4 @@
-"""Contracts as YAML files, refused with the line that is wrong.
+"""Contracts as YAML files; errors name the line that is wrong.
 
 `contracts/unitree-h1.yaml` is an example; docs/evaluation.md describes every field.
 """
@@ -25,7 +25,7 @@ _SIZES = {"angular_velocity": 3, "linear_velocity": 3, "gravity": 3, "phase_sin"
 
 
 def contract_path(name: str | pathlib.Path) -> pathlib.Path:
-    """The file of a contract.
+    """Return the path of a contract's file.
 
     Args:
         name: one of `CONTRACT_NAMES`, the path of a YAML file, or of a folder with a `contract.yaml`.
@@ -44,24 +44,24 @@ def contract_path(name: str | pathlib.Path) -> pathlib.Path:
 
 
 def load_contract(name: str | pathlib.Path) -> PolicyContract:
-    """A contract by name or path, as `contract_path` takes them.
+    """Load a contract by name or path, as for `contract_path`.
 
     Raises:
         UnknownNameError: if there is no such contract.
-        ContractError: if the file cannot be read or is no valid contract, with its line.
+        ContractError: if the file cannot be read or is not a valid contract; it names the line.
     """
     reader = _Reader(contract_path(name))
     return reader.contract(reader.load("contract", _HINT))
 
 
 class _Reader(YamlReader):
-    """Turns YAML nodes into parts of a contract."""
+    """A reader that turns YAML nodes into parts of a contract."""
 
     def __init__(self, path: pathlib.Path) -> None:
         super().__init__(path, ContractError)
 
     def contract(self, root: yaml.Node) -> PolicyContract:
-        raw: Read = lambda reader, node: node  # noqa: E731  read below, when the joints are known
+        raw: Read = lambda reader, node: node  # noqa: E731  these are read once the joints are known
         readers: dict[str, Read] = {
             "name": _Reader.text,
             "policy": _Reader.text,
@@ -88,7 +88,7 @@ class _Reader(YamlReader):
         )
 
     def term(self, node: yaml.Node, joints: tuple[str, ...]) -> Term:
-        """One entry of the observation: the name of a kind, or a mapping of it to its fields."""
+        """Read one entry of the observation: the name of a kind, or a mapping from it to its fields."""
         kind, settings = node, None
         if isinstance(node, yaml.MappingNode):
             if len(node.value) != 1:
@@ -141,7 +141,7 @@ class _Reader(YamlReader):
         return value
 
     def numbers(self, node: yaml.Node, count: int, what: str) -> tuple[float, ...]:
-        """As many numbers as wanted; a single one stands for all."""
+        """Read `count` numbers; a single number stands for all of them."""
         if isinstance(node, yaml.ScalarNode):
             return (self.finite(node),) * count
         entries = self.nodes(node)

@@ -1,4 +1,4 @@
-"""A policy of somebody else as a controller."""
+"""A policy of another project as a controller."""
 
 import pathlib
 
@@ -17,16 +17,16 @@ from hugwbc.state import RobotState
 
 
 def load_foreign_policy(contract: str | pathlib.Path, policy: str | pathlib.Path | None = None) -> "ForeignPolicy":
-    """A controller from a contract and its network.
+    """Build a controller from a contract and its network.
 
     Args:
         contract: name of a shipped contract, or path of a contract file or of a folder with a `contract.yaml`.
-        policy: the network's file; None for the one that the contract names.
+        policy: the network's file; None for the file that the contract names.
 
     Raises:
         UnknownNameError: if there is no such contract.
-        ContractError: if the contract is malformed, with its line.
-        PolicyFileError: if there is no network file, it cannot be read, or does not fit the contract.
+        ContractError: if the contract is malformed; it names the line.
+        PolicyFileError: if the network file is missing, cannot be read, or does not fit the contract.
     """
     settings = load_contract(contract)
     path = settings.policy if policy is None else pathlib.Path(policy)
@@ -38,7 +38,7 @@ def load_foreign_policy(contract: str | pathlib.Path, policy: str | pathlib.Path
 
 
 def _try(network: Network, contract: PolicyContract, path: pathlib.Path) -> None:
-    """Refuse a network that does not take the contract's observation, or gives other actions than its joints'."""
+    """Refuse a network whose input or output does not fit the contract."""
     terms = " + ".join(f"{term.kind} {term.size}" for term in contract.observation)
     asked = f"{contract.history.frames} x ({terms}) = {contract.input_size} numbers"
     try:
@@ -57,18 +57,18 @@ def _try(network: Network, contract: PolicyContract, path: pathlib.Path) -> None
 class ForeignPolicy:
     """A network and its contract behind the common controller interface.
 
-    The joints that the policy does not move are held at the robot's nominal pose (or the contract's), with the robot's
-    nominal gains; the arms under external control follow it.
+    Joints that the policy does not move are held at the robot's nominal pose (or the contract's) with the robot's
+    nominal gains. Arms under external control follow their targets.
 
     Attributes:
-        name: the contract's.
+        name: name of the contract.
         period: time between two actions [s].
-        contract: what the network was made for.
-        held: how often a state or an action that was not finite was replaced by the last good one.
+        contract: description of the network.
+        held: number of states and actions that were not finite and were replaced by the last good ones.
     """
 
     def __init__(self, contract: PolicyContract, network: Network) -> None:
-        """Run a network that fits the contract."""
+        """Build the controller from a network that fits the contract."""
         self.contract = contract
         self.name, self.period = contract.name, contract.period
         self.held = 0
@@ -96,10 +96,10 @@ class ForeignPolicy:
         self._start()
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Joint targets for the next period; arms under external control take their targets.
+        """Return joint targets for the next period; arms under external control take their targets.
 
-        A state that is not finite leaves the history as it was; an action that is not finite, the targets, and clears
-        the network's memory, which would not forget the number that did it.
+        A state that is not finite leaves the history unchanged. An action that is not finite leaves the targets
+        unchanged and clears the network's memory, in which the bad number might remain.
         """
         command, _ = command.clamp()
         frequency = command.f if self.contract.clock_period is None else 1.0 / self.contract.clock_period

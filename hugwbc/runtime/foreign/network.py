@@ -1,6 +1,6 @@
-"""Network files of others as functions of the observation: TorchScript, run by torch, and ONNX, run by onnxruntime.
+"""Network files as functions of the observation: TorchScript run by torch, and ONNX run by onnxruntime.
 
-Neither is unpickled. A TorchScript file nevertheless holds a program, which runs with the rights of the user.
+Neither is unpickled. A TorchScript file nevertheless contains a program, which runs with the rights of the user.
 """
 
 import importlib
@@ -14,28 +14,28 @@ from hugwbc.errors import PolicyFileError
 
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 SUFFIXES = (*TORCHSCRIPT_SUFFIXES, ".onnx")
-# Methods by which exporters let the recurrent state be cleared; legged_gym's and rsl_rl's is the first.
+# Methods that exporters add to clear the recurrent state; legged_gym and rsl_rl use the first.
 _RESETS = ("reset_memory", "reset")
 
 
 class Network(Protocol):
-    """A network of one robot, with or without memory."""
+    """A network for one robot, with or without memory."""
 
     def reset(self) -> None:
         """Forget the past."""
         ...
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Actions, shape (m,), from the input, shape (n,)."""
+        """Return the actions, shape (m,), for an input of shape (n,)."""
         ...
 
 
 def load_network(path: pathlib.Path, state: Sequence[tuple[str, str]] = ()) -> Network:
-    """The network of a file.
+    """Load the network of a file.
 
     Args:
         path: TorchScript (`SUFFIXES`) or ONNX (.onnx).
-        state: of an ONNX network, names of state inputs and of the outputs with their next values.
+        state: for an ONNX network, names of the state inputs and of the outputs with their next values.
 
     Raises:
         PolicyFileError: if the file is missing, of another kind or cannot be read.
@@ -57,20 +57,20 @@ class TorchScriptNetwork:
     def __init__(self, path: pathlib.Path) -> None:
         import torch
 
-        torch.set_num_threads(1)  # more only cost, for one robot
+        torch.set_num_threads(1)  # more threads only cost time for one robot
         self._torch = torch
         try:
             self._module: Any = torch.jit.load(str(path), map_location="cpu").eval()
         except (RuntimeError, ValueError, OSError) as error:
             reason = str(error).strip().splitlines()[0]
             raise PolicyFileError(
-                f"{path} is no TorchScript file ({reason}); write it with torch.jit.script(module).save(path). "
-                "A checkpoint written by torch.save is no such file, and is not loaded because it is a pickle"
+                f"{path} is not a TorchScript file ({reason}); write it with torch.jit.script(module).save(path). "
+                "A checkpoint written by torch.save is a pickle and is not loaded"
             ) from error
         self._start = {name: buffer.clone() for name, buffer in self._module.named_buffers()}
 
     def reset(self) -> None:
-        """All buffers as in the file, and then what the module's own reset does."""
+        """Restore all buffers from the file, and then call the module's own reset if it has one."""
         with self._torch.no_grad():
             for name, buffer in self._module.named_buffers():
                 buffer.copy_(self._start[name])
@@ -80,11 +80,11 @@ class TorchScriptNetwork:
                     return
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Actions, shape (m,), from the input, shape (n,)."""
+        """Return the actions, shape (m,), for an input of shape (n,)."""
         torch = self._torch
         with torch.no_grad():
             output = self._module(torch.as_tensor(observation, dtype=torch.float32)[None])
-        # Exported actor-critics give more than the actions; these come first.
+        # Exported actor-critics return more than the actions, which come first.
         action = output[0] if isinstance(output, tuple | list) else output
         return action.reshape(-1).double().numpy()
 
@@ -101,9 +101,9 @@ class OnnxNetwork:
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         try:
             self._session: Any = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's errors have no common class but Exception
+        except Exception as error:  # onnxruntime's errors share no class but Exception
             reason = str(error).strip().splitlines()[0]
-            raise PolicyFileError(f"{path} is no ONNX network that onnxruntime can run ({reason})") from error
+            raise PolicyFileError(f"{path} is not an ONNX network that onnxruntime can run ({reason})") from error
         self._inputs = {node.name: node for node in self._session.get_inputs()}
         outputs = [node.name for node in self._session.get_outputs()]
         self._state = tuple(state)
@@ -121,15 +121,15 @@ class OnnxNetwork:
         self.reset()
 
     def reset(self) -> None:
-        """State of zeros."""
+        """Set the recurrent state to zero."""
         self._values = {name: self._zeros(name) for name, _ in self._state}
 
     def _zeros(self, name: str) -> np.ndarray:
-        # A free dimension is the batch: one robot.
+        # A free dimension is the batch, which is one robot.
         return np.zeros([size if isinstance(size, int) else 1 for size in self._inputs[name].shape], np.float32)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Actions, shape (m,), from the input, shape (n,)."""
+        """Return the actions, shape (m,), for an input of shape (n,)."""
         given = {self._observation: observation.astype(np.float32)[None], **self._values}
         action, *states = self._session.run([self._action, *(output for _, output in self._state)], given)
         self._values = {name: value for (name, _), value in zip(self._state, states, strict=True)}

@@ -15,13 +15,13 @@ from hugwbc.state import RobotState
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """What the terms are made of.
+    """The inputs of the observation terms.
 
     Attributes:
-        state: of the robot.
-        command: clamped.
-        action: the last one, as the network gave it (clipped), in the order of the contract's joints.
-        phase: of the gait clock, in [0, 1).
+        state: state of the robot.
+        command: the clamped command.
+        action: the last action of the network, clipped, in the order of the contract's joints.
+        phase: phase of the gait clock, in [0, 1).
         reference: default pose of all joints [rad], shape (19,).
     """
 
@@ -47,7 +47,7 @@ def _phase(wave: Callable[[float], float]) -> Callable[[Term, Reading], np.ndarr
     return lambda term, reading: np.array([wave(2.0 * math.pi * (reading.phase + term.offset))])
 
 
-# Every kind of term. Velocities of the pelvis are in its own frame; linear_velocity is zero where none is known.
+# Velocities of the pelvis are in its own frame; linear_velocity is zero if the state has none.
 TERMS: Mapping[str, Callable[[Term, Reading], np.ndarray]] = {
     "angular_velocity": lambda term, reading: reading.state.angular_velocity,
     "linear_velocity": _linear_velocity,
@@ -63,13 +63,13 @@ TERMS: Mapping[str, Callable[[Term, Reading], np.ndarray]] = {
 
 
 def observe(contract: PolicyContract, reading: Reading) -> np.ndarray:
-    """One observation, scaled and clipped, shape (observation_size,)."""
+    """Return one observation, scaled and clipped, shape (observation_size,)."""
     parts = [TERMS[term.kind](term, reading) * np.array(term.scale) for term in contract.observation]
     return np.clip(np.concatenate(parts), -contract.observation_clip, contract.observation_clip)
 
 
 class ObservationHistory:
-    """The last observations, as the network wants them."""
+    """The last observations, in the arrangement that the network expects."""
 
     def __init__(self, contract: PolicyContract) -> None:
         self._settings = contract.history
@@ -90,7 +90,7 @@ class ObservationHistory:
         self._frames = np.concatenate((self._frames[1:], observation[None]))
 
     def input(self) -> np.ndarray:
-        """The network's input, shape (input_size,)."""
+        """Return the network's input, shape (input_size,)."""
         frames = self._frames if self._settings.order == "oldest_first" else self._frames[::-1]
         if self._settings.layout == "by_frame":
             return frames.ravel()

@@ -3,17 +3,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_rollout import Episode, fits, most_robots, rollouts
-from hugwbc.evaluation.engine.plans import Knot, Schedule
-from hugwbc.evaluation.navigation import Navigator, Tour, Waypoint
+from hugwbc.evaluation.engine import Knot, Schedule, Tour, Waypoint
+from hugwbc.evaluation.engine.batch_rollout import BatchMember, BatchRecord, batch_rollout, fits, most_robots
+from hugwbc.evaluation.engine.plans import Navigator
+from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.sim import Force
+from hugwbc.sim import Force, Simulation, Variation
+from hugwbc.sim.lockstep import LockstepSimulation
 
 COARSE = Conditions(timestep=0.005)
 WALK, STAND = Command(v_x=0.6, gait=Gait.WALKING), Command(h=-0.1, w=0.4, gait=Gait.STANDING)
@@ -42,8 +44,8 @@ def _arms(conditions: Conditions, index: int):
 
 
 def _batch(policy, duration: float, **changes) -> list[Trace | None]:
-    episodes = [Episode(s, dataclasses.replace(c, **changes), f, _arms(c, i)) for i, (s, c, f) in enumerate(PLANS)]
-    return rollouts(policy, episodes, duration=duration)
+    episodes = [BatchMember(s, dataclasses.replace(c, **changes), f, _arms(c, i)) for i, (s, c, f) in enumerate(PLANS)]
+    return batch_rollout(policy, episodes, duration=duration)
 
 
 def _alone(policy, index: int, duration: float, **changes) -> Trace:
@@ -82,7 +84,7 @@ def test_a_fall_ends_one_robot_alone(policy):
 def test_the_finer_time_step_of_evaluations(policy):
     source, conditions, forces = PLANS[0]
     conditions = dataclasses.replace(conditions, timestep=0.002)
-    (trace,) = rollouts(policy, [Episode(source, conditions, forces)], duration=0.4)
+    (trace,) = batch_rollout(policy, [BatchMember(source, conditions, forces)], duration=0.4)
     _assert_same(_alone(policy, 0, 0.4, timestep=0.002), trace, 1e-6)
 
 
@@ -120,6 +122,36 @@ def test_what_a_batch_cannot_express_does_not_fit(policy):
 
 def test_errors_are_those_of_a_rollout(policy):
     with pytest.raises(ConfigError, match="choose a time step that divides it"):
-        rollouts(policy, [Episode(Constant(WALK), Conditions(timestep=0.003))], duration=0.1)
+        batch_rollout(policy, [BatchMember(Constant(WALK), Conditions(timestep=0.003))], duration=0.1)
     with pytest.raises(UnknownNameError, match="unknown link 'torso'"):
-        rollouts(policy, [Episode(Constant(WALK), COARSE, (Force((1.0, 0.0, 0.0), link="torso"),))], duration=0.1)
+        batch_rollout(
+            policy, [BatchMember(Constant(WALK), COARSE, (Force((1.0, 0.0, 0.0), link="torso"),))], duration=0.1
+        )
+
+
+def test_samples_are_what_kinematics_measures_and_end_with_each_robot():
+    robot, walk = load_robot(), Command(v_x=0.5, gait=Gait.WALKING)
+    gains = np.tile(robot.kp, (2, 1)), np.tile(robot.kd, (2, 1))
+    simulation = LockstepSimulation([Variation(), Variation(payload=5.0)], *gains, timestep=0.005)
+    record, rows = BatchRecord(2, 1.0), np.arange(2)
+    simulation.qvel[:, :6] = [0.3, -0.2, 0.0, 0.1, 0.2, 0.5]
+    for tick in range(20):
+        t = 0.02 * tick
+        rows = rows if tick < 12 else rows[:1]
+        assert record.due(t) and not record.due(t - 0.01)
+        target = np.tile(robot.nominal, (rows.size, 1))
+        record.sample(t, simulation, rows, [walk] * rows.size, phase=np.full(rows.size, 0.25), target=target)
+        simulation.command(rows, target, np.zeros_like(target))
+        for _ in range(4):
+            simulation.step(rows)
+    samples, other = record.of(0), record.of(1)
+    assert (samples["time"].size, other["time"].size) == (20, 12) and np.isnan(samples["foothold"]).all()
+    assert samples["time"][-1] == 0.38 and set(samples["phase"]) == {0.25}
+    alone, kinematics = Simulation(timestep=0.005), Kinematics()
+    for index in (3, 19):
+        alone.data.qpos[:], alone.data.qvel[:] = samples["qpos"][index], samples["qvel"][index]
+        kinematics.update(alone.state())
+        measured = kinematics.measured()
+        expected = [getattr(measured, name) for name in ("v_x", "v_y", "omega", "h", "p", "w")]
+        np.testing.assert_allclose(samples["measured"][index], expected, atol=1e-12)
+        np.testing.assert_allclose(samples["clearance"][index], measured.clearance, atol=1e-12)

@@ -6,9 +6,7 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.campaign import Cell, CellResult, read_result, run_cells
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import ResultStore
+from hugwbc.evaluation.engine import Cell, CellResult, Execution, ResultStore, read_result, run_cells
 from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesConfig, SmallVelocitiesProtocol
 from hugwbc.runtime.controllers import ControllerSpec
 

@@ -9,9 +9,7 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ConfigError, WorkerError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.episode import controller_of
-from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.store import ResultStore
+from hugwbc.evaluation.engine import Execution, ResultStore, controller_of
 from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesConfig, SmallVelocitiesProtocol
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -45,7 +43,7 @@ def test_a_worker_that_dies_is_an_error_with_a_remedy_and_the_next_jobs_get_new_
 
 def test_workers_end_when_the_process_that_they_work_for_is_killed():
     script = (
-        "import time; from hugwbc.evaluation.engine.execution import Execution; execution = Execution(2);"
+        "import time; from hugwbc.evaluation.engine import Execution; execution = Execution(2);"
         "print(list(execution.run(abs, [-1, -2])), flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:

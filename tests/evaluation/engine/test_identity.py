@@ -7,8 +7,7 @@ import pytest
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine import identity
-from hugwbc.evaluation.protocols.episodes import Run
+from hugwbc.evaluation.engine import Run, identity
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 
 
@@ -102,3 +101,35 @@ def test_code_counts_where_it_is_imported_and_means_something(monkeypatch, tmp_p
     finally:
         for cached in (identity._imported, identity._tree, identity._meaning):
             cached.cache_clear()
+
+
+def test_a_name_from_a_door_counts_as_the_module_that_defines_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(identity, "_PACKAGE", tmp_path / "hugwbc")
+    room = tmp_path / "hugwbc" / "room"
+    room.mkdir(parents=True)
+    texts = {
+        "__init__": "from hugwbc.room.used import X as Y\nfrom hugwbc.room.unused import Z\nOWN = 1\n",
+        "used": "from hugwbc.room.below import W\nX = W\n",
+        "below": "W = 1\n",
+        "unused": "Z = 1\n",
+        "judge": "from hugwbc.room import Y\n",
+        "whole": "from hugwbc.room import OWN\n",
+    }
+    for name, text in texts.items():
+        (room / f"{name}.py").write_text(text)
+    try:
+        for root, files in (("judge", {"judge", "used", "below"}), ("whole", texts.keys() - {"judge"})):
+            identity._imported.cache_clear()
+            found = identity._imported(frozenset([f"hugwbc.room.{root}"]))
+            assert {path.stem for path in found} == files, root
+    finally:
+        for cached in (identity._imported, identity._tree, identity._meaning):
+            cached.cache_clear()
+
+
+def test_a_protocol_depends_on_what_it_uses_of_the_engine():
+    files = {str(path) for path in identity._imported(frozenset(["hugwbc.evaluation.protocols.small_velocities"]))}
+    names = {path.rpartition("hugwbc/")[2] for path in files}
+    assert {f"evaluation/engine/{name}.py" for name in ("episode", "plans", "batch_rollout")} <= names
+    assert {"runtime/rollout.py", "sim/simulation.py", "evaluation/metrics.py"} <= names
+    assert not names & {"evaluation/engine/campaign.py", "evaluation/protocols/tour.py"}

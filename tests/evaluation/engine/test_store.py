@@ -5,8 +5,8 @@ import os
 import pytest
 
 from hugwbc.errors import ResultFileError
-from hugwbc.evaluation.engine import store
-from hugwbc.evaluation.engine.store import VERSION, EpisodeFile, ResultStore
+from hugwbc.evaluation.engine import ResultStore, store
+from hugwbc.evaluation.engine.store import VERSION, EpisodeFile
 
 IDENTITY = {"seed": 0, "controller": {"controller": "qp"}}
 ROWS = {"a": {"error": 0.1 + 0.2, "fell": False}, "b": {"error": None, "fell": True}}

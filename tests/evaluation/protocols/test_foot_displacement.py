@@ -4,7 +4,7 @@ from hugwbc import Gait, JointCommand
 from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import EpisodeSettings, run_episodes
 from hugwbc.evaluation.protocols.foot_displacement import (
     FootDisplacementConfig,

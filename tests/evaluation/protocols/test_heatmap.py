@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import FALLS
 from hugwbc.evaluation.protocols import protocol as module
 from hugwbc.evaluation.protocols.episodes import Run

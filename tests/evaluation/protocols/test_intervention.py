@@ -6,7 +6,7 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.intervention import (
     InterventionConfig,

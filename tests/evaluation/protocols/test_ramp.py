@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import FALLS
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.ramp import RampConfig, RampJudge, RampProtocol, RampResult, ramp_schedule

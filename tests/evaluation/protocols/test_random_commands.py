@@ -7,7 +7,7 @@ import pytest
 from hugwbc import Gait
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine import Execution
 from hugwbc.evaluation.protocols.random_commands import (
     RandomCommandsConfig,
     RandomCommandsProtocol,

@@ -8,7 +8,7 @@ from hugwbc import Command, Gait, JointCommand
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.execution import Execution
+from hugwbc.evaluation.engine import Execution
 from hugwbc.evaluation.figures import FALLS
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.protocols.single_command import (

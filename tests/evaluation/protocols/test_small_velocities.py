@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.plans import EpisodePlan
+from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.protocols import protocol as module
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.small_velocities import (

@@ -7,8 +7,7 @@ import pytest
 
 from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.engine.episode import joins_batch
-from hugwbc.evaluation.navigation import Tour
+from hugwbc.evaluation.engine import Tour, joins_batch
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.tour import (
     STRUCK,

@@ -1,7 +1,20 @@
+import pathlib
+
+import numpy as np
+import pytest
 import torch
 
-from hugwbc.learned.env.arm_intervention import Intervention
-from hugwbc.learned.env.arm_targets import NoiseTargets
+from hugwbc.errors import MotionFileError
+from hugwbc.learned.env.arm_intervention import (
+    FADE_STEPS,
+    ArmTargets,
+    Intervention,
+    MotionTargets,
+    NoiseTargets,
+    make_arm_targets,
+)
+from hugwbc.robot import load_robot
+from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, generate_motions
 
 
 def make(count: int, flip: float = 0.005, interval: int = 90) -> Intervention:
@@ -48,3 +61,100 @@ def test_state_survives_a_round_trip() -> None:
     other.load_state_dict(source.state_dict())
     torch.testing.assert_close(other.targets(), source.targets())
     assert torch.equal(other.active, source.active)
+
+
+FIRST = torch.tensor([0])
+
+
+def nominal() -> torch.Tensor:
+    robot = load_robot()
+    return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32)
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
+
+def play(source: NoiseTargets | MotionTargets, steps: int) -> list[torch.Tensor]:
+    history = []
+    for _ in range(steps):
+        source.step()
+        history.append(source.targets()[0].clone())
+    return history
+
+
+def test_noise_ramps_for_two_thirds_then_holds() -> None:
+    source = NoiseTargets(1, 90, generator())
+    source.reset(FIRST)
+    history = play(source, 90)
+    end = history[-2]
+    torch.testing.assert_close(history[29], 0.5 * (nominal() + end))  # half of 60 steps
+    for late in history[59:]:
+        torch.testing.assert_close(late, end)  # the last is a new draw, which starts from the old target
+    assert not torch.equal(play(source, 1)[0], end)
+
+
+def ramps() -> list[ArmMotion]:
+    """Two motions at 25 Hz whose joints all rise by 0.01 rad a frame, one from 0, one from 10."""
+    rise = 0.01 * np.arange(40)[:, None] * np.ones((1, 8))
+    return [ArmMotion("low", 25.0, rise), ArmMotion("high", 25.0, 10.0 + rise)]
+
+
+def test_motions_are_played_at_the_control_rate_to_their_end() -> None:
+    source = MotionTargets(1, ramps(), generator())
+    source.reset(FIRST)
+    source._frame[0] = 0
+    length = (40 - 1) * round(MOTION_FPS / 25.0) + 1
+    history = torch.stack(play(source, length - 1))
+    base = 10.0 * float(history[-1, 0] > 5.0)
+    after = torch.arange(FADE_STEPS, length) * 0.005 + base  # half the rise per step at twice the rate
+    torch.testing.assert_close(history[FADE_STEPS - 1 :, 0], after)
+    half = FADE_STEPS // 2
+    ratio = (half + 1) / FADE_STEPS
+    expected = (1.0 - ratio) * nominal()[0] + ratio * (base + (half + 1) * 0.005)
+    assert history[half, 0].item() == pytest.approx(expected.item(), abs=1e-5)
+    # The next motion starts from where this one ended.
+    torch.testing.assert_close(play(source, 1)[0], history[-1], atol=0.01, rtol=0.0)
+
+
+def test_every_motion_is_played_by_some_robot() -> None:
+    source = MotionTargets(200, ramps(), generator())
+    for _ in range(FADE_STEPS):
+        source.step()
+    high = source.targets()[:, 0] > 5.0
+    assert 60 < int(high.sum()) < 140
+
+
+@pytest.mark.parametrize("kind", ["noise", "motion"])
+def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> None:
+    def make(seed: int) -> NoiseTargets | MotionTargets:
+        own = torch.Generator().manual_seed(seed)
+        return NoiseTargets(5, 90, own) if kind == "noise" else MotionTargets(5, ramps(), own)
+
+    source, other = make(0), make(1)
+    play(source, 50)
+    state = {name: value.clone() for name, value in source.state_dict().items()}
+    other.load_state_dict(state)
+    torch.testing.assert_close(other.targets(), source.targets())
+    before = other.targets().clone()
+    foreign = MotionTargets(5, ramps(), generator()) if kind == "noise" else NoiseTargets(5, 90, generator())
+    other.load_state_dict(foreign.state_dict())
+    assert torch.equal(other.targets(), before)
+
+
+def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
+    def make(kind: str, motions: pathlib.Path | None = None) -> ArmTargets:
+        return make_arm_targets(
+            kind, 2, interval=7, motions=motions, motions_seed=3, generator=torch.Generator().manual_seed(0)
+        )
+
+    noise = make("noise")
+    assert isinstance(noise, NoiseTargets) and noise.interval == 7
+    generated = make("motion")
+    expected = MotionTargets(2, generate_motions(3), generator())
+    for _ in range(60):
+        generated.step()
+        expected.step()
+    assert torch.equal(generated.targets(), expected.targets())
+    with pytest.raises(MotionFileError):
+        make("motion", tmp_path / "nothing")

@@ -265,3 +265,23 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> No
         torch.testing.assert_close(image.history, obs.mirror_history(seen.history), atol=0.02, rtol=0.0)
         torch.testing.assert_close(image.command, obs.mirror_command_observation(seen.command), atol=1e-5, rtol=0.0)
         torch.testing.assert_close(image.estimate, obs.mirror_estimate(seen.estimate), atol=0.01, rtol=0.0)
+
+
+def test_restored_run_continues_bit_for_bit() -> None:
+    config = dataclasses.replace(EnvConfig(), count=8)
+    straight = HumanoidEnv(config, seed=5, threads=1)
+    run(straight, 20, seed=1)
+    state = {name: value.clone() for name, value in straight.state_dict().items()}
+    resumed = HumanoidEnv(config, seed=5, threads=1)
+    resumed.load_state_dict(state)
+    for env in (straight, resumed):
+        run(env, 20, seed=2)
+    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
+    assert torch.equal(straight.observe().critic, resumed.observe().critic)
+
+
+def test_a_state_that_lacks_a_part_is_told(small_env: HumanoidEnv) -> None:
+    state = small_env.state_dict()
+    del state["history"]
+    with pytest.raises(KeyError, match="history"):
+        small_env.load_state_dict(state)

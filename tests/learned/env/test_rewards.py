@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from hugwbc.learned.config import ExtraWeights, RewardWeights
-from hugwbc.learned.env import extra_rewards, rewards
-from hugwbc.learned.env.transition import Body, Transition
+from hugwbc.learned.env import rewards
+from hugwbc.learned.env.readings import Body, Transition
 from hugwbc.robot import load_robot
 
 ROBOT = load_robot()
@@ -142,14 +142,14 @@ def test_row_against_hand_computed_value(name: str) -> None:
     changes, expected = CASES[name]
     if expected is None:
         expected = 2.05 - (0.895 + 0.95 * 1.155)
-    term = (rewards.PAPER_TERMS | extra_rewards.EXTRA_TERMS)[name]
+    term = (rewards.PAPER_TERMS | rewards.EXTRA_TERMS)[name]
     assert term(make_transition(**changes), make_body()).item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_every_row_has_a_case_and_a_weight() -> None:
-    assert set(CASES) == set(rewards.PAPER_TERMS) | set(extra_rewards.EXTRA_TERMS)
+    assert set(CASES) == set(rewards.PAPER_TERMS) | set(rewards.EXTRA_TERMS)
     assert set(rewards.PAPER_TERMS) == {field.name for field in dataclasses.fields(RewardWeights)}
-    assert set(extra_rewards.EXTRA_TERMS) == {field.name for field in dataclasses.fields(ExtraWeights)}
+    assert set(rewards.EXTRA_TERMS) == {field.name for field in dataclasses.fields(ExtraWeights)}
 
 
 def test_weights_are_the_paper_s() -> None:
@@ -189,10 +189,10 @@ def test_feet_symmetry_only_in_phase() -> None:
 def test_unequal_support_only_in_phase_and_of_one_foot() -> None:
     one_foot = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])
     in_turn = make_transition(foot_force=one_foot, in_phase=torch.tensor([False]))
-    assert extra_rewards.unequal_support(in_turn, make_body()).item() == 0.0
+    assert rewards.unequal_support(in_turn, make_body()).item() == 0.0
     for both in (0.0, 400.0):
         transition = make_transition(foot_force=torch.full((1, 2, 3), both))
-        assert extra_rewards.unequal_support(transition, make_body()).item() == 0.0
+        assert rewards.unequal_support(transition, make_body()).item() == 0.0
 
 
 def test_terms_are_weighted_by_period_and_penalty_scale() -> None:

@@ -146,7 +146,7 @@ def test_bad_settings_are_refused() -> None:
 
 
 def test_a_robot_that_has_just_passed_the_end_of_its_region_is_resumed_as_it_is() -> None:
-    """It is moved back in the step that follows, in the resumed run as in the other."""
+    """A robot is moved back in the next step, in the resumed run as in the uninterrupted one."""
     straight, resumed = make_env(start_level=3), make_env(start_level=3)
     straight.age[:] = 10
     straight.simulation.qpos[:, 0] = straight.ground._centres[straight.ground.level, 0].numpy() + 2.24

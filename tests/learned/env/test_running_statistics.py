@@ -13,7 +13,7 @@ WALKING_PAIR = torch.tensor([Gait.WALKING] * 2 + [Gait.STANDING] * 6)
 
 
 def add(statistics: Statistics, env: HumanoidEnv, error: float, gait: torch.Tensor, reward: float = 1.0) -> None:
-    """A step in which the first robot turns too fast by an error and all others turn as told."""
+    """Add a step in which the first robot turns too fast by an error and the others turn as commanded."""
     transition = env._transition(env.readings.dq, NOBODY)
     yaw_rate = transition.command[:, 2].clone()
     yaw_rate[0] += error

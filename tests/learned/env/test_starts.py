@@ -6,8 +6,7 @@ import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
-from hugwbc.learned.config import CommandConfig, EnvConfig
-from hugwbc.learned.env.env_starts import recorded
+from hugwbc.learned.config import CommandConfig, EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import (
     COLUMNS,
@@ -80,12 +79,21 @@ def test_episodes_start_in_recorded_motion_and_others_stand(starts_file: pathlib
     assert not env.actions[:, standing].any() and (env.simulation.ctrl == env.simulation.qpos[:, 7:])[standing].all()
 
 
+def test_recorded_motion_starts_with_action_latency_too(starts_file: pathlib.Path) -> None:
+    late = RandomizationConfig(latency=(0.0, 0.02))
+    config = EnvConfig(count=20, command=HOPPING, starts=starts_file, starts_share=1.0, randomization=late)
+    env = HumanoidEnv(config, seed=0, threads=1)
+    assert env.latency is not None
+    hopping = env.gait >= Gait.HOPPING_LEFT
+    assert torch.equal(env.latency.targets[-1, hopping], torch.from_numpy(env.simulation.ctrl.copy())[hopping])
+
+
 def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> None:
     config = EnvConfig(count=20, command=HOPPING, starts=starts_file, starts_share=1.0)
     env = HumanoidEnv(config, seed=0, threads=1)
     robots = torch.arange(20)
     env.begin_episodes(robots)
-    again = recorded(env, robots[env.gait >= Gait.HOPPING_LEFT])
+    again = env.recorded(robots[env.gait >= Gait.HOPPING_LEFT])
     columns = RecordedStarts({name: value.clone() for name, value in again.items()}, starts_file).columns
     source = env.starts.columns if env.starts else {}
     row = (columns["qpos"][:, None, 7:] == source["qpos"][:, 7:]).all(-1).int().argmax(1)

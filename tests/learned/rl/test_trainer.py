@@ -8,6 +8,7 @@ import signal
 import pytest
 import torch
 
+from hugwbc.errors import PolicyFileError
 from hugwbc.learned.config import (
     CurriculumConfig,
     EnvConfig,
@@ -138,7 +139,7 @@ def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -
 
 
 def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
-    """Without the values that stand for the time after a time-out."""
+    """The bootstrapped values that follow a time-out are not part of it."""
     trainer = Trainer(config(tmp_path, 1))
     got, step = [], trainer.env.step
 
@@ -193,3 +194,65 @@ def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pat
     resumed = go("b", 4, resume=True).env.state_dict()
     for name, value in straight.env.state_dict().items():
         assert torch.equal(value, resumed[name]), name
+
+
+def test_another_number_of_robots_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    other = dataclasses.replace(config(tmp_path, 2, resume=True), env=dataclasses.replace(ENV, count=8))
+    with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
+        Trainer(other)
+
+
+def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    path = tmp_path / CHECKPOINT_NAME
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(PolicyFileError, match="truncated"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
+@pytest.mark.parametrize("damage", ["drop iteration", "seconds is text"])
+def test_a_checkpoint_without_its_counters_is_refused(tmp_path: pathlib.Path, damage: str) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    if damage == "drop iteration":
+        del metadata["iteration"]
+    else:
+        metadata["seconds"] = "soon"
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
+def test_a_snapshot_without_its_curriculum_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
+    del metadata["curriculum"]
+    checkpoint.save_file(tmp_path / "cut", tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="lacks a readable 'curriculum'"):
+        Trainer(config(tmp_path, 2, start_from=tmp_path / "cut"))
+
+
+def test_a_checkpoint_of_other_state_is_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    tensors["env.qpos"] = tensors["env.qpos"][:, 1:]
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match="Continue from its snapshot"):
+        Trainer(config(tmp_path, 2, resume=True))
+
+
+def test_a_checkpoint_from_before_the_evaluations_resumes(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    del metadata["best"], metadata["evaluation"]
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
+    assert run(config(tmp_path, 2, resume=True)).iteration == 2
+
+
+def test_tensors_of_a_part_that_is_unknown_are_refused(tmp_path: pathlib.Path) -> None:
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
+    checkpoint.save_file(tmp_path / "odd", tensors | {"memory.rows": torch.zeros(1)}, "checkpoint", metadata)
+    with pytest.raises(PolicyFileError, match=r"odd holds 'memory'"):
+        Trainer(config(tmp_path, 2, start_from=tmp_path / "odd"))

@@ -47,9 +47,9 @@ def test_files_that_are_no_networks_are_refused(tmp_path, counting_onnx, leg_lst
     with pytest.raises(PolicyFileError, match="there is no policy file"):
         load_network(tmp_path / "missing.pt")
     torch.save({"a": torch.zeros(1)}, tmp_path / "checkpoint.pt")
-    with pytest.raises(PolicyFileError, match=r"is no TorchScript file .* not loaded because it is a pickle"):
+    with pytest.raises(PolicyFileError, match=r"is not a TorchScript file .* is a pickle and is not loaded"):
         load_network(tmp_path / "checkpoint.pt")
-    for name, message in (("bad.onnx", "is no ONNX network"), ("bad.bin", "valid is TorchScript or ONNX")):
+    for name, message in (("bad.onnx", "is not an ONNX network"), ("bad.bin", "valid is TorchScript or ONNX")):
         (tmp_path / name).write_bytes(b"nothing of the kind")
         with pytest.raises(PolicyFileError, match=message):
             load_network(tmp_path / name)

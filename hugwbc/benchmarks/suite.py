@@ -1,0 +1,138 @@
+"""All benchmarks in one run: training, controllers, hand IK, reachable workspace and, on request, QP solvers."""
+
+import dataclasses
+import importlib.util
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hugwbc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hugwbc.benchmarks.hand_ik import IKFigures
+    from hugwbc.benchmarks.qp_side_by_side import SideBySide
+    from hugwbc.benchmarks.speed import EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
+    from hugwbc.upper_ik.workspace import Workspace
+
+_ROLLOUT_SECONDS = 2.0  # [s], simulated in a policy's evaluation
+_ROLLOUT_TIMESTEPS = (0.002, 0.005)  # [s], of evaluation and of training
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchSettings:
+    """Sizes of the benchmarks."""
+
+    count: int = 1024
+    """Robots in training."""
+    control_steps: int = 50
+    """Steps of the training environment to measure."""
+    iterations: int = 2
+    """Training iterations to measure, of 24 control steps and one update each."""
+    threads: int = 1
+    """Threads of training, its environment and bare physics; controllers and IK use one."""
+    seconds: float = 4.0
+    """Simulated time over which the QP is measured, standing, walking and jumping each [s]."""
+    rollouts: int = 64
+    """Robots in a batch of a policy's evaluation, which stand for two simulated seconds."""
+    calls: int = 500
+    """Calls of the policy and of the IK to measure."""
+    ik_targets: int = 20
+    """Targets for our IK, mink and pink, 3 s each; mink and pink take part where they are installed."""
+    spacing: float = 0.25
+    """Spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]."""
+    side_by_side: int = 0
+    """Random states on which the whole-body QP, placo's dynamics solver and DAQP are compared; 0 for none. Needs the
+    development extras."""
+
+    def check(self) -> None:
+        """Check the values before any work.
+
+        Raises:
+            ConfigError: if a value is out of range, or a solver of the comparison is not installed.
+        """
+        counts = ("count", "control_steps", "iterations", "threads", "rollouts", "calls", "ik_targets")
+        for name in (*counts, "seconds", "spacing"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"{name} is {getattr(self, name)}; give a value above 0")
+        if self.ik_targets < 2:
+            raise ConfigError(
+                f"ik_targets is {self.ik_targets}; give 2 or more: targets within and out of reach alternate"
+            )
+        if self.side_by_side > 0 and not all(map(importlib.util.find_spec, ("qpsolvers", "daqp"))):
+            raise ConfigError("--side-by-side needs qpsolvers and DAQP; install them with: pip install 'hugwbc[dev]'")
+        from hugwbc.upper_ik.workspace import check_spacing
+
+        check_spacing(self.spacing)
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchFigures:
+    """Figures of all benchmarks.
+
+    Attributes:
+        environment: speed of the training environment.
+        training: speed of training.
+        qp: speed of the model-based controller, by gait.
+        evaluation: speed of a policy's evaluation, for each time step.
+        policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
+        ik: the inverse kinematics solvers, by name.
+        workspace: reachable part of a cube around the robot.
+        threads: threads of training, its environment and bare physics.
+        side_by_side: comparison of the QP solvers; None if it was not asked for.
+    """
+
+    environment: "EnvironmentSpeed"
+    training: "TrainingSpeed"
+    qp: dict[str, "QpSpeed"]
+    evaluation: list["RolloutSpeed"]
+    policy_tick_ms: dict[str, float | None]
+    ik_tick_ms: dict[str, float | None]
+    ik: dict[str, "IKFigures"]
+    workspace: "Workspace"
+    threads: int
+    side_by_side: "SideBySide | None" = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as JSON, without those that were not asked for."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
+
+
+def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None] | None = None) -> BenchFigures:
+    """Run all benchmarks.
+
+    Args:
+        settings: sizes of the benchmarks.
+        on_progress: called with the fraction done.
+
+    Raises:
+        ConfigError: if a setting is out of range.
+    """
+    settings.check()
+    # Loads torch and the controllers.
+    from hugwbc.benchmarks import speed
+    from hugwbc.benchmarks.hand_ik import compare_solvers
+    from hugwbc.learned.policy.policy import load_policy
+    from hugwbc.upper_ik.workspace import measure_workspace
+
+    advance = on_progress or (lambda fraction: None)
+    environment = speed.environment_speed(settings.count, settings.control_steps, threads=settings.threads)
+    advance(0.1)
+    bare = environment.bare_steps_per_s
+    training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)
+    advance(0.2)
+    qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.QP_COMMANDS.items()}
+    advance(0.3)
+    policy = load_policy()
+    evaluation = [
+        speed.rollout_speed(policy, settings.rollouts, _ROLLOUT_SECONDS, timestep) for timestep in _ROLLOUT_TIMESTEPS
+    ]
+    policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
+    solvers = compare_solvers(settings.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
+    workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
+    side_by_side = None
+    if settings.side_by_side > 0:
+        from hugwbc.benchmarks import qp_side_by_side
+
+        side_by_side = qp_side_by_side.side_by_side(settings.side_by_side)
+    return BenchFigures(
+        environment, training, qp, evaluation, policy_tick, ik_tick, solvers, workspace, settings.threads, side_by_side
+    )

@@ -1,0 +1,160 @@
+"""Check an installation by trying its parts: versions, robot models, controllers, training environment."""
+
+import dataclasses
+import importlib.metadata
+import platform
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.errors import HugwbcError
+
+PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "torch", "numpy", "safetensors", "meshcat", "tyro")
+SAMPLES = 20  # random states on which the models are compared
+
+
+class CheckError(Exception):
+    """A check found something wrong; the message says what."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckOutcome:
+    """Outcome of one check.
+
+    Attributes:
+        name: what was checked.
+        passed: whether it is as it should be.
+        text: what was found.
+    """
+
+    name: str
+    passed: bool
+    text: str
+
+
+def run_checks(on_progress: Callable[[float], None] | None = None) -> list[CheckOutcome]:
+    """Run every check and return the outcomes; a failed check does not stop the others.
+
+    Args:
+        on_progress: called with the fraction done.
+    """
+    outcomes = []
+    for index, (name, check) in enumerate(CHECKS.items()):
+        try:
+            outcomes.append(CheckOutcome(name, True, check()))
+        except (CheckError, HugwbcError, ImportError) as error:
+            outcomes.append(CheckOutcome(name, False, str(error)))
+        if on_progress is not None:
+            on_progress((index + 1) / len(CHECKS))
+    return outcomes
+
+
+def check_versions() -> str:
+    """Check that every package that hugwbc needs is installed."""
+    found = []
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            raise CheckError(f"{package} is not installed; run `pip install hugwbc` again") from None
+    return f"Python {platform.python_version()}, {', '.join(found)}"
+
+
+def check_masses() -> str:
+    """Check that the MuJoCo and the URDF model have the same mass."""
+    from hugwbc.kinematics import pinocchio_model
+    from hugwbc.sim import Simulation
+
+    urdf = sum(inertia.mass for inertia in pinocchio_model().inertias)
+    mjcf = float(Simulation().model.body_mass.sum())
+    if abs(urdf - mjcf) > 1e-6:
+        raise CheckError(f"h1.urdf weighs {urdf:.6f} kg, h1.xml {mjcf:.6f} kg; restore both from the repository")
+    return f"h1.xml and h1.urdf weigh {mjcf:.2f} kg"
+
+
+def check_agreement() -> str:
+    """Check that the MuJoCo and the URDF model agree on the mass matrix and the hands' positions in random states."""
+    import mujoco
+    import pinocchio as pin
+
+    from hugwbc.kinematics import Kinematics
+    from hugwbc.robot import SIDES
+    from hugwbc.sim import Simulation
+
+    simulation, kinematics, rng = Simulation(), Kinematics(), np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(SAMPLES):
+        q = rng.uniform(simulation.robot.lower, simulation.robot.upper)
+        state = simulation.reset(xy=(1.0, -2.0), yaw=float(rng.uniform(-3.0, 3.0)), q=q)
+        kinematics.update(state)
+        inertia = np.zeros((simulation.model.nv, simulation.model.nv))
+        mujoco.mj_fullM(simulation.model, simulation.data, inertia)
+        columns = 6 + np.arange(len(q))
+        joints = pin.crba(kinematics.model, kinematics.data, kinematics.q)[
+            np.ix_(kinematics.columns, kinematics.columns)
+        ]
+        hands = [kinematics.position(f"{s}_hand") - simulation.hand_position(s) for s in SIDES]
+        worst = max(worst, np.abs(joints - inertia[np.ix_(columns, columns)]).max(), np.abs(hands).max())
+    if worst > 1e-6:
+        raise CheckError(f"h1.xml and h1.urdf differ by up to {worst:.2g} in mass matrix or hand position")
+    return f"h1.xml and h1.urdf agree to {worst:.1e} on {SAMPLES} random states"
+
+
+def check_standing() -> str:
+    """Check that the model-based controller stands and squats for two seconds."""
+    from hugwbc.commands import Command
+    from hugwbc.runtime import Constant, rollout
+    from hugwbc.runtime.controllers import ControllerSpec
+    from hugwbc.sim import Simulation
+
+    trace = rollout(ControllerSpec("qp").build(), Constant(Command(h=-0.1)), Simulation(), duration=2.0)
+    if trace.fell or trace.safety.failures:
+        raise CheckError(f"the QP controller fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
+    return f"the QP controller stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
+
+
+def check_policies() -> str:
+    """Check that every shipped policy can be read."""
+    from hugwbc.learned.policy.policy import load_policy, shipped_policies
+
+    names = shipped_policies()
+    if not names:
+        raise CheckError("no policy is shipped in models/h1/policies; train one with `hugwbc train`")
+    for name in names:
+        load_policy(name)
+    return f"{', '.join(names)} can be read"
+
+
+def check_environment() -> str:
+    """Check that the training environment gives finite numbers, the same ones for the same seed."""
+    import torch
+
+    from hugwbc.learned.config import EnvConfig
+    from hugwbc.learned.env.humanoid_env import HumanoidEnv
+    from hugwbc.learned.policy.observations import JOINTS
+
+    count, steps = 8, 20
+    histories = []
+    for _ in range(2):
+        env = HumanoidEnv(EnvConfig(count=count), seed=7, threads=1)
+        generator = torch.Generator().manual_seed(7)
+        for _ in range(steps):
+            result = env.step(0.1 * torch.randn(count, JOINTS, generator=generator))
+            if not bool(torch.isfinite(result.reward).all()):
+                raise CheckError("a reward of the training environment is not finite")
+        histories.append(env.observe().critic)
+    if not bool(torch.isfinite(histories[0]).all()):
+        raise CheckError("an observation of the training environment is not finite")
+    if not torch.equal(*histories):
+        raise CheckError("two runs of the training environment with the same seed differ")
+    return f"{count} robots, {steps} steps: finite, and the same twice with one seed"
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "versions": check_versions,
+    "masses": check_masses,
+    "models": check_agreement,
+    "QP controller": check_standing,
+    "policies": check_policies,
+    "training environment": check_environment,
+}

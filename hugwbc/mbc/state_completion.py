@@ -1,0 +1,125 @@
+"""From a reading to the present state: position and velocity by leg odometry, age by prediction."""
+
+import collections
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+
+from hugwbc import rotations
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES
+from hugwbc.state import GRAVITY, RobotState
+
+_LONGEST_AGE = 0.03  # [s], age up to which a prediction is better than the reading
+
+
+class LegOdometry:
+    """Completes a state that lacks position or velocity, assuming that standing feet do not move.
+
+    The velocity of the pelvis is minus that of a standing sole as seen from a pelvis that does not translate. Of two
+    standing soles, the one counts that changes the velocity of the centre of mass less, because a foot that has just
+    come down may still slide. The position is the integral of that velocity, with the height taken from the lowest
+    standing sole on ground at z = 0. While no foot stands, the centre of mass falls freely and the pelvis follows it.
+    """
+
+    def __init__(self) -> None:
+        self._kinematics = Kinematics()
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again above the origin."""
+        self._position = np.zeros(3)
+        self._com, self._com_velocity = np.zeros(3), np.zeros(3)
+
+    def complete(self, state: RobotState, contact: np.ndarray, dt: float) -> RobotState:
+        """Return the state with position [m] and velocity [m/s] in the world; a complete state is returned as it is.
+
+        Args:
+            state: reading with or without position and velocity.
+            contact: whether the left and the right foot stand, shape (2,), bool.
+            dt: time since the last call [s].
+        """
+        if state.position is not None and state.velocity is not None:
+            return state
+        kinematics = self._kinematics
+        kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
+        com = pin.centerOfMass(kinematics.model, kinematics.data, kinematics.q, kinematics.v).copy()
+        com_velocity = kinematics.data.vcom[0].copy()
+        soles = [f"{side}_sole" for side, stands in zip(SIDES, contact, strict=True) if stands]
+        if soles:
+            told = [-kinematics.velocity(sole)[:3] for sole in soles]
+            velocity = min(told, key=lambda each: float(np.sum((each + com_velocity - self._com_velocity) ** 2)))
+            self._position += velocity * dt
+            self._position[2] = -min(kinematics.position(sole)[2] for sole in soles)
+        else:
+            # In flight the joints move the pelvis against the centre of mass, which alone follows a parabola.
+            fallen = np.array([0.0, 0.0, GRAVITY * dt])
+            self._position += self._com - com + (self._com_velocity - 0.5 * fallen) * dt
+            velocity = self._com_velocity - fallen - com_velocity
+        # Place of the centre of mass relative to the pelvis, and its velocity in the world.
+        self._com, self._com_velocity = com, velocity + com_velocity
+        return dataclasses.replace(
+            state,
+            position=self._position.copy() if state.position is None else state.position,
+            velocity=velocity if state.velocity is None else state.velocity,
+        )
+
+
+class Predictor:
+    """Carries a late reading to the present by integrating the accelerations that were commanded since.
+
+    Those accelerations contain the contacts that the QP planned, so that only what it did not foresee, such as an
+    impact, is seen late.
+    """
+
+    def __init__(self, kinematics: Kinematics, period: float) -> None:
+        """Set up for a robot model whose commanded accelerations each hold for `period` [s]."""
+        self._model = kinematics.model
+        self._columns = kinematics.columns
+        self._period = period
+        self._accelerations: collections.deque[np.ndarray] = collections.deque(maxlen=int(_LONGEST_AGE / period) + 1)
+
+    def reset(self) -> None:
+        """Forget all accelerations."""
+        self._accelerations.clear()
+
+    def record(self, acceleration: np.ndarray) -> None:
+        """Note the acceleration commanded for the next period: Pinocchio's dv/dt, shape (nv,)."""
+        self._accelerations.append(acceleration)
+
+    def predict(self, state: RobotState) -> RobotState:
+        """Return the state `state.age` later; one that is not old is returned as it is.
+
+        Args:
+            state: complete reading, with position and velocity.
+        """
+        if state.age <= 0.0:
+            return state
+        age = min(state.age, _LONGEST_AGE)
+        # Whole periods before the present, and the part of the period in which the reading was taken.
+        pieces = min(int(np.ceil(age / self._period - 1e-6)), len(self._accelerations))
+        if pieces <= 0:
+            return state
+        durations = np.full(pieces, self._period)
+        durations[0] = min(age - (pieces - 1) * self._period, self._period)
+        assert state.position is not None and state.velocity is not None
+        q, v = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        q[:3], q[3:6], q[6] = state.position, state.orientation[1:], state.orientation[0]
+        v[:3], v[3:6] = rotations.rotate_inverse(state.orientation, state.velocity), state.angular_velocity
+        q[self._columns + 1], v[self._columns] = state.q, state.dq
+        # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas.
+        for acceleration, duration in zip(list(self._accelerations)[-pieces:], durations, strict=True):
+            q = pin.integrate(self._model, q, duration * (v + 0.5 * duration * acceleration))
+            v += duration * acceleration
+        orientation = q[[6, 3, 4, 5]]
+        return dataclasses.replace(
+            state,
+            q=q[self._columns + 1],
+            dq=v[self._columns],
+            orientation=orientation,
+            angular_velocity=v[3:6],
+            position=q[:3],
+            velocity=rotations.rotate(orientation, v[:3]),
+            age=state.age - float(durations.sum()),
+        )

@@ -1,0 +1,45 @@
+"""What a control loop asks for commands and hand targets: the interface, and the simplest source."""
+
+import dataclasses
+from typing import Protocol, runtime_checkable
+
+from hugwbc.commands import Command
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+
+class CommandSource(Protocol):
+    """An object that gives commands and hand targets over time, such as a `Script` or a `Constant`."""
+
+    def command_at(self, t: float) -> Command:
+        """Return the command at time t [s]."""
+        ...
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets at time t [s]; None leaves the arms to the controller."""
+        ...
+
+
+@runtime_checkable
+class FollowingSource(CommandSource, Protocol):
+    """A command source whose commands depend on where the robot is."""
+
+    def follow(self, state: RobotState) -> None:
+        """Take the true state, before each `command_at`."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """The same command and hand targets at all times; without targets the controller moves the arms."""
+
+    command: Command
+    hands: HandTargets | None = None
+
+    def command_at(self, t: float) -> Command:
+        """Return the command."""
+        return self.command
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets."""
+        return self.hands

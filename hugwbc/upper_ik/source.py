@@ -1,0 +1,222 @@
+"""The source of arm targets for a control loop: a watch on the stream of hand targets, inverse kinematics, takeover."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import UpperBody
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.body_reach import BodyReach
+from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
+from hugwbc.upper_ik.solver import ArmIK, IKSolution
+from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class TargetCounts:
+    """What arrived in addition to good targets, since `TargetWatch.reset`.
+
+    Attributes:
+        bad: targets with a number that is not finite, including their stamp, or with a shape that is not a point.
+        late: targets made before one that had already arrived.
+        repeated: targets that had already arrived.
+        dropped: targets that never arrived, counted by the gaps in their sequence.
+        stale: how often the stream ended, so that the arms went back to the controller.
+    """
+
+    bad: int = 0
+    late: int = 0
+    repeated: int = 0
+    dropped: int = 0
+    stale: int = 0
+
+
+class TargetWatch:
+    """A watch on a stream of hand targets that passes on the newest good target until it is stale.
+
+    A target without a stamp, such as a script's, is new whenever it arrives. A target with a stamp (see `HandTargets`)
+    is new only if it is younger than all before it. After the stream has become stale, any other stamp is accepted;
+    otherwise one message from a wrong clock would shut out all that follow.
+
+    Attributes:
+        counts: what arrived in addition to good targets.
+        age: time since the newest good target was made [s].
+    """
+
+    def __init__(self, stale_time: float) -> None:
+        """Start without targets; the last good one is dropped after `stale_time` [s]."""
+        self.stale_time = stale_time
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the stream and the counts."""
+        self.counts = TargetCounts()
+        self.forget()
+
+    def forget(self) -> None:
+        """End the stream on purpose and allow a new one to begin."""
+        self.age = 0.0
+        self._newest: HandTargets | None = None
+        self._sequence: int | None = None
+        self._stamp: float | None = None
+        self._stale = False
+
+    def admit(self, hands: HandTargets, now: float, dt: float) -> HandTargets | None:
+        """Return the newest good target, or None without one or once it is stale.
+
+        Args:
+            hands: the targets that arrived last.
+            now: time on the clock of the stamps [s].
+            dt: time since the last tick [s].
+        """
+        self.age += dt if 0.0 < dt < math.inf else 0.0
+        if self._is_new(hands):
+            self._newest = hands
+            self._stamp = hands.stamp
+            self.age = 0.0 if hands.stamp is None else max(0.0, now - hands.stamp)
+        # A comparison with NaN is false: an age that is not a number counts as stale.
+        stale = self._newest is not None and not self.age <= self.stale_time
+        if stale and not self._stale:
+            self._count("stale")
+        self._stale = stale
+        return None if stale else self._newest
+
+    def _is_new(self, hands: HandTargets) -> bool:
+        if not hands.is_usable or (hands.stamp is not None and not math.isfinite(hands.stamp)):
+            self._count("bad")
+            return False
+        if hands.stamp is not None and self._stamp is not None:
+            repeated = hands.stamp == self._stamp
+            if repeated or (hands.stamp < self._stamp and not self._stale):
+                self._count("repeated" if repeated else "late")
+                return False
+        if hands.sequence is not None:
+            if self._sequence is not None:
+                self._count("dropped", max(0, hands.sequence - self._sequence - 1))
+            self._sequence = hands.sequence
+        return True
+
+    def _count(self, name: str, by: int = 1) -> None:
+        self.counts = dataclasses.replace(self.counts, **{name: getattr(self.counts, name) + by})
+
+
+class UpperBodySource:
+    """The arms' part of a control loop: hand targets in, external arm control out, once in every tick.
+
+    Attributes:
+        ik: the solver, with its counts of rejected targets and failures.
+        takeover: the hand-over of the arms, with its phase.
+        watch: the watch on the stream of targets, with the counts of unusable ones.
+        solution: the solver's last answer; None while the arms are released or follow joint targets.
+    """
+
+    def __init__(
+        self,
+        *,
+        gravity_compensation: bool,
+        ik: ArmIKConfig | None = None,
+        takeover: TakeoverConfig | None = None,
+    ) -> None:
+        """Build the solver.
+
+        Args:
+            gravity_compensation: True where PD alone drives the arms (the learned controller): targets are shifted
+                against the arms' weight, and the arms are damped. False where feed-forward torque carries them (the
+                QP).
+            ik: settings of the solver.
+            takeover: settings of the hand-over.
+        """
+        self.ik = ArmIK(ik)
+        self.takeover = Takeover(takeover)
+        self.watch = TargetWatch(self.takeover.config.stale_time)
+        self.solution: IKSolution | None = None
+        self._own: np.ndarray | None = None
+        self._by_joints = False
+        self._gravity = GravityCompensation() if gravity_compensation else None
+        self._damping = ArmDamping() if gravity_compensation else None
+        self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
+
+    def reset(self) -> None:
+        """Release the arms at once, for a new episode."""
+        self.takeover.reset()
+        self.watch.reset()
+        self.solution = None
+        self._own = None
+        self._body_reach = None
+
+    def update(
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the external control of the arms for this tick, and the command as the hands need it.
+
+        Bad numbers never raise: the arms hold their position, and the event is counted. A stream of targets that ends,
+        or that brings nothing usable any more, gives the arms back after `stale_time`.
+
+        Args:
+            state: the robot now.
+            hands: the targets of the hands or of the arm joints that arrived last; None gives the arms back to the
+                controller.
+            command: the user's command. Its h, p and w are changed for targets that ask for the whole body
+                (`BodyReach`), and brought back afterwards.
+            dt: time since the last tick [s].
+            commanded: the arm part of the last joint command [rad], shape (8,), if known. A takeover starts there, and
+                the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
+                measured arms (plus their sag, under gravity compensation) and a hand-back ends in the nominal pose.
+        """
+        arms = self._arms(state, hands, dt, commanded)
+        return arms, self._whole_body(state, hands, command, dt)
+
+    def _arms(self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None) -> UpperBody:
+        if hands is None:
+            self.watch.forget()
+        else:
+            hands = self.watch.admit(hands, state.time, dt)
+        if hands is None:
+            self.solution = None
+            return self.takeover.release(self._own, dt)
+        by_joints = hands.joints is not None
+        if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
+            self.ik.reset(state.q[self.ik.robot.arms])
+            self.takeover.blend()
+        self._by_joints = by_joints
+        start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
+        if hands.joints is None:
+            self.solution = self.ik.solve(hands, state, dt)
+            q, dq = self.solution.q, self.solution.dq
+        else:
+            self.solution = None
+            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
+        target = self._compensated(q, state)
+        if self._damping is not None:
+            target = target + self._damping(dq, state)
+        return self.takeover.follow(target, dq, dt, start)
+
+    def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
+        """Return the command with h, p and w as hand targets need them that ask for the whole body.
+
+        Targets that the arms do not follow, such as the last ones of a stream that has ended, ask for nothing.
+        """
+        followed = hands if self.solution is not None else None
+        if self._body_reach is None:
+            if followed is None or not followed.whole_body:
+                return command
+            self._body_reach = BodyReach()
+        return self._body_reach.update(followed, state, command, dt)
+
+    def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
+        """Return where the arm command is before a takeover, and keep it for the hand-back if the caller knows it."""
+        known = commanded is not None and np.all(np.isfinite(commanded))
+        self._own = np.array(commanded, dtype=float) if known else None
+        return self._compensated(self.ik.q, state) if self._own is None else self._own
+
+    def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
+        return q if self._gravity is None else self._gravity(q, state)

@@ -1,0 +1,227 @@
+"""Run a robot in front of a viewer: live in the browser at real time, or afterwards as a replay page.
+
+`watch` is what the examples use: one rollout, shown live if asked for, with a replay page to keep. `run_live` goes on
+until it is stopped and stands the robot up again after a fall. meshcat is loaded only when something is drawn.
+"""
+
+import pathlib
+import sys
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+
+from hugwbc.controller import Controller
+from hugwbc.errors import HugwbcError
+from hugwbc.runtime.loop import ArmSource, ControlLoop
+from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.command_source import CommandSource
+from hugwbc.sim import Force, Simulation
+
+FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
+FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
+PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
+USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
+
+Draw = Callable[[Moment], None]
+Tell = Callable[[str], object]
+
+
+class RealTime:
+    """A clock that holds simulated time back to real time.
+
+    Time that a slow computer loses is given up: the robot then moves in slow motion, and never faster than in reality.
+    """
+
+    def __init__(self) -> None:
+        """Start at a simulated time of 0."""
+        self._begin = time.monotonic()
+
+    def keep(self, simulated: float) -> None:
+        """Wait until as much real time has passed since the start as simulated time [s]."""
+        ahead = self._begin + simulated - time.monotonic()
+        if ahead > 0.0:
+            time.sleep(ahead)
+        else:
+            self._begin -= ahead
+
+    def pause(self, duration: float) -> None:
+        """Stop the clock for a duration [s]."""
+        time.sleep(duration)
+        self._begin += duration
+
+
+def open_view(name: str, *, browser: bool = True, tell: Tell = print) -> Draw:
+    """Open a live meshcat page with one robot, which only this machine can reach.
+
+    Args:
+        name: name of the controller.
+        browser: whether to open the page in the browser.
+        tell: receives the address of the page.
+
+    Returns:
+        A function that draws a moment.
+
+    Raises:
+        HugwbcError: if the page's server does not start.
+    """
+    from hugwbc.viz.meshcat_scene import Scene
+    from hugwbc.viz.server import open_visualizer
+
+    visualizer, address = open_visualizer()
+    scene = Scene(visualizer, [name])
+    tell(f"watch at {address}; Ctrl-C stops")
+    if browser and webbrowser.open(address):
+        time.sleep(PAGE_LOAD_TIME)
+
+    def draw(moment: Moment) -> None:
+        scene.robots[0].show(moment)
+        scene.look_at(moment.qpos[:2])
+
+    return draw
+
+
+def watch(
+    controller: Controller,
+    source: CommandSource,
+    simulation: Simulation | None = None,
+    upper_body: ArmSource | None = None,
+    *,
+    duration: float,
+    show: bool = False,
+    live: Draw | None = None,
+    replay: str | pathlib.Path | None = None,
+    forces: Sequence[Force] = (),
+    tell: Tell = print,
+) -> Trace:
+    """Run a controller from a standing start and let people see it.
+
+    Args:
+        controller: the controller; it runs behind the safety filter.
+        source: commands and hand targets over time, such as a `Script` or a `Constant`.
+        simulation: the robot; a new one by default.
+        upper_body: turns hand targets into arm targets; without it hand targets are ignored.
+        duration: how long to run [s]; a fall ends the run early.
+        show: show the run live in the browser.
+        live: another way to show the run live, called every `FRAME_PERIOD`.
+        replay: path of the replay page to write; None for no page.
+        forces: forces that disturb the robot.
+        tell: receives the addresses of what there is to see.
+
+    Returns:
+        The record of the run.
+
+    Raises:
+        ConfigError: if the duration is not above 0, or the controller's period is no multiple of the time step.
+        HugwbcError: if the live page's server does not start.
+    """
+    simulation = simulation or Simulation()
+    draw = open_view(controller.name, tell=tell) if show else live
+    clock, next_frame = RealTime(), 0.0
+
+    def draw_in_time(moment: Moment) -> None:
+        nonlocal next_frame
+        now = float(simulation.data.time)
+        if draw is not None and now >= next_frame - 1e-9:
+            next_frame += FRAME_PERIOD
+            draw(moment)
+            clock.keep(now)
+
+    trace = rollout(
+        controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=draw_in_time
+    )
+    if replay is not None:
+        keep_replay(replay, [trace], tell=tell)
+    return trace
+
+
+def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell = print) -> None:
+    """Write a replay page of one to four runs side by side, and tell where it is.
+
+    Args:
+        path: path of the page; missing folders are made.
+        traces: the runs.
+        tell: receives the path.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+        HugwbcError: if the page cannot be written.
+    """
+    from hugwbc.viz.replay import write_replay
+
+    path = pathlib.Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_replay(path, traces, title=f"hugwbc {path.stem}: {', '.join(trace.name for trace in traces)}")
+    except OSError as error:
+        raise HugwbcError(f"cannot write {path}: {error.strerror}; run where files can be written") from error
+    tell(f"replay in {path}")
+
+
+def fate(trace: Trace) -> str:
+    """Return how a run ended, as a part of a sentence: "stayed up for 6.0 s" or "fell after 1.2 s"."""
+    return f"fell after {trace.survived_s:.1f} s" if trace.fell else f"stayed up for {trace.survived_s:.1f} s"
+
+
+def run_live(
+    loop: ControlLoop,
+    duration: float,
+    draw: Draw | None = None,
+    *,
+    on_reset: Callable[[], None] | None = None,
+    tell: Tell = print,
+) -> None:
+    """Run a control loop, at real time if there is a viewer.
+
+    A robot that fell stands up again, and the commands restart.
+
+    Args:
+        loop: the control loop; it is reset first.
+        duration: how long to run, falls included [s]; infinite to run until Ctrl-C.
+        draw: draws a moment; None to run as fast as possible.
+        on_reset: called after the robot has stood up again.
+        tell: receives a line for each fall and, at the end, how the run went.
+    """
+    falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
+    messages: list[str] = []
+    loop.reset()
+    clock = RealTime()
+    while simulated < duration - 1e-9:
+        loop.step(loop.decide(t), loop.period)
+        t += loop.period
+        simulated += loop.period
+        if draw is not None and simulated >= next_frame:
+            next_frame += FRAME_PERIOD
+            draw(loop.moment())
+            clock.keep(simulated)
+        if loop.simulation.fallen:
+            falls += 1
+            tell(f"fell after {t:.1f} s; standing up again")
+            if draw is not None:
+                clock.pause(FALLEN_PAUSE)
+            messages += loop.safe.report().messages  # the reset clears them
+            loop.reset()
+            t = 0.0
+            if on_reset is not None:
+                on_reset()
+    tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
+    for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
+        tell(f"safety: {message}")
+
+
+def run_script(main: Callable[..., object]) -> None:
+    """Call a script's `main` with options from the command line; a bad value ends it with a message and exit code 2.
+
+    Args:
+        main: a function whose arguments have types, defaults and a docstring, which becomes the help text.
+    """
+    import tyro
+
+    try:
+        tyro.cli(main)
+    except HugwbcError as error:
+        sys.stderr.write(f"{pathlib.Path(sys.argv[0]).name}: {error}\n")
+        sys.exit(USAGE_ERROR)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,117 @@
+"""Synthetic records of runs, short and cheap: for metrics with prescribed errors, for pictures with moving parts."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc.kinematics import MEASURED_NAMES
+from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.trace import Trace
+
+
+def _synthetic_trace(
+    command: Command | None = None,
+    *,
+    duration: float = 10.0,
+    bias: dict[str, float] | None = None,
+    frequency: float | None = None,
+    apex: float | None = None,
+    **fields,
+) -> Trace:
+    """Return a record that executes a command exactly, apart from the prescribed deviations.
+
+    Feet touch down every 1 / frequency seconds, the right one half a cycle later, and each swing rises to the apex.
+    """
+    command = command or Command(gait=Gait.WALKING)
+    frequency = command.f if frequency is None else frequency
+    apex = command.l if apex is None else apex
+    time = np.arange(round(duration * 50)) / 50
+    n = time.size
+    measured = np.stack(
+        [np.full(n, getattr(command, name) + (bias or {}).get(name, 0.0)) for name in MEASURED_NAMES], axis=1
+    )
+    offsets = (0.0, 0.5)
+    phases = [(time * frequency + offset) % 1.0 for offset in offsets]
+    clearance = np.stack([apex * np.clip(np.sin(np.pi * (phase - 0.5) / 0.5), 0.0, None) for phase in phases], axis=1)
+    downs = tuple(np.arange(1.0 - offset, duration * frequency) / frequency for offset in offsets)
+    values = {
+        "name": "synthetic",
+        "time": time,
+        "command": np.tile(command.array(), (n, 1)),
+        "gait": np.full(n, int(command.gait)),
+        "measured": measured,
+        "clearance": clearance,
+        "foot_contact": clearance <= 0.0,
+        "phase": phases[1],
+        "foot_force": np.zeros((n, 2, 3)),
+        "pressure_centre": np.full((n, 2, 3), np.nan),
+        "foothold": np.full((n, 2, 2), np.nan),
+        "qpos": np.zeros((n, 26)),
+        "qvel": np.zeros((n, 25)),
+        "target": np.zeros((n, 19)),
+        "hand_target_world": np.full((n, 2, 3), np.nan),
+        "arm_target": np.full((n, 8), np.nan),
+        "hand_error": np.full((n, 2), np.nan),
+        "reachable": np.zeros((n, 2), dtype=bool),
+        "torque": np.zeros((n, 19)),
+        "tick_ms": np.full(n, 0.1),
+        "ik_ms": np.zeros(n),
+        "touch_downs": downs,
+        "fell": False,
+        "survived_s": duration,
+        "steps": n,
+        "safety": SafetyReport(ticks=n),
+    }
+    return Trace(**{**values, **fields})
+
+
+def _run(name: str = "qp", seconds: float = 1.0, seed: int = 0, *, hands: bool = True, fell: bool = False) -> Trace:
+    """Return a record of a robot that moves ahead and turns: half a second on each foot, hand targets half the time."""
+    rng = np.random.default_rng(seed)
+    robot = load_robot()
+    time = np.arange(round(seconds * 50)) / 50
+    count = len(time)
+    orientation = np.array([rotations.from_yaw_pitch_roll(yaw, 0.1, 0.0) for yaw in 0.4 * time])
+    position = np.column_stack((0.5 * time, np.zeros(count), np.full(count, 0.95)))
+    joints = robot.nominal + 0.2 * np.sin(time)[:, None] * rng.uniform(-1, 1, 19)
+    targets = position[:, None] + rng.uniform(0.2, 0.4, (count, 2, 3))
+    targets[: count // 2] = np.nan
+    if not hands:
+        targets[:] = np.nan
+    # The left foot swings first; the foot in the air has a foothold.
+    phase = time % 1.0
+    contact = np.stack((phase >= 0.5, phase < 0.5), axis=1)
+    feet = position[:, None] + np.array([[0.05, 0.2, -0.95], [0.05, -0.2, -0.95]])
+    return _synthetic_trace(
+        Command(v_x=0.5, omega=0.4, f=2.0, l=0.15, p=0.1, gait=Gait.WALKING),
+        duration=seconds,
+        name=name,
+        measured=np.tile([0.5, 0, 0.4, -0.03, 0.1, 0], (count, 1)) + 0.01 * rng.normal(size=(count, 6)),
+        clearance=np.abs(rng.normal(size=(count, 2))) * 0.1,
+        phase=phase,
+        foot_contact=contact,
+        foot_force=np.where(contact[..., None], [0.0, 30.0, 500.0], 0.0),
+        pressure_centre=np.where(contact[..., None], feet, np.nan),
+        foothold=np.where(contact[..., None], np.nan, feet[..., :2] + 0.1),
+        touch_downs=(np.arange(0.5, seconds, 1.0), np.arange(1.0, seconds, 1.0)),
+        qpos=np.hstack((position, orientation, joints)),
+        hand_target_world=targets,
+        arm_target=np.where(np.isfinite(targets[:, 0, :1]), joints[:, robot.arms] + 0.1, np.nan),
+        hand_error=np.linalg.norm(targets - position[:, None], axis=2),
+        torque=rng.normal(size=(count, 19)),
+        fell=fell,
+    )
+
+
+@pytest.fixture
+def synthetic_trace() -> Callable[..., Trace]:
+    """The function that makes a record with prescribed errors: `synthetic_trace(command, bias={"v_x": 0.1})`."""
+    return _synthetic_trace
+
+
+@pytest.fixture
+def make_run() -> Callable[..., Trace]:
+    """The function that makes a record for pictures, with hand targets in its second half unless `hands` is False."""
+    return _run

@@ -1,0 +1,24 @@
+import pytest
+
+from hugwbc.evaluation import installation
+
+
+@pytest.mark.parametrize("name", installation.CHECKS)
+def test_each_check_passes_here(name):
+    assert installation.CHECKS[name]()
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setattr(installation, "PACKAGES", ("numpy", "no-such-package-as-this"))
+    with pytest.raises(installation.CheckError, match="no-such-package-as-this is not installed"):
+        installation.check_versions()
+
+
+def test_different_masses_are_noticed(monkeypatch):
+    from hugwbc import kinematics
+
+    heavier = kinematics.pinocchio_model().copy()
+    heavier.inertias[1] = heavier.inertias[1] + heavier.inertias[1]
+    monkeypatch.setattr(kinematics, "pinocchio_model", lambda: heavier)
+    with pytest.raises(installation.CheckError, match=r"h1\.urdf weighs"):
+        installation.check_masses()

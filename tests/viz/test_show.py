@@ -1,0 +1,100 @@
+"""Runs in front of a viewer: what is drawn and when, what is told, and what is left to look at."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from hugwbc import Command
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.runtime import Constant, ControlLoop
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.sim import Simulation
+from hugwbc.viz import show
+
+
+def test_the_clock_keeps_real_time_and_gives_up_lost_time(monkeypatch):
+    slept, now = [], [10.0]
+    monkeypatch.setattr(show.time, "sleep", slept.append)
+    monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
+    clock = show.RealTime()
+    now[0] = 10.5
+    clock.keep(0.7)
+    assert slept == [pytest.approx(0.2)]
+    clock.keep(0.3)
+    assert len(slept) == 1
+    # Two tenths of a second are lost: 0.7 s of simulated time are over at 10.9.
+    clock.keep(0.7)
+    assert slept[1:] == [pytest.approx(0.4)]
+
+
+def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
+    told, drawn, simulation = [], [], Simulation()
+    page = tmp_path / "out" / "hold.html"
+    trace = show.watch(
+        HoldController(),
+        Constant(Command(w=0.3)),
+        simulation,
+        duration=0.4,
+        live=lambda moment: drawn.append((simulation.data.time, moment)),
+        replay=page,
+        tell=told.append,
+    )
+    times = np.array([time for time, _ in drawn])
+    assert times == pytest.approx(np.arange(0.0, 0.4, show.FRAME_PERIOD), abs=1e-6)
+    assert np.stack([moment.qpos for _, moment in drawn]) == pytest.approx(trace.qpos[::2])
+    assert told == [f"replay in {page}"]
+    assert "set_animation" in page.read_text(encoding="utf-8")
+    assert show.fate(trace) == "stayed up for 0.4 s"
+
+
+def test_a_live_run_opens_a_page_and_tells_its_address(monkeypatch):
+    opened, told = [], []
+    monkeypatch.setattr(show.webbrowser, "open", opened.append)
+    show.watch(HoldController(), Constant(Command()), duration=0.1, show=True, tell=told.append)
+    (address,) = opened
+    assert address.startswith("http://127.0.0.1") and told == [f"watch at {address}; Ctrl-C stops"]
+
+
+def test_a_page_that_cannot_be_written_is_an_error_that_says_so(make_run, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(HugwbcError, match=r"cannot write .*01\.html"):
+        show.keep_replay(tmp_path / "out" / "01.html", [make_run(seconds=0.1)], tell=print)
+
+
+def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):
+    """A fall clears the filter's counters."""
+
+    class Stumbling(HoldController):
+        """Fails once, and falls; then it stands until the end."""
+
+        ticks = 0
+
+        def act(self, state, command, upper_body):
+            self.ticks += 1
+            if self.ticks == 3:
+                raise RuntimeError("stumbled")
+            return super().act(state, command, upper_body)
+
+    show.run_live(ControlLoop(Stumbling(), Constant(Command()), Simulation()), 1.7)
+    text = capsys.readouterr().out
+    assert "standing up again" in text and "hold: 1.7 s simulated, 1 falls" in text
+    assert "safety: hold raised RuntimeError: stumbled" in text
+
+
+def test_a_script_reads_its_options_and_ends_with_a_message_on_bad_ones(monkeypatch, capsys):
+    seen = []
+
+    def main(value: float = 1.0) -> None:
+        if value < 0.0:
+            raise ConfigError(f"value is {value}; give 0 or more")
+        seen.append(value)
+
+    monkeypatch.setattr(sys, "argv", ["folder/example.py", "--value", "3"])
+    show.run_script(main)
+    assert seen == [3.0]
+    monkeypatch.setattr(sys, "argv", ["folder/example.py", "--value", "-3"])
+    with pytest.raises(SystemExit) as end:
+        show.run_script(main)
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "example.py: value is -3.0; give 0 or more\n"
