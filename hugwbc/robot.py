@@ -1,4 +1,4 @@
-"""The robot's names, groups, limits and gains, read from the one table `models/h1/h1.yaml`."""
+"""The robot's names, groups, limits and gains, read from the table `models/h1/h1.yaml`."""
 
 import dataclasses
 import functools
@@ -17,7 +17,7 @@ _ARM_PARTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
 
 def model_dir() -> pathlib.Path:
-    """Folder of the robot description: inside an installed package, or beside it in a source checkout.
+    """Return the folder of the robot description: inside an installed package, or next to it in a source checkout.
 
     Raises:
         ModelError: if neither exists.
@@ -26,26 +26,26 @@ def model_dir() -> pathlib.Path:
     for candidate in (package / "models" / "h1", package.parent / "models" / "h1"):
         if (candidate / "h1.yaml").is_file():
             return candidate
-    raise ModelError(f"models/h1 was found neither in {package} nor beside it; reinstall hugwbc with its models")
+    raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Robot:
-    """Everything about the robot that is not dynamics. Arrays follow `joint_names` and are read-only.
+    """Names, limits, gains and dimensions of the robot. Arrays follow `joint_names` and are read-only.
 
     Attributes:
-        joint_names: the 19 joints, in the order of every joint vector.
+        joint_names: names of the 19 joints, in the order of every joint vector.
         lower, upper: joint position limits [rad], shape (19,).
         velocity_limit: joint speed limits [rad/s], shape (19,).
-        torque_limit: the smaller of the maker's effort and the policy's torque clip [N*m], shape (19,).
+        torque_limit: smaller of the maker's effort limit and the policy's torque clip [N*m], shape (19,).
         kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (19,).
         nominal: default joint positions [rad], shape (19,).
         axes: joint axes in the joint's own frame, shape (19, 3).
-        armature: rotor inertia added to every joint [kg*m^2].
+        armature: rotor inertia reflected to every joint [kg*m^2].
         damping: viscous friction of every joint [N*m*s/rad].
-        nominal_height: pelvis origin above flat ground at h = 0 [m].
+        nominal_height: height of the pelvis origin above flat ground at h = 0 [m].
         sole_x, sole_y: extent of the flat sole in the ankle link's frame [m].
-        contact_links: links whose contacts are flagged in the privileged observation.
+        contact_links: links whose contacts the privileged observation flags.
     """
 
     joint_names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Robot:
     contact_links: tuple[str, ...]
 
     def index(self, name: str) -> int:
-        """Position of a joint in every joint vector.
+        """Return the position of a joint in every joint vector.
 
         Raises:
             UnknownNameError: if no joint has that name.
@@ -76,7 +76,7 @@ class Robot:
             raise UnknownNameError("joint", name, self.joint_names) from None
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
-        """Positions of several joints."""
+        """Return the positions of several joints in every joint vector, shape (n,)."""
         return np.array([self.index(name) for name in names])
 
     @functools.cached_property
@@ -129,10 +129,10 @@ def _frozen(values: Sequence[Any]) -> np.ndarray:
 
 @functools.cache
 def load_robot() -> Robot:
-    """The H1 of `models/h1/h1.yaml`.
+    """Load the H1 of `models/h1/h1.yaml`.
 
     Raises:
-        ModelError: if the table is missing or a field of it is.
+        ModelError: if the table or one of its fields is missing.
     """
     path = model_dir() / "h1.yaml"
     table = yaml.safe_load(path.read_text())

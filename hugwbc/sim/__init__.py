@@ -1,4 +1,4 @@
-"""The H1 in MuJoCo: on a plane or a height field."""
+"""Simulation of the H1 in MuJoCo, on a plane or a height field."""
 
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.sensors import SensorNoise

@@ -1,4 +1,4 @@
-"""Many H1s at once on `mujoco.batch`: live state arrays, per-robot model parameters, guarded stepping."""
+"""Many H1s at once on `mujoco.batch`: live state arrays, model parameters per robot, and divergence checks."""
 
 import mujoco
 import numpy as np
@@ -12,17 +12,17 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState
 
 _FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADCTRL)]
-WARNING_COUNT = 1  # second column of MuJoCo's warning table: how often; the first says where
+WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warnings; column 0 holds the last index
 
 
 class BatchSimulation:
-    """`count` robots on the same ground. All arrays are live: reading gives the state after the last step.
+    """A batch of robots on the same ground. All arrays are live: they show the state after the last step.
 
     Attributes:
-        qpos, qvel: state, shapes (count, 26) and (count, 25); writable, followed by `forward`.
+        qpos, qvel: state, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
-        warm_start: the constraint solver's starting point, shape (count, 25); a bit-exact resumption needs it.
+        warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
 
     def __init__(
@@ -37,14 +37,14 @@ class BatchSimulation:
 
         Args:
             count: number of robots.
-            timestep: of the physics [s].
-            terrain: the ground; None for a plane.
-            threads: of the simulation; 0 for all processors.
+            timestep: physics time step [s].
+            terrain: height field to stand on; None for a plane.
+            threads: number of threads; 0 for one per processor.
         """
         self.robot = load_robot()
         self.model = load_model(timestep, terrain, lean=True)
         self.terrain = terrain
-        # Persistent data let a step continue from the position and velocity stages that the last step already made.
+        # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)
         self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self.ctrl = self.batch.bind("ctrl")
@@ -59,7 +59,7 @@ class BatchSimulation:
         self.batch.reset(keyframe=0)
 
     def _index_sensors(self) -> None:
-        """Find the columns of the sensors."""
+        """Find the columns of the sensor data."""
         self._columns = {
             self.model.sensor(i).name: slice(int(adr), int(adr + dim))
             for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
@@ -76,12 +76,12 @@ class BatchSimulation:
         return self.batch.nsim
 
     def step(self, substeps: int) -> np.ndarray:
-        """Advance all robots; positions, velocities and their sensors are current afterwards.
+        """Advance all robots and update everything that depends on positions and velocities.
 
-        MuJoCo silently restarts a simulation that diverges; its warning counters tell, and are cleared first.
+        MuJoCo silently resets a simulation that diverges. Only its warning counters show it, so they are cleared first.
 
         Returns:
-            Which robots diverged, shape (count,), bool.
+            Which robots diverged, bool, shape (count,).
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
@@ -89,7 +89,7 @@ class BatchSimulation:
         return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
 
     def states(self) -> list[RobotState]:
-        """The true state of every robot, as a controller of one robot takes it."""
+        """Return the true state of every robot in the form that a controller of one robot expects."""
         return [
             RobotState(
                 q=qpos[7:].copy(),
@@ -104,7 +104,7 @@ class BatchSimulation:
         ]
 
     def forward(self, ids: np.ndarray) -> None:
-        """Bring the derived quantities of some robots up to date after a write to their state."""
+        """Recompute the derived quantities of some robots after their state was written."""
         self.batch.forward(ids=ids)
         if self._footing is not None:
             self._place_feet(ids)
@@ -118,28 +118,28 @@ class BatchSimulation:
 
     @property
     def footing(self) -> np.ndarray:
-        """Where the feet's contact spheres and plane were in the last contact search, for `restore_footing`."""
+        """Positions of the contact spheres and their plane in the last contact search, for `restore_footing`."""
         return np.zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms]
 
     def restore_footing(self, footing: np.ndarray) -> None:
-        """Set what `footing` gave and search for contacts with it; a bit-exact resumption on terrain needs it."""
+        """Set a value of `footing` and search for contacts; needed to resume bit by bit on terrain."""
         if self._footing is not None:
             self._geom_pos[:, self._footing.geoms] = footing
             self.batch.forward(ids=np.arange(self.count))
 
     def sole_position(self) -> np.ndarray:
-        """Centres of both soles in the world [m], shape (count, 2, 3)."""
+        """Return the centres of both soles in the world [m], shape (count, 2, 3)."""
         return self._sensors[:, self._both_feet["sole_position"]].reshape(-1, 2, 3)
 
     def sole_velocity(self) -> np.ndarray:
-        """Velocities of both sole centres in the world [m/s], shape (count, 2, 3)."""
+        """Return the velocities of both sole centres in the world [m/s], shape (count, 2, 3)."""
         return self._sensors[:, self._both_feet["sole_velocity"]].reshape(-1, 2, 3)
 
     def foot_force(self) -> np.ndarray:
-        """Ground reaction on both feet in the world [N], shape (count, 2, 3)."""
-        # The sensor gives the force of the link on its surroundings; the reaction is its opposite.
+        """Return the ground reaction on both feet in the world [N], shape (count, 2, 3)."""
+        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
         return -self._sensors[:, self._both_feet["foot_force"]].reshape(-1, 2, 3)
 
     def link_force(self) -> np.ndarray:
-        """Contact force magnitude on each of `Robot.contact_links` [N], shape (count, 11)."""
+        """Return the magnitude of the contact force on each of `Robot.contact_links` [N], shape (count, 11)."""
         return np.linalg.norm(self._sensors[:, self._link_forces].reshape(self.count, -1, 3), axis=2)

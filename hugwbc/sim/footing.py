@@ -1,12 +1,14 @@
-"""Feet on a height field: each contact sphere meets a plane at the height of the ground below it.
+"""Contact of the feet with a height field: each contact sphere meets a plane at the height of the ground below it.
 
-MuJoCo collides with a height field as with upright prisms. A small sphere that an impact presses in by more than its
-radius leaves its prism by the nearest face, near an edge of the grid a vertical one: at 2 cm half of the contacts of a
-foot push sideways, even on level ground, and robots stumble over nothing. So the spheres of the soles do not collide
-with the field. They meet a plane through the ground below the pelvis, and each sphere is moved within its foot by
-the difference to the ground's height at its own place. On plane ground this is the plane, exactly. Contact normals are
-those of the ground's mean plane, and the point of contact is off by that difference: right for gentle ground of a few
-centimetres about a level or a slope, not for steps. The other links collide with the field.
+MuJoCo treats a height field as upright prisms. If an impact presses a small sphere in by more than its radius, the
+sphere leaves its prism through the nearest face. Near an edge of the grid this face is vertical: with a grid of 2 cm,
+half of a foot's contacts push sideways even on level ground, and robots stumble over nothing.
+
+The spheres of the soles therefore do not collide with the field. They meet a plane through the ground below the
+pelvis, and each sphere is moved within its foot by the difference between the plane and the ground at its own place.
+On flat ground the result is exactly the plane. Contact normals are those of the ground's mean plane, and the contact
+point is off by the difference in height. This suits gentle ground, a few centimetres about a level or a slope, but not
+steps. All other links collide with the field.
 """
 
 import math
@@ -17,11 +19,11 @@ import numpy as np
 from hugwbc.sim.terrain import HeightField
 
 PLANE_NAME = "footing"
-FOOT_CONTACT_BIT = 2  # of spheres and plane alone
+FOOT_CONTACT_BIT = 2  # only the spheres and their plane have it
 
 
 def add_footing(spec: mujoco.MjSpec, terrain: HeightField) -> None:
-    """Add the plane for the soles' spheres to a model whose floor is this height field."""
+    """Add the plane for the spheres of the soles to a model whose floor is this height field."""
     rise_x, rise_y = terrain.gradient
     floor = spec.geom("floor")
     spec.worldbody.add_geom(
@@ -31,21 +33,21 @@ def add_footing(spec: mujoco.MjSpec, terrain: HeightField) -> None:
         contype=FOOT_CONTACT_BIT,
         conaffinity=0,
         friction=floor.friction,
-        rgba=[0.0, 0.0, 0.0, 0.0],  # neither seen nor hit by rays
+        rgba=[0.0, 0.0, 0.0, 0.0],  # invisible, and rays pass through it
         group=floor.group,
-        # A pose of its own: MuJoCo does not look at the position of a geom that lies at its body's origin.
+        # Any offset will do: MuJoCo ignores later changes of a position that is compiled as the body's origin.
         pos=[0.0, 0.0, -1e-3],
         zaxis=np.array([-rise_x, -rise_y, 1.0]) / math.sqrt(1.0 + rise_x**2 + rise_y**2),
     )
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE and geom.conaffinity:
             geom.conaffinity = FOOT_CONTACT_BIT
-    # Its boxes around bodies are those of the spheres' first places.
+    # The midphase would use bounding boxes around the original positions of the spheres.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
 
 class Footing:
-    """Where plane and spheres are, for one robot or many.
+    """Positions of the plane and the spheres, for one robot or many.
 
     Attributes:
         geoms: indices of the spheres and, last, the plane.
@@ -55,8 +57,8 @@ class Footing:
         """Find the geoms.
 
         Args:
-            model: with `add_footing`.
-            terrain: the ground.
+            model: model that `add_footing` has changed.
+            terrain: height field of the ground.
         """
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
         self.geoms = np.append(spheres, model.geom(PLANE_NAME).id)
@@ -68,28 +70,28 @@ class Footing:
         self._radius = model.geom_size[spheres, 0].copy()
 
     def positions(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
-        """Places of `geoms` in their bodies [m], shape (..., geoms, 3).
+        """Return the positions of `geoms` in their bodies [m], shape (..., geoms, 3).
 
         Args:
             xpos: origins of the bodies in the world [m], shape (..., bodies, 3).
-            xmat: their axes in the world, shape (..., bodies, 9).
+            xmat: rotations from the bodies to the world, row by row, shape (..., bodies, 9).
         """
         rotation, points = self._spheres(xpos, xmat)
-        # A diverged robot may be nowhere.
+        # The position of a diverged robot may be NaN.
         pelvis, below = np.nan_to_num(xpos[..., self._pelvis, :2]), np.nan_to_num(points[..., :2])
-        # Of the plane through the ground below the pelvis, at the world's origin and at the spheres.
+        # Height of the plane through the ground below the pelvis at the world's origin; height of the ground above it.
         base = self._terrain.height_at(pelvis) - pelvis @ self._gradient
         above = self._terrain.height_at(below) - below @ self._gradient - base[..., None]
         result = np.zeros((*xpos.shape[:-2], len(self.geoms), 3))
-        # The world's vertical in the axes of the foot is the third row of its rotation.
+        # The third row of a foot's rotation is the world's vertical in the axes of the foot.
         result[..., :-1, :] = self._nominal - above[..., None] * np.nan_to_num(rotation[..., 2, :])
         result[..., -1, 2] = base
         return result
 
     def depth(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
-        """How far the deepest sphere is in the mean plane through the ground below the pelvis, 0 if none is [m].
+        """Return how deep the lowest sphere lies in the mean plane through the ground below the pelvis, at least 0 [m].
 
-        Bodies as in `positions`; shape (...).
+        Arguments as in `positions`; shape (...).
         """
         _, points = self._spheres(xpos, xmat)
         pelvis = xpos[..., self._pelvis, :2]
@@ -98,6 +100,6 @@ class Footing:
         return np.maximum(sunk.max(axis=-1), 0.0)
 
     def _spheres(self, xpos: np.ndarray, xmat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes of the spheres' bodies, shape (..., spheres, 3, 3), and the unmoved spheres [m], (..., spheres, 3)."""
+        """Return rotations of the spheres' bodies (..., spheres, 3, 3) and original centres (..., spheres, 3) [m]."""
         rotation = xmat[..., self._bodies, :].reshape(*xmat.shape[:-2], len(self._bodies), 3, 3)
         return rotation, xpos[..., self._bodies, :] + np.einsum("...sij,sj->...si", rotation, self._nominal)

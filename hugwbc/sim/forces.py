@@ -1,4 +1,4 @@
-"""Forces on the robot by plan: how much, on which link, from when to when."""
+"""Planned forces on the robot: how large, on which link, and when."""
 
 import dataclasses
 import math
@@ -11,19 +11,19 @@ from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 
 FRAMES = ("world", "heading")
-_ROUNDING = 1e-9  # [s], of sums of time steps
+_ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
 @dataclasses.dataclass(frozen=True)
 class Force:
-    """A force that is constant while it acts, at the centre of mass of a link.
+    """A force that acts at the centre of mass of a link and is constant while it acts.
 
     Attributes:
-        vector: [N].
-        start: when it sets in [s].
-        duration: for how long it acts [s]; None for all the time that follows.
+        vector: the force [N].
+        start: time at which it sets in [s].
+        duration: how long it acts [s]; None if it never ends.
         link: name of the link.
-        frame: "world", or "heading": turned by the robot's yaw at the start of the force, and constant from then on.
+        frame: "world", or "heading": turned by the robot's yaw when the force sets in, then constant in the world.
     """
 
     vector: tuple[float, float, float]
@@ -43,19 +43,19 @@ class Force:
             raise UnknownNameError("frame of a force", self.frame, FRAMES)
 
     def acts_at(self, t: float) -> bool:
-        """Whether it acts in the physics step that begins at time t [s]."""
+        """Return whether it acts in the physics step that begins at time t [s]."""
         begun = t >= self.start - _ROUNDING
         return begun and (self.duration is None or t < self.start + self.duration - _ROUNDING)
 
 
 class Disturber:
-    """Applies forces to one robot; those that act on one link at one time add up."""
+    """Applies forces to one robot; forces that act on the same link at the same time add up."""
 
     def __init__(self, model: mujoco.MjModel, forces: Sequence[Force]) -> None:
         """Find the links.
 
         Raises:
-            UnknownNameError: if no link has the name of a force's.
+            UnknownNameError: if a force names a link that does not exist.
         """
         links = {model.body(i).name: i for i in range(1, model.nbody)}
         for force in forces:
@@ -66,19 +66,19 @@ class Disturber:
         self.reset()
 
     def reset(self) -> None:
-        """Begin a new run at time 0."""
+        """Start a new run at time 0."""
         self._acting: dict[int, np.ndarray] = {}
 
     def update(self, t: float, qpos: np.ndarray, xfrc_applied: np.ndarray) -> bool:
-        """Set the forces for the physics step that begins at time t; touches nothing but the links of its forces.
+        """Set the forces for the physics step that begins at time t; only the links of its forces are written.
 
         Args:
-            t: [s].
-            qpos: of the robot, whose yaw turns the forces in the heading frame, shape (26,).
-            xfrc_applied: MuJoCo's forces on bodies, in the world [N], [N*m], shape (bodies, 6); written to.
+            t: time [s].
+            qpos: positions of the robot, shape (26,); its yaw turns forces in the heading frame.
+            xfrc_applied: MuJoCo's forces on bodies in the world [N], [N*m], shape (bodies, 6); written in place.
 
         Returns:
-            Whether anything has changed.
+            Whether a force has set in or ended.
         """
         acting = {i for i, force in enumerate(self._forces) if force.acts_at(t)}
         if acting == self._acting.keys():

@@ -1,4 +1,4 @@
-"""Many robots on a plane, each of which moves exactly as `Simulation` moves one."""
+"""Many robots on a plane that each move exactly as the robot of a `Simulation` does."""
 
 import copy
 from collections.abc import Sequence
@@ -18,29 +18,29 @@ _DIVERGED = [int(warning) for warning in DIVERGED]
 
 
 class LockstepSimulation:
-    """n robots that step together, to the last bit what n `Simulation`s do with exact sensors on a plane.
+    """n robots that step together, equal to the last bit to n `Simulation`s on a plane with exact sensors.
 
-    All arrays are live: reading gives what the last step left.
+    All arrays are live: they show the state after the last step.
 
     Attributes:
-        model: of a robot as described, for the names and numbers of links.
+        model: model of the robot as described, for the names and numbers of its links.
         qpos, qvel: state, shapes (n, 26) and (n, 25).
-        forces: on the bodies, in the world [N, N*m], shape (n, bodies, 6); writable.
+        forces: external forces and torques on the bodies in the world [N, N*m], shape (n, bodies, 6); writable.
         torque: joint torques [N*m], shape (n, 19).
-        diverged: whose physics failed, shape (n,), bool.
+        diverged: which robots' physics failed, bool, shape (n,).
     """
 
     def __init__(
         self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray, *, timestep: float, threads: int = 1
     ) -> None:
-        """Stand the robots up.
+        """Build the models and place every robot in the nominal pose.
 
         Args:
-            variations: of each robot from its description.
-            kp: stiffness that the joints keep [N*m/rad], shape (n, 19).
-            kd: their damping [N*m*s/rad], shape (n, 19).
-            timestep: of the physics [s].
-            threads: that share the robots.
+            variations: difference of each robot from its description.
+            kp: joint stiffness for the whole run [N*m/rad], shape (n, 19).
+            kd: joint damping for the whole run [N*m*s/rad], shape (n, 19).
+            timestep: physics time step [s].
+            threads: number of threads that share the robots.
         """
         self.model = load_model(timestep, lean=True)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
@@ -56,7 +56,7 @@ class LockstepSimulation:
         self._index_sensors()
 
     def _set_models(self, variations: Sequence[Variation], kp: np.ndarray, kd: np.ndarray) -> list[mujoco.MjModel]:
-        """One model for all robots that are alike."""
+        """Set the models, one for each group of identical robots, and return the model of each robot."""
         gain = np.array([variation.gain for variation in variations])[:, None]
         self._kp, self._kd = gain * kp, gain * kd
         alike: dict[tuple[Variation, bytes, bytes], mujoco.MjModel] = {}
@@ -72,7 +72,7 @@ class LockstepSimulation:
         return models
 
     def _set_gains(self, models: list[mujoco.MjModel], variations: Sequence[Variation]) -> None:
-        """The PD law, after the reset: `Simulation` resets before its first command, with the description's gains."""
+        """Set the gains after the reset: `Simulation` resets with the description's gains, before its first command."""
         for model, variation, stiffness, damping in zip(models, variations, self._kp, self._kd, strict=True):
             model.actuator_biasprm[:, 1] = -variation.strength * stiffness
             model.actuator_biasprm[:, 2] = -variation.strength * damping
@@ -88,40 +88,40 @@ class LockstepSimulation:
         )
 
     def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Set the joints' targets of some robots.
+        """Set the joint targets of some robots.
 
         Args:
-            rows: which robots, shape (m,).
+            rows: indices of the robots, shape (m,).
             q: position targets [rad], shape (m, 19).
             dq: velocity targets [rad/s], shape (m, 19).
         """
         self._ctrl[rows] = self._kp[rows] * q + self._kd[rows] * dq
 
     def step(self, rows: np.ndarray) -> None:
-        """Advance some robots, shape (m,), by one time step; all that is read is current afterwards."""
+        """Advance some robots, shape (m,), by one time step and update everything that can be read."""
         self._batch.warning[rows] = 0
-        # What depends on position and velocity is computed once and serves the next step as well.
+        # Stages that depend on position and velocity are computed once and serve the next step too.
         self._batch.step(ids=rows, stage=mujoco.mjtStage.mjSTAGE_ACC)
         self.diverged[rows] |= self._batch.warning[rows][:, _DIVERGED, WARNING_COUNT].any(axis=1)
 
     def orientation(self, rows: np.ndarray) -> np.ndarray:
-        """Pelvis to world of some robots, unit quaternions, shape (m, 4)."""
+        """Return the rotation from the pelvis to the world of some robots, unit quaternions, shape (m, 4)."""
         quaternion = self.qpos[rows, 3:7]
         return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
 
     def foot_force(self, rows: np.ndarray) -> np.ndarray:
-        """Ground reaction on both feet of some robots, in the world [N], shape (m, 2, 3)."""
-        # The sensor gives the force of the link on its surroundings; the reaction is its opposite.
+        """Return the ground reaction on both feet of some robots in the world [N], shape (m, 2, 3)."""
+        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
         return -self._sensors[rows[:, None, None], self._foot_force]
 
     def sole_height(self, rows: np.ndarray) -> np.ndarray:
-        """Height of both soles' centres of some robots [m], shape (m, 2)."""
+        """Return the heights of both sole centres of some robots [m], shape (m, 2)."""
         return self._sensors[rows[:, None, None], self._soles][..., 2]
 
     def fallen(self, rows: np.ndarray) -> np.ndarray:
-        """Which of some robots are down, shape (m,), bool: as `Simulation.fallen`.
+        """Return which of some robots have fallen as in `Simulation.fallen`, bool, shape (m,).
 
-        The trunk cannot touch a plane before it leans too far or the pelvis is too low, so contacts are not looked at.
+        Contacts of the trunk need no check: on a plane it leans too far or the pelvis is too low before it touches.
         """
         orientation = self.orientation(rows)
         return (

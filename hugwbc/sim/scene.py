@@ -10,17 +10,18 @@ from hugwbc.sim.footing import add_footing
 from hugwbc.sim.terrain import HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
-SIMULATION_TIMESTEP = 0.002  # [s], fine enough for a 500 Hz torque controller
+SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
 
 
 def load_model(timestep: float, terrain: HeightField | None = None, *, lean: bool = False) -> mujoco.MjModel:
-    """The H1 of `models/h1/h1.xml` on a plane, or on a height field.
+    """Compile the H1 of `models/h1/h1.xml` on a plane or a height field.
 
     Args:
-        timestep: of the physics [s].
-        terrain: the ground; None for a plane at z = 0.
-        lean: leave out what does not move the robot: shapes for the eye, the sensors of hands and IMU, and the search
-            for contact islands, of which one robot has one. Same motion bit for bit, in about a quarter less time.
+        timestep: physics time step [s].
+        terrain: height field to stand on; None for a plane at z = 0.
+        lean: leave out what does not influence the motion: visual shapes, the sensors of hands and IMU, and the search
+            for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
+            time.
 
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
@@ -36,7 +37,7 @@ def load_model(timestep: float, terrain: HeightField | None = None, *, lean: boo
 
 
 def check_timestep(timestep: float) -> None:
-    """Refuse a time step of the physics [s] with which the robot cannot be simulated.
+    """Check that the robot can be simulated with a physics time step [s].
 
     Raises:
         ConfigError: if it is not in (0, 0.01] s.
@@ -47,7 +48,7 @@ def check_timestep(timestep: float) -> None:
 
 @functools.cache
 def robot_mass() -> float:
-    """Of all links of the description [kg]."""
+    """Return the mass of all links of the description [kg]."""
     return float(load_model(SIMULATION_TIMESTEP, lean=True).body_mass.sum())
 
 

@@ -1,4 +1,4 @@
-"""What a robot's sensors say: encoders, torso IMU and foot contacts, with noise."""
+"""Readings of the robot's sensors: encoders, torso IMU and foot contacts, with noise."""
 
 import dataclasses
 import math
@@ -46,7 +46,11 @@ class SensorNoise:
 
     @classmethod
     def robot(cls) -> "SensorNoise":
-        """A real robot's: standard deviations of 0.02 rad/s, 0.02 rad, 0.005 rad, 0.3 rad/s and 0.1 m/s^2."""
+        """Return the noise of a real robot.
+
+        Standard deviations: gyro 0.02 rad/s, orientation 0.02 rad, joint positions 0.005 rad, joint velocities 0.3
+        rad/s, accelerometer 0.1 m/s^2.
+        """
         return cls(
             angular_velocity=0.02 * _UNIFORM,
             orientation=0.02 * _UNIFORM,
@@ -58,13 +62,13 @@ class SensorNoise:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """MuJoCo's state and sensor data at one time, and the accelerometer over the physics step before it.
+    """State and sensor data of MuJoCo at one time, and the accelerometer during the physics step before it.
 
     Attributes:
-        time: [s].
-        qpos, qvel: shapes (26,) and (25,).
+        time: simulated time [s].
+        qpos, qvel: positions and velocities, shapes (26,) and (25,).
         sensors: MuJoCo's sensor data.
-        accelerometer: of the torso's IMU [m/s^2], shape (3,).
+        accelerometer: specific force at the torso's IMU [m/s^2], shape (3,).
     """
 
     time: float
@@ -81,9 +85,9 @@ class Sensors:
         """Find the sensors.
 
         Args:
-            model: of the robot.
-            noise: on what `read` returns; None for exact readings.
-            seed: of the noise.
+            model: model of the robot.
+            noise: noise on the results of `read`; None for exact readings.
+            seed: random seed of the noise.
         """
         self._noise = noise or SensorNoise(0.0, 0.0, 0.0, 0.0)
         self._rng = np.random.default_rng(seed)
@@ -94,9 +98,9 @@ class Sensors:
         }
 
     def truth(self, reading: Reading) -> RobotState:
-        """The true state, with position, velocity and foot forces."""
+        """Return the true state, with position, velocity and foot forces."""
         qpos, qvel = reading.qpos, reading.qvel
-        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
+        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
         forces = [-reading.sensors[self._columns[f"{side}_foot_force"]] for side in SIDES]
         return RobotState(
             q=qpos[7:],
@@ -110,7 +114,7 @@ class Sensors:
         )
 
     def read(self, reading: Reading) -> RobotState:
-        """What the sensors say, with noise; what the torso's IMU says is carried over to the pelvis."""
+        """Return the noisy readings; those of the torso's IMU are converted to the pelvis."""
         truth, noise = self.truth(reading), self._noise
         gyro, waist = reading.sensors[self._columns["imu_gyro"]], float(truth.q[self._waist])
         orientation, rate = pelvis_from_torso_imu(

@@ -18,23 +18,23 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
 
-# A fall: inclinations beyond these, as in the paper's early termination, or a pelvis near the ground.
+# A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
-ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller
+ROBOT_LATENCY = 0.01  # [s], from the sensors to the controller of a real robot
 LONGEST_LATENCY = 1.0  # [s]
-# MuJoCo's warnings of a state that it then resets.
+# Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 class Simulation:
-    """The H1 with PD joints, an IMU on the torso, foot sensors, pushes and a choice of ground.
+    """One H1 with PD joints, an IMU on the torso and foot sensors, on a choice of ground; it can be pushed and pulled.
 
     Attributes:
-        model, data: MuJoCo's, for viewers and tests.
+        model, data: MuJoCo's model and data, for viewers and tests.
         robot: names, limits and gains.
-        variation: of this robot from its description.
-        rejected_commands: how many joint commands were not finite; the last good one was held instead.
-        diverged: whether the physics failed since the last reset (MuJoCo then restarts the state by itself).
+        variation: difference of this robot from its description.
+        rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
+        diverged: whether the physics has failed since the last reset (MuJoCo then resets the state by itself).
     """
 
     def __init__(
@@ -47,15 +47,15 @@ class Simulation:
         seed: int = 0,
         variation: Variation | None = None,
     ) -> None:
-        """Build the model and stand the robot up.
+        """Build the model and place the robot on the ground in the nominal pose.
 
         Args:
-            timestep: of the physics [s].
-            terrain: the ground; None for a plane.
-            noise: on what `sense` returns; None for exact readings.
-            latency: age of what `sense` returns, rounded to whole physics steps [s].
-            seed: of the noise.
-            variation: of the robot from its description; None for none.
+            timestep: physics time step [s].
+            terrain: height field to stand on; None for a plane.
+            noise: noise on the results of `sense`; None for exact readings.
+            latency: age of the results of `sense`, rounded to whole physics steps [s].
+            seed: random seed of the noise.
+            variation: difference of the robot from its description; None for no difference.
 
         Raises:
             ConfigError: if time step, latency or seed is out of range.
@@ -75,12 +75,12 @@ class Simulation:
         self.diverged = False
         self._sensors = Sensors(self.model, noise, seed)
         self._latency = latency
-        # Readings of the last physics steps, the oldest first: as many as the latency spans, and the present one.
+        # Readings of the physics steps that the latency spans, oldest first, and the current one.
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(latency / timestep))
         self._pelvis = self.model.body("pelvis").id
         self._force_until: dict[int, float] = {}
-        # The control is the whole affine torque; stiffness and damping go into the bias, where the implicit integrator
-        # sees them.
+        # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
+        # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[:, 0] = self.variation.strength
         self._described_bias = self.model.actuator_biasprm.copy()
         self._command = JointCommand.position(self.robot, self.robot.nominal)
@@ -88,15 +88,15 @@ class Simulation:
 
     @property
     def timestep(self) -> float:
-        """Of the physics [s]."""
+        """Physics time step [s]."""
         return self.model.opt.timestep
 
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Stand the robot on the ground at `xy` [m], heading `yaw` [rad], at joint positions `q`.
+        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,).
 
-        By default they are the nominal ones, with the ankles turned so that the soles lie on the ground's mean plane.
+        By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
         """
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self.data.qpos[:2] = xy
@@ -107,7 +107,7 @@ class Simulation:
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
             self.data.qpos[7 + self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
-        self.model.actuator_biasprm[:] = self._described_bias  # not the gains of the last command before
+        self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
         self.data.xfrc_applied[:] = 0.0
         self._force_until.clear()
         self.diverged = False
@@ -126,7 +126,7 @@ class Simulation:
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state.
 
-        A command that is not finite is counted and the previous one is held.
+        A command that is not finite is counted, and the previous command is held instead.
         """
         if command.is_finite:
             self._command = command
@@ -144,17 +144,22 @@ class Simulation:
                 self._place_feet(self._footing)
             mujoco.mj_step(self.model, self.data)
             self.diverged |= any(self.data.warning[w].number for w in DIVERGED)
-            # The acceleration that made this step; `mj_forward` finds that of the next one.
+            # The acceleration during this step; `mj_forward` computes that of the next one.
             self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
             mujoco.mj_forward(self.model, self.data)
             self._readings.append(self._reading())
         return self.state()
 
     def push(self, velocity: np.ndarray) -> None:
-        """Change the pelvis velocity at once, in the world frame: [m/s], shape (3,), or with [rad/s], shape (6,)."""
+        """Add to the pelvis velocity at once.
+
+        Args:
+            velocity: linear part in the world [m/s], shape (3,); or with the angular part in the pelvis [rad/s],
+                shape (6,).
+        """
         velocity = np.asarray(velocity, dtype=float)
         self.data.qvel[: velocity.size] += velocity
-        mujoco.mj_forward(self.model, self.data)  # so that the sensors know
+        mujoco.mj_forward(self.model, self.data)  # update the sensors
 
     def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
         """Pull a link with a force in the world frame [N], shape (3,), for a duration [s].
@@ -183,16 +188,16 @@ class Simulation:
         return Reading(float(d.time), d.qpos.copy(), d.qvel.copy(), d.sensordata.copy(), self._accelerometer)
 
     def state(self) -> RobotState:
-        """The true state, with position, velocity and foot forces."""
+        """Return the true state, with position, velocity and foot forces."""
         return self._sensors.truth(self._reading())
 
     def sense(self) -> RobotState:
-        """What the sensors said `latency` ago: encoders, torso IMU, foot contacts, with noise if configured.
+        """Return the readings of `latency` ago: encoders, torso IMU and foot contacts, with noise if configured.
 
-        Orientation and angular velocity are carried over from the IMU to the pelvis. Position and velocity of the
-        pelvis stand for an estimator's; they carry their own noise (`hugwbc.runtime.estimation` needs neither).
+        Orientation and angular velocity are converted from the IMU to the pelvis. Position and velocity of the pelvis
+        stand for an estimator's results and have their own noise (`hugwbc.runtime.estimation` needs neither).
         """
-        # The present is read anew: a push or a viewer may have changed it since the last step.
+        # Read the current state again: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self._latency > 0.0 else self._reading()
         return dataclasses.replace(self._sensors.read(reading), age=float(self.data.time) - reading.time)
 
@@ -203,7 +208,7 @@ class Simulation:
 
     @property
     def pressure_centres(self) -> np.ndarray:
-        """Where the ground's reaction acts on the left and the right foot [m], shape (2, 3); NaN without contact."""
+        """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
         centres, contact, wrench = np.full((2, 3), np.nan), self.data.contact, np.zeros(6)
         links = self.model.geom_bodyid[contact.geom]
         for foot, side in enumerate(SIDES):
@@ -217,16 +222,16 @@ class Simulation:
         return centres
 
     def hand_position(self, side: str) -> np.ndarray:
-        """Position of a hand in the world [m], shape (3,)."""
+        """Return the position of a hand in the world [m], shape (3,)."""
         return self.data.sensor(f"{side}_hand_position").data.copy()
 
     def ground_height(self, xy: np.ndarray) -> float:
-        """Height of the ground at a point [m]."""
+        """Return the height of the ground at a point [m]."""
         return 0.0 if self.terrain is None else float(self.terrain.height_at(np.asarray(xy)))
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot is down: trunk contact, large inclination, pelvis near the ground, or diverged physics."""
+        """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
         state = self.state()
         assert state.position is not None
         return bool(
@@ -251,7 +256,7 @@ def noisy_simulation(
     seed: int = 0,
     variation: Variation | None = None,
 ) -> Simulation:
-    """The H1 with the sensor noise and latency of a real robot: what a state estimator is for."""
+    """Build a simulation with the sensor noise and latency of a real robot, for use with a state estimator."""
     return Simulation(
         timestep=timestep,
         terrain=terrain,

@@ -1,4 +1,4 @@
-"""Ground as a height field: a grid of heights, the height between them as MuJoCo sees it, and two generators."""
+"""Height fields: a grid of heights, interpolation as in MuJoCo, and two generators."""
 
 import dataclasses
 import math
@@ -10,13 +10,13 @@ from hugwbc.errors import ConfigError
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights on a regular grid centred on the world's origin.
+    """Ground heights on a regular grid that is centred on the world's origin.
 
     Attributes:
         heights: ground height at the grid points [m], shape (rows along y, columns along x).
         size: extent in x and in y [m].
-        gradient: dz/dx and dz/dy of the ground's mean plane, which the feet's contact normals stand on; the heights
-            include it.
+        gradient: slopes dz/dx and dz/dy of the ground's mean plane, which sets the contact normals of the feet; the
+            heights include it.
     """
 
     heights: np.ndarray
@@ -34,10 +34,10 @@ class HeightField:
             raise ConfigError(f"a height field's gradient is {self.gradient}; give dz/dx and dz/dy from -1 to 1")
 
     def height_at(self, xy: np.ndarray) -> np.ndarray:
-        """Height of the ground [m] at points (..., 2); beyond the edge, the height of the edge.
+        """Return the height of the ground [m] at points (..., 2) [m]; beyond the edge it is the height of the edge.
 
-        As MuJoCo's collision does, each cell is two triangles that meet on the diagonal from low x, low y to high x,
-        high y.
+        As in MuJoCo's collision detection, each cell consists of two triangles that share the diagonal from low x,
+        low y to high x, high y.
         """
         rows, columns = self.heights.shape
         column = np.clip((xy[..., 0] / self.size[0] + 0.5) * (columns - 1), 0, columns - 1)
@@ -59,20 +59,20 @@ def rough_terrain(
     start_radius: float = 0.0,
     slope: float = 0.0,
 ) -> HeightField:
-    """Uniformly random heights within plus or minus `amplitude` [m] on a square grid around the world's origin.
+    """Generate uniformly random heights on a square grid around the world's origin.
 
-    They are about a level plane, or about one that rises along x.
+    The heights lie within plus or minus `amplitude` of a level plane or of one that rises along x.
 
     Args:
-        amplitude: half-width of the heights [m].
-        rng: of the heights.
+        amplitude: half-width of the distribution of heights [m].
+        rng: generator of the random heights.
         size: length of a side [m].
-        spacing: of the grid [m].
-        start_radius: distance from the origin within which the ground is plane, to stand up on [m].
+        spacing: distance of the grid points [m].
+        start_radius: distance from the origin within which the ground is smooth, for the start [m].
         slope: angle at which the ground rises along x [rad].
 
     Raises:
-        ConfigError: if the amplitude is not from 0 to 1 m, or the slope steeper than 45 degrees.
+        ConfigError: if the amplitude is not from 0 to 1 m, or the slope is steeper than 45 degrees.
     """
     if not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"terrain amplitude is {amplitude}; give a height from 0 to 1 m")
@@ -88,15 +88,15 @@ def rough_terrain(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LevelGround:
-    """Random ground of growing roughness: one square region per level, side by side along x.
+    """Random ground with increasing roughness: one square region for each level, side by side along x.
 
-    Within a region the heights repeat with a period, so that a robot that is moved by a period finds the same ground:
-    a walk never ends at an edge.
+    Heights within a region are periodic. A robot that is moved by one period stands on the same ground, so a walk never
+    ends at an edge.
 
     Attributes:
-        field: all regions.
-        centres: of the regions [m], shape (levels, 2).
-        period: of the heights along x and y [m]; a region is two periods wide.
+        field: height field with all regions.
+        centres: centres of the regions [m], shape (levels, 2).
+        period: period of the heights along x and y [m]; a region is two periods wide.
     """
 
     field: HeightField
@@ -107,14 +107,14 @@ class LevelGround:
 def level_terrain(
     levels: int, amplitude: float, rng: np.random.Generator, period: float = 4.0, spacing: float = 0.2
 ) -> LevelGround:
-    """Regions of uniformly random heights, from a level plane to plus or minus `amplitude` [m], in equal steps.
+    """Generate regions of uniformly random heights, from a level plane to plus or minus `amplitude`, in equal steps.
 
     Args:
         levels: number of regions, at least 2.
-        amplitude: half-width of the heights of the last one [m].
-        rng: of the heights.
-        period: after which the heights repeat [m]; a multiple of the spacing.
-        spacing: of the grid [m].
+        amplitude: half-width of the distribution of heights in the last region [m].
+        rng: generator of the random heights.
+        period: distance after which the heights repeat [m]; a multiple of the spacing.
+        spacing: distance of the grid points [m].
 
     Raises:
         ConfigError: if there are fewer than two levels, or the amplitude is not from 0 to 1 m.
@@ -125,7 +125,7 @@ def level_terrain(
     tiles = [np.tile(rng.uniform(-1.0, 1.0, (cells, cells)), (2, 2)) for _ in range(levels)]
     scaled = [tile * amplitude * level / (levels - 1) for level, tile in enumerate(tiles)]
     heights = np.concatenate(scaled, axis=1)
-    # A grid has a point more than cells along each axis; the last ones repeat the first of their own region.
+    # Along each axis a grid has one point more than cells; the last points repeat the first of their own region.
     heights = np.concatenate((heights, scaled[-1][:, :1]), axis=1)
     heights = np.concatenate((heights, heights[:1]), axis=0)
     width = 2.0 * period

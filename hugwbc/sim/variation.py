@@ -1,4 +1,4 @@
-"""How a robot differs from its description: payload, friction, joint gains, motor strength."""
+"""Differences of a robot from its description: payload, friction, joint gains, motor strength."""
 
 import dataclasses
 import math
@@ -12,13 +12,13 @@ from hugwbc.sim.footing import PLANE_NAME
 
 @dataclasses.dataclass(frozen=True)
 class Variation:
-    """One robot's differences; the defaults are none.
+    """Differences of one robot from its description; by default there are none.
 
     Attributes:
-        payload: mass added at the torso's centre of mass; negative takes away [kg].
-        friction: sliding friction between robot and ground; None for the description's.
+        payload: mass added at the torso's centre of mass [kg]; negative to remove mass.
+        friction: coefficient of sliding friction between robot and ground; None for that of the description.
         gain: factor on the stiffness and damping that a controller commands.
-        strength: factor on the torque that the motors deliver, their limit included.
+        strength: factor on the torque that the motors deliver, including their limit.
     """
 
     payload: float = 0.0
@@ -36,12 +36,15 @@ class Variation:
                 raise ConfigError(f"{name} factor is {getattr(self, name)}; give a finite factor above 0")
 
     def apply_to(self, model: mujoco.MjModel) -> None:
-        """Change a fresh model; gain and strength act on its torque limits alone, the rest is the simulation's."""
+        """Change a newly compiled model.
+
+        Only the torque limits take `strength` here; the simulation applies `gain` and `strength` to the PD law.
+        """
         if self.payload:
             model.body_mass[model.body("torso_link").id] += self.payload
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.friction is not None:
-            # MuJoCo takes the larger of two coefficients: the ground's must not exceed the wanted one.
+            # MuJoCo uses the larger of two coefficients, so the ground's must not exceed the requested one.
             ground = np.array([model.geom(i).name in ("floor", PLANE_NAME) for i in range(model.ngeom)])
             model.geom_friction[~ground, 0] = self.friction
             model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)

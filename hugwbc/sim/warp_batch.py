@@ -1,4 +1,4 @@
-"""Many H1s at once on `mujoco_warp`: the interface of `sim.batch`, with the physics on a GPU."""
+"""Many H1s at once on `mujoco_warp`: the interface of `sim.batch` with the physics on a GPU."""
 
 from typing import Any
 
@@ -12,13 +12,13 @@ from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
 
-CONTACTS = 64  # room for contacts of one robot: lying, it has some 40
-CONSTRAINTS = 4 * CONTACTS + 64  # rows: four a contact, joint limits
-_RUNAWAY = float(mujoco.mjMAXVAL)  # MuJoCo's own bound on positions and velocities
+CONTACTS = 64  # room for the contacts of one robot; a robot that lies on the ground has about 40
+CONSTRAINTS = 4 * CONTACTS + 64  # constraint rows: four for each contact, and the joint limits
+_RUNAWAY = float(mujoco.mjMAXVAL)  # MuJoCo's limit for positions and velocities
 
 
 def _warp(device: str) -> tuple[Any, Any]:
-    """The modules warp and mujoco_warp, an extra, if they can run on the device."""
+    """Return the optional modules warp and mujoco_warp if they can run on the device."""
     try:
         import mujoco_warp
         import warp
@@ -32,11 +32,11 @@ def _warp(device: str) -> tuple[Any, Any]:
 
 
 class WarpSimulation(BatchSimulation):
-    """`count` robots on the same ground, stepped in single precision on a device.
+    """A batch of robots on the same ground, stepped in single precision on a device.
 
-    Everything that `BatchSimulation` has, with the same meaning; the arrays lie in host memory and are exchanged with
-    the device at every call. Per-robot model parameters are set on `batch`, an ordinary `mujoco.batch.Batch` that is
-    not stepped, before the first step; later changes of them are not seen.
+    The interface is that of `BatchSimulation`. Arrays are in host memory and are exchanged with the device at every
+    call. Set model parameters of single robots on `batch` before the first step; later changes have no effect. `batch`
+    is an ordinary `mujoco.batch.Batch` that is never stepped.
     """
 
     def __init__(
@@ -51,9 +51,9 @@ class WarpSimulation(BatchSimulation):
 
         Args:
             count: number of robots.
-            timestep: of the physics [s].
-            terrain: the ground; None for a plane.
-            device: of warp: "cuda", or "cpu", which is for tests: the first use compiles for minutes.
+            timestep: physics time step [s].
+            terrain: height field to stand on; None for a plane.
+            device: warp's device: "cuda", or "cpu" for tests (its first use compiles for minutes).
 
         Raises:
             ConfigError: if mujoco_warp or the device is missing.
@@ -78,12 +78,12 @@ class WarpSimulation(BatchSimulation):
         self.forward(np.arange(count))
 
     def step(self, substeps: int) -> np.ndarray:
-        """Advance all robots; positions, velocities and their sensors are current afterwards.
+        """Advance all robots and update everything that depends on positions and velocities.
 
-        A robot whose state is not finite or runs away starts again at the nominal pose, as MuJoCo does it.
+        A robot whose state is not finite or too large is reset to the nominal pose, as MuJoCo does.
 
         Returns:
-            Which robots diverged, shape (count,), bool.
+            Which robots diverged, bool, shape (count,).
         """
         diverged = ~np.isfinite(self.ctrl).all(axis=1)
         self.ctrl[diverged] = 0.0
@@ -95,7 +95,7 @@ class WarpSimulation(BatchSimulation):
                 mjw.step(model, data)
             self._download_state()
             diverged |= self._restart_runaways()
-            # A step leaves what follows from the state one substep behind.
+            # After a step, quantities derived from the state are one substep old.
             mjw.fwd_position(model, data)
             mjw.sensor_pos(model, data)
             mjw.fwd_velocity(model, data)
@@ -105,18 +105,18 @@ class WarpSimulation(BatchSimulation):
         return diverged
 
     def forward(self, ids: np.ndarray) -> None:
-        """Bring the derived quantities of some robots up to date after a write to their state."""
+        """Recompute the derived quantities of some robots after their state was written."""
         data = self._data
         with self._wp.ScopedDevice(self._device):
             self._upload()
-            # The device computes all robots anew; the others keep what their last step gave.
+            # The device recomputes all robots; the others keep the results of their last step.
             self._mjw.forward(self._on_device, data)
             self.warm_start[ids] = data.qacc_warmstart.numpy()[ids]
             self.torque[ids] = data.actuator_force.numpy()[ids]
             self._sensors[ids] = data.sensordata.numpy()[ids]
 
     def _upload(self) -> None:
-        """Send state and controls; before the first step also the robots' parameters, which are set until then."""
+        """Send the state and controls to the device, and before the first step the robots' model parameters."""
         for name in () if self._stepped else MODEL_FIELDS:
             values = None if name.startswith("opt.") else self.batch.expanded(name)
             shared = getattr(self._on_device, name, None)
@@ -132,7 +132,7 @@ class WarpSimulation(BatchSimulation):
 
     def _restart_runaways(self) -> np.ndarray:
         state = np.hstack((self.qpos, self.qvel))
-        # A NaN fails the comparison.
+        # The comparison is false for NaN, so such a robot counts as lost.
         lost = np.logical_not((np.abs(state) < _RUNAWAY).all(axis=1))
         if lost.any():
             self.qpos[lost], self.qvel[lost] = self.model.key("nominal").qpos, 0.0
@@ -142,13 +142,13 @@ class WarpSimulation(BatchSimulation):
 
 
 def robots_on(device: str, count: int, *, terrain: HeightField | None, threads: int) -> BatchSimulation:
-    """Many robots, on the processor or on a GPU, at the training's time step.
+    """Build a batch of robots with the time step of training, on the processor or on a GPU.
 
     Args:
         device: "cpu" for `mujoco.batch`, "cuda" for `mujoco_warp`.
         count: number of robots.
-        terrain: the ground; None for a plane.
-        threads: on the processor.
+        terrain: height field to stand on; None for a plane.
+        threads: number of threads on the processor.
 
     Raises:
         ConfigError: if the device cannot be used.
