@@ -10,7 +10,7 @@ ARGS ?=
 # The computations are many and small: more threads than one a process only get in each other's way.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help install compare play evaluate bench train check test lint test-slow models picture curve clean
+.PHONY: help install compare play evaluate bench train check test lint test-slow docs models picture curve clean
 
 help:
 	@echo "make compare     play loco_manipulation with both controllers; results in out/compare"
@@ -22,10 +22,11 @@ help:
 	@echo "make bench       speed of the parts"
 	@echo "make check       verify the installation"
 	@echo "make train       train a policy"
-	@echo "make models      write h1.xml and h1.urdf anew from h1.yaml"
-	@echo "make picture     take the README's picture anew"
-	@echo "make curve       draw the README's training curve anew, with RUN=FOLDER that of a run"
-	@echo "make clean       remove .venv, caches and out"
+	@echo "make docs        build the documentation into site/, failing on a broken link"
+	@echo "make models      write h1.xml and h1.urdf from h1.yaml"
+	@echo "make picture     take the README's picture"
+	@echo "make curve       draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
+	@echo "make clean       remove .venv, caches, site and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
 
 install: $(STAMP)
@@ -54,6 +55,10 @@ test: lint
 test-slow: $(STAMP)
 	$(BIN)/pytest -m slow $(ARGS)
 
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "open site/index.html"
+
 models: $(STAMP)
 	$(BIN)/python models/h1/build.py
 
@@ -65,5 +70,5 @@ curve: $(STAMP)
 	$(BIN)/python docs/training_curve.py $(RUN)
 
 clean:
-	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) out site build dist .pytest_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

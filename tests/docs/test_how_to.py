@@ -1,0 +1,29 @@
+"""The recipes of docs/how-to do what they say."""
+
+import pathlib
+
+from docs_pages import ROOT, follow
+
+HOW_TO = ROOT / "docs" / "how-to"
+
+
+def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-command-script.md", folder, package)
+    assert (folder / "out" / "inspect" / "replay.html").exists()
+
+
+def test_add_a_controller(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-controller.md", folder, in_processes=True)
+    assert (folder / "out" / "balancer" / "report.html").exists()
+
+
+def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-gait.md", folder, package)
+
+
+def test_add_a_reward(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-reward.md", folder, package)
+
+
+def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-protocol.md", folder, package)
