@@ -1,6 +1,7 @@
 """Simulation of the H1 in MuJoCo, on a plane or a height field."""
 
 from hugwbc.sim.actuators import Actuators
+from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.scene import Ground
 from hugwbc.sim.sensors import SensorProfile
@@ -11,6 +12,7 @@ from hugwbc.sim.variation import Variation
 __all__ = [
     "Actuators",
     "Disturber",
+    "Engine",
     "Force",
     "Ground",
     "HeightField",

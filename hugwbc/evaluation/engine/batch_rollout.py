@@ -19,6 +19,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
+from hugwbc.sim.scene import link_names
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -145,14 +146,14 @@ class _BatchRun:
 
         Looking only at these steps spares a Python call for every robot and step.
         """
-        model, dt = self.simulation.model, self.timestep
+        names, dt = link_names(self.simulation.model), self.timestep
         times = (np.arange(self.ticks)[:, None] * self.period + np.arange(self.substeps) * dt).ravel()
         self._changes: dict[int, list[int]] = {}
         self._disturbers: dict[int, Disturber] = {}
         for row, member in enumerate(self.members):
             if not member.forces:
                 continue
-            self._disturbers[row] = Disturber(model, member.forces)
+            self._disturbers[row] = Disturber(names, member.forces)
             ends = [force.start + force.duration for force in member.forces if force.duration is not None]
             for moment in [*(force.start for force in member.forces), *ends]:
                 step = int(np.searchsorted(times, moment - _ROUNDING))
