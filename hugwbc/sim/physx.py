@@ -83,8 +83,8 @@ class _Groups:
 class PhysxSimulation(Engine):
     """One robot in PhysX with PD joints, an IMU on the torso and foot sensors, on a level plane.
 
-    The joint torques are computed as in MuJoCo, but explicitly: the PD law of the joint state at each inner step, within
-    the torque limits, is the torque in that step. Coulomb friction is a velocity drive of PhysX at speed 0 whose torque
+    The joint torques are explicit: the PD law of the joint state at each inner step, within the torque limits, is the
+    torque in that step. Coulomb friction is a velocity drive of PhysX at speed 0 whose torque
     is limited to the friction; it holds a joint at rest.
     """
 
@@ -269,8 +269,8 @@ class PhysxSimulation(Engine):
             (self._links[self.link_names[row]], self.external_force[row])
             for row in np.flatnonzero(self.external_force.any(axis=1))
         ]
+        q, dq = self._qpos[7:], self._qvel[6:]
         for _ in range(self._substeps):
-            q, dq = self._qpos[7:], self._qvel[6:]
             if self._limit is not None:
                 self._limit.write(dq, self._range)
             drive = np.clip(strength * (constant - kp * q - kd * dq), self._range[:, 0], self._range[:, 1])
@@ -279,8 +279,9 @@ class PhysxSimulation(Engine):
             for link, force in forces:
                 link.add_force_torque(force[:3], force[3:])
             self._scene.step()
-            self._read_state()
             self._collect_contacts(impulses, moments)
+            q, dq = self._joint_state()
+        self._read_state()
         self._step_count += 1
         self._torque = torque / self._substeps
         if not (np.abs(np.concatenate((self._qpos, self._qvel))) < _RUNAWAY).all():
@@ -300,19 +301,25 @@ class PhysxSimulation(Engine):
 
     def _read_state(self) -> None:
         """Read positions and velocities; PhysX gives the velocity of a link at its centre of mass."""
-        pose, articulation = self._pelvis.entity_pose, self._articulation
+        pose = self._pelvis.entity_pose
         orientation = np.array(pose.q, dtype=float)
         orientation /= np.linalg.norm(orientation)
         spin = np.array(self._pelvis.angular_velocity, dtype=float)
         centre = np.array(self._pelvis.linear_velocity, dtype=float)
         self._qpos, self._qvel = np.empty(7 + self._columns.size), np.empty(6 + self._columns.size)
         self._qpos[:3], self._qpos[3:7] = pose.p, orientation
-        self._qvel[:3] = centre - np.cross(spin, rotations.rotate(orientation, self._pelvis_com))
-        self._qvel[3:6] = rotations.rotate_inverse(orientation, spin)
-        self._qpos[7 + self._columns] = articulation.get_qpos()
-        self._qvel[6 + self._columns] = articulation.get_qvel()
+        turn = rotations.to_matrix(orientation)
+        self._qvel[:3] = centre - np.cross(spin, turn @ self._pelvis_com)
+        self._qvel[3:6] = spin @ turn
+        self._qpos[7:], self._qvel[6:] = self._joint_state()
         self._imu_orientation = np.array(self._torso.entity_pose.q, dtype=float)
         self._imu_orientation /= np.linalg.norm(self._imu_orientation)
+
+    def _joint_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and velocities of the joints in the robot's order, shape (19,) each."""
+        q, dq = np.empty(self._columns.size), np.empty(self._columns.size)
+        q[self._columns], dq[self._columns] = self._articulation.get_qpos(), self._articulation.get_qvel()
+        return q, dq
 
     def _imu_velocity(self) -> np.ndarray:
         """Return the velocity of the IMU in the world [m/s]."""
