@@ -14,7 +14,7 @@ from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.scripts.command_source import Constant as Constant
-from hugwbc.sim import Simulation
+from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution, UpperBodySource
@@ -91,7 +91,7 @@ class ControlLoop:
         simulation: the robot.
         period: the controller's period [s].
         substeps: physics steps in a period.
-        estimator: gives the controller the state from noisy sensors; None if it reads `Simulation.sense` itself.
+        estimator: gives the controller the state from noisy sensors; None if it reads `Engine.sense` itself.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
     """
@@ -100,7 +100,7 @@ class ControlLoop:
         self,
         controller: Controller,
         source: CommandSource,
-        simulation: Simulation,
+        simulation: Engine,
         upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
     ) -> None:
@@ -171,7 +171,7 @@ class ControlLoop:
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
         return Moment(
-            qpos=simulation.data.qpos.copy(),
+            qpos=simulation.qpos,
             gait=int(self.safe.command.gait),
             phase=self._plan.phase,
             foot_contact=foot_contacts(state),

@@ -12,8 +12,9 @@ from hugwbc import rotations
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
+from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.scene import Ground, load_model
-from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
+from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.variation import Variation
 
 _VARIED_FIELDS = ("body_mass", "geom_friction", "actuator_forcerange")  # that `Variation.apply_to` writes to

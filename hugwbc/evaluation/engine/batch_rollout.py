@@ -17,8 +17,10 @@ from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
+from hugwbc.sim.scene import link_names
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -48,7 +50,7 @@ class BatchMember:
 
 def fits(controller: object, conditions: Conditions) -> bool:
     """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
-    exact = not conditions.noise and not conditions.latency
+    exact = not conditions.arena.estimates and not conditions.latency
     return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
@@ -75,7 +77,7 @@ def batch_rollout(
 
     Args:
         controller: a controller for which, with each member's conditions, `fits` holds.
-        members: one for each robot, all with the same physics time step.
+        members: one for each robot, all with the same physics time step and arena.
         duration: duration of the episodes [s].
         threads: threads of the physics.
 
@@ -103,7 +105,7 @@ class _BatchRun:
 
     def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
         self.members, self.duration, self.period = members, duration, controller.period
-        self.timestep = members[0].conditions.timestep
+        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.arena
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(), len(members)
@@ -118,6 +120,8 @@ class _BatchRun:
             *self._gains(),
             timestep=self.timestep,
             threads=threads,
+            robot=load_robot(self.arena.robot),
+            actuators=DRIVES[self.arena.drives],
         )
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
@@ -145,14 +149,14 @@ class _BatchRun:
 
         Looking only at these steps spares a Python call for every robot and step.
         """
-        model, dt = self.simulation.model, self.timestep
+        names, dt = link_names(self.simulation.model), self.timestep
         times = (np.arange(self.ticks)[:, None] * self.period + np.arange(self.substeps) * dt).ravel()
         self._changes: dict[int, list[int]] = {}
         self._disturbers: dict[int, Disturber] = {}
         for row, member in enumerate(self.members):
             if not member.forces:
                 continue
-            self._disturbers[row] = Disturber(model, member.forces)
+            self._disturbers[row] = Disturber(names, member.forces)
             ends = [force.start + force.duration for force in member.forces if force.duration is not None]
             for moment in [*(force.start for force in member.forces), *ends]:
                 step = int(np.searchsorted(times, moment - _ROUNDING))
