@@ -147,14 +147,15 @@ class Sensors:
         """
         self.profile = profile
         self._rng = np.random.default_rng(seed)
-        self._waist = (robot or load_robot()).waist
+        robot = robot or load_robot()
+        self._waist, self._joints = robot.waist, len(robot.joint_names)
         self.reset()
 
     def reset(self) -> None:
         """Draw the biases and offsets of a new episode."""
         p = self.profile
-        self._encoder_offset = self._normal(p.encoder_offset, 19)
-        self._torque_scale = 1.0 + self._normal(p.torque_scale, 19)
+        self._encoder_offset = self._normal(p.encoder_offset, self._joints)
+        self._torque_scale = 1.0 + self._normal(p.torque_scale, self._joints)
         self._gyro_bias = self._normal(p.gyro_bias, 3)
         self._accelerometer_bias = self._normal(p.accelerometer_bias, 3)
         self._attitude_bias = np.append(self._normal(p.attitude_bias, 2), 0.0)
@@ -182,8 +183,8 @@ class Sensors:
         """
         truth, p = self.truth(reading), self.profile
         self._let_biases_walk(reading.time)
-        q = truth.q + self._encoder_offset + self._normal(p.encoder, 19)
-        dq = truth.dq + self._normal(p.joint_velocity, 19)
+        q = truth.q + self._encoder_offset + self._normal(p.encoder, self._joints)
+        dq = truth.dq + self._normal(p.joint_velocity, self._joints)
         gyro = reading.imu_gyro + self._gyro_bias + self._normal(p.gyro, 3)
         turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + self._normal(p.attitude, 3))))
         # A constant error of roll and pitch is one about the world's axes.
@@ -201,7 +202,7 @@ class Sensors:
             foot_force=truth.foot_force if p.foot_force else None,
             imu_gyro=gyro,
             imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
-            torque=self._torque_scale * truth.torque + self._normal(p.torque, 19),
+            torque=self._torque_scale * truth.torque + self._normal(p.torque, self._joints),
         )
 
     def _let_biases_walk(self, time: float) -> None:

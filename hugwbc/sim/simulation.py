@@ -10,6 +10,7 @@ from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.footing import Footing
+from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground, link_names, load_model
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
 from hugwbc.sim.terrain import HeightField
@@ -69,8 +70,9 @@ class Simulation(Engine):
             actuators=actuators,
         )
         self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=ground)
+        self._layout = robot_layout(self.model, self.robot)
         self.variation.apply_to(self.model)
-        torque_limit = self.model.actuator_forcerange[:, 1]
+        torque_limit = self.model.actuator_forcerange[self._layout.ctrl, 1]
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
@@ -78,7 +80,7 @@ class Simulation(Engine):
         self.external_force = self.data.xfrc_applied
         # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
         # implicit integrator knows the derivatives of the torque.
-        self.model.actuator_gainprm[:, 0] = self.variation.strength
+        self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
         self._described_bias = self.model.actuator_biasprm.copy()
         self.reset()
 
@@ -90,19 +92,20 @@ class Simulation(Engine):
         By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
         """
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
-        self.data.qpos[:2] = xy
-        self.data.qpos[2] += self.ground_height(np.asarray(xy))
-        self.data.qpos[3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
+        pelvis, joints = self.data.qpos[self._layout.qpos], self.data.qpos[self._layout.joints]  # views
+        pelvis[:2] = xy
+        pelvis[2] += self.ground_height(np.asarray(xy))
+        pelvis[3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
         if q is not None:
-            self.data.qpos[7:] = q
+            joints[:] = q
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
-            self.data.qpos[7 + self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
+            joints[self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
         self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
-        self._clear(self.data.qpos[7:].copy())
+        self._clear(joints.copy())
         if self._footing is not None:
             mujoco.mj_kinematics(self.model, self.data)
-            self.data.qpos[2] += self._footing.depth(self.data.xpos, self.data.xmat)
+            pelvis[2] += self._footing.depth(self.data.xpos, self.data.xmat)
             mujoco.mj_kinematics(self.model, self.data)
             self._place_feet(self._footing)
         mujoco.mj_forward(self.model, self.data)
@@ -112,11 +115,12 @@ class Simulation(Engine):
         return self.state()
 
     def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
-        self.model.actuator_biasprm[:, 1] = -self.variation.strength * kp
-        self.model.actuator_biasprm[:, 2] = -self.variation.strength * kd
-        self.data.ctrl[:] = constant
+        drives = self._layout.ctrl
+        self.model.actuator_biasprm[drives, 1] = -self.variation.strength * kp
+        self.model.actuator_biasprm[drives, 2] = -self.variation.strength * kd
+        self.data.ctrl[drives] = constant
         if self._limit is not None:
-            self._limit.write(self.data.qvel[6:], self.model.actuator_forcerange)
+            self._limit.write(self.data.qvel[self._layout.rates], self.model.actuator_forcerange[drives])
         self.data.warning.number[:] = 0
         if self._footing is not None:
             self._place_feet(self._footing)
@@ -135,7 +139,7 @@ class Simulation(Engine):
                 shape (6,).
         """
         velocity = np.asarray(velocity, dtype=float)
-        self.data.qvel[: velocity.size] += velocity
+        self.data.qvel[self._layout.qvel][: velocity.size] += velocity
         mujoco.mj_forward(self.model, self.data)  # update the sensors
 
     def _place_feet(self, footing: Footing) -> None:
@@ -145,8 +149,8 @@ class Simulation(Engine):
         data = self.data
         return Reading(
             time=self.time,
-            qpos=data.qpos.copy(),
-            qvel=data.qvel.copy(),
+            qpos=self.qpos,
+            qvel=self.qvel,
             imu_orientation=data.sensor("imu_orientation").data.copy(),
             imu_gyro=data.sensor("imu_gyro").data.copy(),
             # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
@@ -163,17 +167,17 @@ class Simulation(Engine):
     @property
     def qpos(self) -> np.ndarray:
         """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
-        return self.data.qpos.copy()
+        return self.data.qpos[self._layout.qpos].copy()
 
     @property
     def qvel(self) -> np.ndarray:
         """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
-        return self.data.qvel.copy()
+        return self.data.qvel[self._layout.qvel].copy()
 
     @property
     def torque(self) -> np.ndarray:
         """Joint torques of the last physics step [N*m], shape (19,)."""
-        return self.data.actuator_force.copy()
+        return self.data.actuator_force[self._layout.ctrl].copy()
 
     @property
     def pressure_centres(self) -> np.ndarray:

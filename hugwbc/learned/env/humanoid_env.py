@@ -107,7 +107,7 @@ class HumanoidEnv:
         self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
-        self.nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
+        self.nominal_qpos = self.simulation.nominal_qpos
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
