@@ -94,13 +94,13 @@ class HumanoidEnv:
             device: "cpu" for MuJoCo, "cuda" for mujoco_warp; tensors stay on the CPU in both cases.
         """
         self.config = config
-        self.robot = load_robot()
+        self.robot = load_robot(config.robot)
         self.count = config.count
         self.dt = TRAINING_TIMESTEP * config.substeps
         self.generator = torch.Generator().manual_seed(seed)
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
-        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads)
+        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads, robot=self.robot)
         self.action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
