@@ -153,6 +153,11 @@ class WholeBodyController:
         self._free_arms()
 
     @property
+    def robot(self) -> Robot:
+        """The robot that the controller was told."""
+        return self._robot
+
+    @property
     def phase(self) -> float:
         """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1)."""
         return self._locomotion.plan.phase

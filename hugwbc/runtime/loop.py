@@ -9,6 +9,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import CarriesArms, Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
@@ -103,6 +104,7 @@ class ControlLoop:
         simulation: Engine,
         upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
+        robot: Robot | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
@@ -112,11 +114,13 @@ class ControlLoop:
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None if the controller reads them itself.
+            robot: robot whose limits the safety filter keeps; None for the simulated one. What the controller, the
+                arms and the estimator are told is up to them.
 
         Raises:
             ConfigError: if the controller's period is not a multiple of the physics time step.
         """
-        self.safe = SafetyFilter(controller)
+        self.safe = SafetyFilter(controller, robot=robot or simulation.robot)
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
         self._plan = PlanView(controller)

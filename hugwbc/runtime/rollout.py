@@ -80,7 +80,7 @@ class _Recorder:
         self.loop = loop
         self.disturber = disturber
         self.simulation = loop.simulation
-        self.kinematics = Kinematics()
+        self.kinematics = Kinematics(self.simulation.robot)
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
@@ -144,4 +144,5 @@ class _Recorder:
             survived_s=survived_s,
             steps=steps,
             safety=self.loop.safe.report(),
+            robot=self.simulation.robot.name,
         )

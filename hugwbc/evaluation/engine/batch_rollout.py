@@ -108,8 +108,8 @@ class _BatchRun:
         self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.arena
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
-        self.name, self.robot, count = controller.name, load_robot(), len(members)
-        self.filters = [SafetyFilter(controller) for _ in members]
+        self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)
+        self.filters = [SafetyFilter(controller, robot=self.robot) for _ in members]
         self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
@@ -120,7 +120,7 @@ class _BatchRun:
             *self._gains(),
             timestep=self.timestep,
             threads=threads,
-            robot=load_robot(self.arena.robot),
+            robot=self.robot,
             actuators=DRIVES[self.arena.drives],
         )
         self.rows = np.arange(count)
@@ -273,6 +273,7 @@ class _BatchRun:
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,
             steps=steps,
+            robot=self.robot.name,
             safety=self.filters[row].report(),
         )
 
@@ -348,7 +349,7 @@ class BatchRecord:
 
 def _measured(simulation: LockstepSimulation, rows: np.ndarray) -> np.ndarray:
     """Return `MEASURED_NAMES` of some robots as `Kinematics.measured` does of one, shape (m, 6)."""
-    robot = load_robot()
+    robot = simulation.robot
     qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
     yaw = rotations.yaw_of(orientation)
     cos, sin = np.cos(yaw), np.sin(yaw)
