@@ -83,6 +83,6 @@ def mirror_command(command: Command) -> Command:
 
 
 @functools.cache
-def load_mirror() -> Mirror:
-    """Return the H1's mirror map."""
-    return Mirror.of(load_robot())
+def load_mirror(robot: Robot | None = None) -> Mirror:
+    """Return the mirror map of a robot; None for the H1."""
+    return Mirror.of(robot or load_robot())

@@ -82,6 +82,11 @@ class Robot:
         hand: origin of the hand frame in the elbow link's frame [m], shape (3,).
         leg_postures: named postures of a leg [rad], shape (5,) each.
         arm_postures: named postures of the left arm [rad], shape (4,) each.
+        squat_heights: heights of the pelvis above the nominal one, ascending [m].
+        squat_reach: foremost centre of mass ahead of the ankles that the ankles' range allows at these heights, with
+            level soles and an upright pelvis [m].
+        squat_reach_per_pitch: forward shift of that point per pelvis pitch [m/rad].
+        level_shank: lean of the shank up to which the ankle keeps the sole level [rad].
         capsules: shapes for collision avoidance by link.
         contact_links: links whose contacts the privileged observation flags.
     """
@@ -113,6 +118,10 @@ class Robot:
     hand: np.ndarray
     leg_postures: Mapping[str, np.ndarray]
     arm_postures: Mapping[str, np.ndarray]
+    squat_heights: tuple[float, ...]
+    squat_reach: tuple[float, ...]
+    squat_reach_per_pitch: float
+    level_shank: float
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
 
@@ -172,6 +181,16 @@ class Robot:
     def hip_yaw_roll(self) -> np.ndarray:
         """Indices of the four hip yaw and hip roll joints (the paper's hip x and z)."""
         return self.indices([f"{side}_{part}_joint" for side in SIDES for part in ("hip_yaw", "hip_roll")])
+
+    @property
+    def sole_middle(self) -> float:
+        """Distance of the sole's centre ahead of the ankle [m]."""
+        return sum(self.sole_x) / 2.0
+
+    @functools.cached_property
+    def forearm(self) -> float:
+        """Distance from the elbow to the hand [m]."""
+        return math.hypot(*self.hand.tolist())
 
     @property
     def xml_path(self) -> pathlib.Path:
@@ -287,6 +306,10 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
             hand=_frozen(table["hand"]["xyz"]),
             leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
             arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
+            squat_heights=tuple(table["squat"]["heights"]),
+            squat_reach=tuple(table["squat"]["reach"]),
+            squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),
+            level_shank=float(table["squat"]["level_shank"]),
             capsules=_capsules(table["capsules"]),
             contact_links=tuple(table["contact_links"]),
         )

@@ -15,9 +15,7 @@ import numpy as np
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.gait import Gait
-from hugwbc.kinematics import pinocchio_model
 from hugwbc.mbc import WholeBodyController
-from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.sim import Actuators, Ground, Simulation
@@ -81,7 +79,7 @@ def controller_named(name: str, robot: Robot, timestep: float) -> Controller:
     """Build "qp" for a robot, at 500 Hz or the nearest rate that the time step [s] allows, or "learned"."""
     if name == "qp":
         period = max(1, round(0.002 / timestep)) * timestep
-        return WholeBodyController(period=period, dynamics=Dynamics(pinocchio_model(robot)))
+        return WholeBodyController(period=period, robot=robot)
     from hugwbc.runtime.controllers import learned_controller
 
     return learned_controller()

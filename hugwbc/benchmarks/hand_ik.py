@@ -21,11 +21,11 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
-from hugwbc.upper_ik.workspace import ARM_LENGTH, ARM_REACH, SHOULDER
+from hugwbc.upper_ik.workspace import arm_length, arm_reach
 
 DT = 0.02  # [s]
 TICKS = 150  # of each target
-OUT_OF_REACH = (ARM_REACH, 1.0)  # [m], distance from the shoulder
+FARTHEST = 1.0  # [m], distance of a target out of reach from the shoulder
 POSTURE_COST = 1e-3
 LM_DAMPING = 1e-3
 TOLERANCE = 1e-6
@@ -71,13 +71,15 @@ def sample_targets(count: int, seed: int) -> np.ndarray:
     """
     rng = np.random.default_rng(seed)
     ik = ArmIK()
+    robot = ik.robot
     mirror = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
     pairs = []
     for index in range(count):
         if index % 2:
             direction = rng.normal(size=(2, 3))
             direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-            pairs.append(SHOULDER * mirror + rng.uniform(*OUT_OF_REACH, (2, 1)) * direction)
+            distance = rng.uniform(arm_reach(robot), FARTHEST, (2, 1))
+            pairs.append(robot.shoulder * mirror + distance * direction)
             continue
         q = rng.uniform(ik.lower, ik.upper)
         while ik.clearance(q).min() < 0.02:
@@ -133,12 +135,12 @@ def _measure(step: Step, targets: np.ndarray) -> IKFigures:
             path.append(new)
         final.append(np.linalg.norm(probe.hands(path[-1], 0.0) - pair, axis=1))
     residual = np.array(final)
-    away = np.linalg.norm(targets - SHOULDER * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]), axis=2)
+    away = np.linalg.norm(targets - robot.shoulder * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]), axis=2)
     return IKFigures(
         tick_ms=metrics.percentiles(np.array(times)),
         residual_m=float(residual[::2].mean()),
         reached=float(np.mean(residual[::2] < 0.01)),
-        excess_m=float(np.mean(residual[1::2] - (away[1::2] - ARM_LENGTH))),
+        excess_m=float(np.mean(residual[1::2] - (away[1::2] - arm_length(robot)))),
         limit_violations=violations,
         jitter=metrics.jitter(np.array(path), DT),
         exceptions=exceptions,

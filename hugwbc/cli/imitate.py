@@ -15,9 +15,11 @@ def run(words: Sequence[str]) -> int:
     check_folder(config.out)
     from hugwbc.learned.imitation import Imitator
     from hugwbc.mbc import WholeBodyController
+    from hugwbc.robot import load_robot
 
     with progress(f"imitation {config.out}") as advance:
-        imitator = Imitator(config, lambda period: WholeBodyController(period=period))
+        robot = load_robot(config.env.robot)
+        imitator = Imitator(config, lambda period: WholeBodyController(period=period, robot=robot))
         imitator.run(reporter(config.samples, _LINE_SAMPLES, advance))
     say(f"{imitator.samples} labels; saved in {config.out}")
     return 0

@@ -137,7 +137,7 @@ def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
     kept = trace.qpos[trace.time >= settle]
     if not kept.size:
         return None
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot(trace.robot))
     paths = np.empty((len(kept), len(SIDES), 2))
     for row, qpos in zip(paths, kept, strict=True):
         state = RobotState(
@@ -253,13 +253,13 @@ def limit_use(values: np.ndarray, limit: np.ndarray) -> dict[str, float]:
 def torque_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
     """Return the `limit_use` of the torques; None if the run ended before `settle`."""
     kept = trace.time >= settle
-    return limit_use(trace.torque[kept], load_robot().torque_limit) if kept.any() else None
+    return limit_use(trace.torque[kept], load_robot(trace.robot).torque_limit) if kept.any() else None
 
 
 def joint_speed_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
     """Return the `limit_use` of the joint speeds; None if the run ended before `settle`."""
     kept = trace.time >= settle
-    return limit_use(trace.qvel[kept, 6:], load_robot().velocity_limit) if kept.any() else None
+    return limit_use(trace.qvel[kept, 6:], load_robot(trace.robot).velocity_limit) if kept.any() else None
 
 
 # Smoothness

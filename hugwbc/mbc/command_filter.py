@@ -14,6 +14,7 @@ from hugwbc.mbc.reach import (
     lowest_leaping_height,
     lowest_walking_height,
 )
+from hugwbc.robot import Robot, load_robot
 
 _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
@@ -70,8 +71,8 @@ _STILL = GaitState()
 class CommandFilter:
     """Clamps commands to their ranges and limits their rates, so that a jump does not topple the robot."""
 
-    def __init__(self, params: ControllerParams) -> None:
-        self._params = params
+    def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
+        self._params, self._robot = params, robot or load_robot()
         self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
         self.reset(0.0, 0.0, 0.0)
 
@@ -162,7 +163,10 @@ class CommandFilter:
         params = self._params
         lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
         # A pushed robot could not brake in a squat, so the height also suits the speed that it actually has.
-        lowest = max(lowest_walking_height(params, each, 0.5 / f, self._posture[1]) for each in (speed, speed + stray))
+        lowest = max(
+            lowest_walking_height(params, each, 0.5 / f, self._posture[1], self._robot)
+            for each in (speed, speed + stray)
+        )
         wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
         if gait in _HOPS and wanted > -params.hop_lowering:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"

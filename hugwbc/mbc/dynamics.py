@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
 _SOLE_ENDS = ("heel", "toe")
@@ -47,9 +48,9 @@ class Dynamics(Kinematics):
         edge: distance from the sole's centre line at which a rolled foot touches the ground [m]; 0 for the line itself.
     """
 
-    def __init__(self, model: pin.Model | None = None) -> None:
-        """Use the shared H1 or, given one, another model with the same joints and frames."""
-        super().__init__()
+    def __init__(self, model: pin.Model | None = None, robot: Robot | None = None) -> None:
+        """Use a robot's shared model, by default the H1's, or another model with the same joints and frames."""
+        super().__init__(robot)
         if model is not None:
             self.model = model
             self.data = model.createData()

@@ -8,13 +8,12 @@ import numpy as np
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import toe_down
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 """Frames at the centres of the soles."""
 _SHANKS = tuple(f"{side}_knee_link" for side in SIDES)
 _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
-_SOLE_MIDDLE = sum(load_robot().sole_x) / 2.0  # [m], ahead of the ankle
 _TOUCH_LOAD = 20.0  # [N], load at which a foot has found the ground
 _RESTING_LOAD, _RESTING_RATE = 100.0, 0.5  # [N], [rad/s]: above and below these a sole lies on heel and toe
 _SLOPE_TIME = 0.02  # [s], time constant with which the slope of a resting sole is taken for the ground's
@@ -32,22 +31,23 @@ def pivot(dynamics: Dynamics, foot: int, balance: float) -> np.ndarray:
     """
     sole = dynamics.frame(SOLES[foot])
     x, y = sole.rotation[:2, 0].tolist()
-    ahead = (balance - _SOLE_MIDDLE) / max(math.hypot(x, y), 1e-6)
+    ahead = (balance - dynamics.robot.sole_middle) / max(math.hypot(x, y), 1e-6)
     return sole.position + np.array([ahead * x, ahead * y, 0.0])
 
 
-def sole_about(pivot: np.ndarray, yaw: float, balance: float) -> np.ndarray:
+def sole_about(pivot: np.ndarray, yaw: float, balance: float, robot: Robot) -> np.ndarray:
     """Return where to put a sole's centre so that its nominal centre of pressure is at a given place.
 
     Args:
         pivot: desired place of the centre of pressure, world x and y [m], shape (2,).
         yaw: heading of the foot [rad].
         balance: distance of the centre of pressure ahead of the ankle [m].
+        robot: gives the extent of the sole.
 
     Returns:
         Centre of the sole, world x and y [m], shape (2,).
     """
-    ahead = _SOLE_MIDDLE - balance
+    ahead = robot.sole_middle - balance
     return pivot + np.array([ahead * math.cos(yaw), ahead * math.sin(yaw)])
 
 
@@ -78,7 +78,7 @@ def swing_pitch(dynamics: Dynamics, foot: int, to_heading: np.ndarray, slope: fl
         slope: slope of the ground along the foot, positive with the toe down [rad].
     """
     lean = math.asin(min(max(-float(dynamics.rotation(_SHANKS[foot])[2, 0]), -1.0), 1.0))
-    return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(_SHANKS[foot])[3:5])), slope)
+    return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(_SHANKS[foot])[3:5])), slope, dynamics.robot)
 
 
 class Ground:

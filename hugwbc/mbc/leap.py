@@ -13,7 +13,7 @@ from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.rigid_body_mpc import ForcePlan, RigidBody, RigidBodyMpc, Stance, TakeOff
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import CentreOfMassMotionTask, SwingFootTask
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import GRAVITY
 
 _DAMPING = 1e-3  # [m^2], regularises the inverse of a leg's Jacobian, so that a straight knee does no harm
@@ -30,10 +30,12 @@ class Leap:
         failures: number of force plans since the reset that were not solved.
     """
 
-    def __init__(self, params: ControllerParams, plan: GaitPlan, references: References) -> None:
+    def __init__(
+        self, params: ControllerParams, plan: GaitPlan, references: References, robot: Robot | None = None
+    ) -> None:
         """Set up for a gait plan and its references, which the caller updates first in every tick."""
         self._params, self._plan, self._references = params, plan, references
-        robot = load_robot()
+        robot = robot or load_robot()
         ankle = float(robot.torque_limit[robot.index("left_ankle_joint")])
         self._mpc = {legs: RigidBodyMpc(params, 2 * legs, ankle) for legs in (1, 2)}
         self._legs = robot.legs.reshape(len(SIDES), -1)
@@ -183,7 +185,7 @@ class Leap:
         """
         plan, references, trajectory = self._plan, self._references, self.trajectories[foot]
         yaw = self._landing_yaw(tick.command)
-        foothold = feet.sole_about(self.foothold(tick, foot), yaw, references.balance)
+        foothold = feet.sole_about(self.foothold(tick, foot), yaw, references.balance, tick.dynamics.robot)
         elapsed = plan.step_time - plan.remaining
         trajectory.advance(foothold, tick.command.l, references.ground, elapsed, plan.remaining, tick.dt)
         task.position, task.velocity = trajectory.position, trajectory.velocity

@@ -15,7 +15,7 @@ from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.standing import Standing
 from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task
 from hugwbc.mbc.walking import Walking
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher than the other and still carry load
@@ -39,14 +39,14 @@ class Locomotion:
         stance, swing, free_leg: tasks of the left and the right leg.
     """
 
-    def __init__(self, params: ControllerParams) -> None:
-        self._params = params
+    def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
+        self._params, self._robot = params, robot or load_robot()
         self.plan = GaitPlan(params.gather_time)
         self.ground = feet.Ground()
         self.references = References(params, self.plan, self.ground)
         self._standing = Standing(params, self.plan, self.references)
         self._walking = Walking(params, self.plan, self.references, self.ground)
-        self._leap = Leap(params, self.plan, self.references)
+        self._leap = Leap(params, self.plan, self.references, self._robot)
         self._trim = VelocityTrim(params)
         self.momentum = AngularMomentumTask(params)
         self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
@@ -58,9 +58,9 @@ class Locomotion:
         }
 
     def _make_free_leg(self, foot: int) -> PostureTask:
-        params = self._params
-        task = PostureTask(f"{SIDES[foot]} free leg", load_robot().legs.reshape(len(SIDES), -1)[foot], 10.0)
-        task.target[:] = params.free_leg_posture
+        params, robot = self._params, self._robot
+        task = PostureTask(f"{SIDES[foot]} free leg", robot.legs.reshape(len(SIDES), -1)[foot], 10.0)
+        task.target[:] = robot.leg_postures["tucked"]
         task.stiffness[:], task.damping[:] = params.free_leg_gains
         task.weight[:] = params.free_leg_weight
         return task

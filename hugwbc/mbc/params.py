@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError
 _POSITIVE = (
     *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon"),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
-    *("leg_length", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
+    *("leg_reserve", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
     # Pairs of the largest rate and the largest acceleration,
     *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
     # and of stiffness and damping, whose ratio is the speed at which a gap is closed.
@@ -125,8 +125,8 @@ class ControllerParams:
     converges."""
     long_step: float = 0.4
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
-    leg_length: float = 0.785
-    """Largest distance between hip and ankle in such a step [m]; that of a straight leg is 0.8."""
+    leg_reserve: float = 0.015
+    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
     """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)
@@ -235,8 +235,6 @@ class ControllerParams:
     """Weight of the joints of the leg that does not hop."""
     free_leg_gains: tuple[float, float] = (100.0, 20.0)
     """Gains of these joints [1/s^2], [1/s]."""
-    free_leg_posture: tuple[float, ...] = (0.0, 0.0, -1.0, 1.9, -0.82)
-    """Hip yaw, roll and pitch, knee and ankle of the leg that does not hop [rad]."""
     leap_depth: float = -0.26
     """Lowest h at the bottom of the stance of a jump [m]."""
     hop_depth: float = -0.19

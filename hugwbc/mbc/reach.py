@@ -3,15 +3,10 @@
 import bisect
 
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import GRAVITY
 
-_LEVEL_SHANK = 0.80  # [rad], lean of the shank up to which the ankle keeps the sole level
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
-# Foremost centre of mass relative to the ankles [m] as a function of pelvis height h [m], at zero pitch and with the
-# ankle 0.02 rad short of its limit. The shank cannot lean further then, so that a deep squat sits back.
-_HEIGHTS = (-0.30, -0.25, -0.20, -0.10, 0.0)
-_FOREMOST = (-0.059, -0.036, 0.007, 0.148, 0.251)
-_FOREMOST_PER_PITCH = 0.20  # [m/rad], forward shift of that point per pelvis pitch
 
 
 def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> float:
@@ -21,7 +16,7 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
     return ys[k - 1] + (ys[k] - ys[k - 1]) * (x - xs[k - 1]) / (xs[k] - xs[k - 1])
 
 
-def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool) -> float:
+def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool, robot: Robot | None = None) -> float:
     """Return the nominal centre of pressure, and of mass when standing, forward of the ankle [m].
 
     Args:
@@ -29,12 +24,16 @@ def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool
         h: pelvis height above nominal [m].
         p: pelvis pitch [rad].
         walking: whether the margin of walking holds instead of that of standing.
+        robot: gives what the ankles allow; None for the H1.
     """
-    foremost = _interpolate(h, _HEIGHTS, _FOREMOST) + _FOREMOST_PER_PITCH * p
+    robot = robot or load_robot()
+    foremost = _interpolate(h, robot.squat_heights, robot.squat_reach) + robot.squat_reach_per_pitch * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
 
 
-def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float) -> float:
+def lowest_walking_height(
+    params: ControllerParams, speed: float, step_time: float, p: float, robot: Robot | None = None
+) -> float:
     """Return the lowest h at which the stance ankle still lets the body pass over a level foot [m].
 
     The centre of mass travels half a step to either side of the pivot, and a squat leaves no room for that.
@@ -44,11 +43,13 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
         speed: speed along the heading [m/s].
         step_time: duration of a step [s].
         p: pelvis pitch [rad].
+        robot: gives what the ankles allow; None for the H1.
     """
+    robot = robot or load_robot()
     # Backwards the landing foot is behind the body, where the shank leans most.
     stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
-    ahead = stride + params.walking_room - _FOREMOST_PER_PITCH * p
-    return _interpolate(ahead, _FOREMOST, _HEIGHTS)
+    ahead = stride + params.walking_room - robot.squat_reach_per_pitch * p
+    return _interpolate(ahead, robot.squat_reach, robot.squat_heights)
 
 
 def highest_clearance(params: ControllerParams, h: float, f: float, speed: float) -> float:
@@ -105,12 +106,13 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> floa
     return max(params.min_clearance, min(params.clearance_at_nominal + h + rise, rise + params.leap_tuck / f**2))
 
 
-def toe_down(shank_pitch: float, shank_rate: float, slope: float = 0.0) -> float:
+def toe_down(shank_pitch: float, shank_rate: float, slope: float = 0.0, robot: Robot | None = None) -> float:
     """Return the pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 
     Args:
         shank_pitch: lean of the shank, forward positive [rad].
         shank_rate: rate of the lean [rad/s].
         slope: slope of the ground, positive with the toe down [rad].
+        robot: gives the range of the ankle; None for the H1.
     """
-    return max(shank_pitch + _LEAD * shank_rate - _LEVEL_SHANK, slope)
+    return max(shank_pitch + _LEAD * shank_rate - (robot or load_robot()).level_shank, slope)

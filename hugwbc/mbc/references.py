@@ -20,7 +20,6 @@ _MAX_YAW_LEAD = 0.3  # [rad], lead of the yaw reference over the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], rate at which the reference returns to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], time constant of the ground height from one stance foot to the next
 _HIPS = tuple(f"{side}_hip_pitch_link" for side in SIDES)
-_ANKLE_HEIGHT = 0.07  # [m], above the sole
 
 
 class Tick(NamedTuple):
@@ -97,7 +96,8 @@ class References:
         orientation.yaw_rate = command.omega if moving else 0.0
         orientation.weight = self._orientation_weights["flight" if plan.airborne else "leap" if plan.legs else "ground"]
         orientation.pitch, orientation.pitch_rate = command.p, command.p_rate
-        self.balance = balance_point(self._params, command.h, command.p, walking=plan.mode is not Mode.STANDING)
+        walks = plan.mode is not Mode.STANDING
+        self.balance = balance_point(self._params, command.h, command.p, walking=walks, robot=dynamics.robot)
 
     def _below(self, dynamics: Dynamics) -> float:
         """Return the height of the ground below the pelvis, as the standing feet tell it [m]; in flight, the last."""
@@ -173,13 +173,15 @@ class Crouch:
         travel = pendulum.com_after(step.cop, remaining) - pendulum.com
         for foot, pivot in ((1 - swing, pendulum.pivot), (swing, step.foothold)):
             hip = dynamics.position(_HIPS[foot])
-            above = height + float(hip[2] - pelvis[2]) - _ANKLE_HEIGHT
-            self._needed = max(self._needed, above - self._hip_height(hip[:2] + travel - pivot))
+            above = height + float(hip[2] - pelvis[2]) - dynamics.robot.sole_depth
+            allowed = self._hip_height(hip[:2] + travel - pivot, dynamics.robot.leg_length)
+            self._needed = max(self._needed, above - allowed)
         self._needed = min(self._needed, self._params.max_crouch)
 
-    def _hip_height(self, offset: np.ndarray) -> float:
+    def _hip_height(self, offset: np.ndarray, straight: float) -> float:
         """Return the greatest height of a hip above an ankle that is this far away along the ground [m]."""
-        return math.sqrt(max(self._params.leg_length**2 - float(offset.dot(offset)), 0.0))
+        longest = straight - self._params.leg_reserve
+        return math.sqrt(max(longest**2 - float(offset.dot(offset)), 0.0))
 
 
 def _measured_yaw(dynamics: Dynamics) -> float:

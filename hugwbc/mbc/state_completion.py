@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
 _LONGEST_AGE = 0.03  # [s], age up to which a prediction is better than the reading
@@ -23,8 +23,8 @@ class LegOdometry:
     standing sole on ground at z = 0. While no foot stands, the centre of mass falls freely and the pelvis follows it.
     """
 
-    def __init__(self) -> None:
-        self._kinematics = Kinematics()
+    def __init__(self, robot: Robot | None = None) -> None:
+        self._kinematics = Kinematics(robot)
         self.reset()
 
     def reset(self) -> None:

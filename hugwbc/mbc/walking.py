@@ -65,7 +65,7 @@ class Walking:
         self.out_of_reach += any(step.missed)
         # The foot lands along the heading that the robot will have then.
         landing_yaw = references.yaw + command.omega * plan.remaining
-        foothold = feet.sole_about(step.foothold, landing_yaw, references.balance)
+        foothold = feet.sole_about(step.foothold, landing_yaw, references.balance, dynamics.robot)
         elapsed = plan.duration - plan.remaining
         # Half-way through the step the stance foot alone carries the weight, so that it lies on the ground.
         if not self._noted and 2.0 * elapsed > plan.duration:

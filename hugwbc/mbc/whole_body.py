@@ -19,7 +19,7 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
 from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
@@ -100,14 +100,21 @@ class WholeBodyController:
     carries_arms = True
 
     def __init__(
-        self, params: ControllerParams | None = None, *, period: float = 0.002, dynamics: Dynamics | None = None
+        self,
+        params: ControllerParams | None = None,
+        *,
+        period: float = 0.002,
+        dynamics: Dynamics | None = None,
+        robot: Robot | None = None,
     ) -> None:
         """Set up the controller.
 
         Args:
             params: gains, weights and limits; None for the defaults.
             period: time between two calls of `act` [s]; 0.002 to 0.01, or 0.02 with reduced tracking.
-            dynamics: robot model; None for that of the shared H1.
+            dynamics: robot model; None for the shared one of `robot`.
+            robot: robot that the controller is told, which may differ from the one that moves; None for that of
+                `dynamics`, or the H1.
 
         Raises:
             ConfigError: if the period is not finite and above 0.
@@ -116,17 +123,17 @@ class WholeBodyController:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
         self.params = params or ControllerParams()
         self.period = period
-        self.dynamics = dynamics or Dynamics()
-        self._robot = load_robot()
+        self.dynamics = dynamics or Dynamics(robot=robot)
+        self._robot = robot or self.dynamics.robot
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
         for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
-        self._filter = CommandFilter(self.params)
-        self._locomotion = Locomotion(self.params)
-        self._odometry = LegOdometry()
+        self._filter = CommandFilter(self.params, self._robot)
+        self._locomotion = Locomotion(self.params, self._robot)
+        self._odometry = LegOdometry(self._robot)
         self._columns = in_place(self.dynamics.columns)
         self._predictor = Predictor(self.dynamics, period)
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
@@ -144,6 +151,11 @@ class WholeBodyController:
         self._started = False
         self._outcome: _Outcome | None = None
         self._free_arms()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the controller was told."""
+        return self._robot
 
     @property
     def phase(self) -> float:

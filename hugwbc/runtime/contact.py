@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
 _FEET = len(SIDES)
@@ -50,10 +50,10 @@ class ContactObserver:
         contact: which feet stand, shape (2,), bool.
     """
 
-    def __init__(self, params: ContactParams | None = None) -> None:
-        """Set up; call `reset` before `update`."""
+    def __init__(self, params: ContactParams | None = None, robot: Robot | None = None) -> None:
+        """Set up for a robot, by default the H1; call `reset` before `update`."""
         self.params = params or ContactParams()
-        self._kinematics = Kinematics()
+        self._kinematics = Kinematics(robot)
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = self._kinematics.columns
         self._robot = robot

@@ -1,7 +1,8 @@
 """Controllers by name or path, as on the command line: built-in, plug-in, policy folder, or foreign policy.
 
 A plug-in is an entry point in the group `hugwbc.controllers`: a callable that returns an object with the members of
-`hugwbc.controller.Controller`. If the callable has a parameter `policy`, it receives the value of --policy, or None.
+`hugwbc.controller.Controller`. If the callable has a parameter `policy`, it receives the value of --policy, or None; if
+it has a parameter `robot`, it receives the `Robot` that the controller is told, or None for the default one.
 The built-in controllers are registered in the same way.
 """
 
@@ -21,7 +22,7 @@ import hugwbc
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
-from hugwbc.robot import load_robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.runtime.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
 from hugwbc.runtime.foreign.network import SUFFIXES
 from hugwbc.state import RobotState
@@ -42,8 +43,8 @@ class HoldController:
     name = "hold"
     period = 0.02
 
-    def __init__(self) -> None:
-        self.robot = load_robot()
+    def __init__(self, robot: Robot | None = None) -> None:
+        self.robot = robot or load_robot()
 
     def reset(self, state: RobotState) -> None:
         """Do nothing; there is no past to forget."""
@@ -69,20 +70,21 @@ def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
     return load_policy() if policy is None else load_policy(policy)
 
 
-def load_controller(name: str, policy: str | pathlib.Path | None = None) -> Controller:
+def load_controller(name: str, policy: str | pathlib.Path | None = None, robot: str | None = None) -> Controller:
     """Build a controller.
 
     Args:
         name: one of `controller_names()`, or the path of a policy or of a contract (`ControllerSpec`).
         policy: name of a shipped policy or path of a policy, for a controller that takes one.
+        robot: name of the robot that a model-based controller is told, such as "h1-2023"; None for the default one.
 
     Raises:
-        UnknownNameError: if neither a controller nor a file has that name.
-        ConfigError: if the controller does not take a policy.
+        UnknownNameError: if neither a controller nor a file has that name, or no robot has its name.
+        ConfigError: if the controller does not take a policy or a robot.
         ContractError: if a contract is malformed.
         PolicyFileError: if a policy file is missing, truncated or foreign.
     """
-    return ControllerSpec(name, policy).build()
+    return ControllerSpec(name, policy, robot).build()
 
 
 @functools.cache
@@ -117,10 +119,13 @@ class ControllerSpec:
             contract or of a folder with a `contract.yaml`.
         policy: for the learned controller, the name of a shipped policy or the path of a policy file; for a foreign
             policy, the file of its network; for a plug-in, whatever it takes; None for the default.
+        robot: name of the robot that the controller is told, for one that takes a robot; None for the default. The
+            simulated robot may be another one.
     """
 
     name: str
     policy: str | pathlib.Path | None = None
+    robot: str | None = None
 
     def __post_init__(self) -> None:
         path = pathlib.Path(self.name)
@@ -132,6 +137,13 @@ class ControllerSpec:
             raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
         if self.policy is not None and not self._is_foreign:
             self._check_policy()
+        if self.robot is not None:
+            load_robot(self.robot)
+            if not self.takes_robot:
+                raise ConfigError(
+                    f"controller '{self.name}' is not told a robot: it has no model of one, or learned one in its "
+                    f"training; leave out '{self.robot}', or choose a controller that takes a robot, such as qp"
+                )
 
     def _check_policy(self) -> None:
         """Refuse a policy that would not be used.
@@ -141,7 +153,7 @@ class ControllerSpec:
         """
         if self.name not in plugins():
             raise ConfigError(f"controller '{self.name}' takes no policy because it is one; leave out '{self.policy}'")
-        if not _takes_policy(_loaded(plugins()[self.name])):
+        if not _takes(_loaded(plugins()[self.name]), "policy"):
             raise ConfigError(
                 f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
                 "takes one, such as learned"
@@ -154,10 +166,24 @@ class ControllerSpec:
         return cls(name, policy) if equals and name in controller_names() else cls(words)
 
     @property
+    def takes_robot(self) -> bool:
+        """Whether the controller can be told a robot; a policy cannot, since it has learned one.
+
+        Raises:
+            ConfigError: if a plug-in cannot be loaded.
+        """
+        return self.name in plugins() and _takes(_loaded(plugins()[self.name]), "robot")
+
+    def told(self, robot: str) -> "ControllerSpec":
+        """Return the controller told a robot, or unchanged if it takes none."""
+        return dataclasses.replace(self, robot=robot) if self.takes_robot else self
+
+    @property
     def label(self) -> str:
-        """Short name for tables, which includes the policy."""
+        """Short name for tables, which includes the policy and the robot."""
         name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
-        return name if self.policy is None else f"{name} {pathlib.Path(self.policy).stem}"
+        policy = None if self.policy is None else pathlib.Path(self.policy).stem
+        return " ".join(word for word in (name, policy, self.robot) if word is not None)
 
     def build(self) -> Controller:
         """Build the controller, ready to `reset`.
@@ -168,7 +194,7 @@ class ControllerSpec:
             ConfigError: if a plug-in cannot be loaded or does not return a controller.
         """
         if self.name in plugins():
-            return _build_plugin(plugins()[self.name], self.policy)
+            return _build_plugin(plugins()[self.name], self.policy, self.robot)
         if self._is_foreign:
             from hugwbc.runtime.foreign import load_foreign_policy
 
@@ -215,6 +241,7 @@ class ControllerSpec:
             "modules": [entry.value.partition(":")[0] if entry else "hugwbc.runtime.controllers"],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
             "policy": self._policy_word,
+            **({"robot": self.robot or DEFAULT_ROBOT} if self.takes_robot else {}),
         }
 
     @property
@@ -256,14 +283,16 @@ def _loaded(entry: EntryPoint) -> Callable[..., Any]:
         ) from error
 
 
-def _takes_policy(factory: Callable[..., Any]) -> bool:
-    return "policy" in inspect.signature(factory).parameters
+def _takes(factory: Callable[..., Any], parameter: str) -> bool:
+    return parameter in inspect.signature(factory).parameters
 
 
-def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None) -> Controller:
+def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None, robot: str | None) -> Controller:
     """Build a plug-in and check that it is a controller."""
     factory = _loaded(entry)
-    controller = factory(policy=policy) if _takes_policy(factory) else factory()
+    told = None if robot is None else load_robot(robot)
+    given = {name: value for name, value in (("policy", policy), ("robot", told)) if _takes(factory, name)}
+    controller = factory(**given)
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         raise ConfigError(

@@ -141,11 +141,11 @@ class StateEstimator:
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
     """
 
-    def __init__(self, params: EstimatorParams | None = None) -> None:
-        """Set up; call `reset` before `update`."""
+    def __init__(self, params: EstimatorParams | None = None, robot: Robot | None = None) -> None:
+        """Set up for a robot, by default the H1; call `reset` before `update`."""
         self.params = params or EstimatorParams()
-        self._robot = load_robot()
-        self._model = pinocchio_model()
+        self._robot = robot or load_robot()
+        self._model = pinocchio_model(self._robot)
         self._data = self._model.createData()
         self._configuration = pin.neutral(self._model)  # the pelvis stays at the origin
         self._columns = joint_columns(self._model, self._robot)
@@ -159,7 +159,7 @@ class StateEstimator:
             (_ACCELEROMETER_BIAS, self.params.accelerometer_bias_walk),
         ):
             self._drive[rows] = density**2
-        self._observer = ContactObserver(self.params.contact)
+        self._observer = ContactObserver(self.params.contact, self._robot)
         self._joints = JointFilter(self.params, self._robot)
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)

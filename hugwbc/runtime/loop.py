@@ -9,12 +9,13 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import CarriesArms, Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.scripts.command_source import Constant as Constant
-from hugwbc.sim import Simulation
+from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution, UpperBodySource
@@ -91,7 +92,7 @@ class ControlLoop:
         simulation: the robot.
         period: the controller's period [s].
         substeps: physics steps in a period.
-        estimator: gives the controller the state from noisy sensors; None if it reads `Simulation.sense` itself.
+        estimator: gives the controller the state from noisy sensors; None if it reads `Engine.sense` itself.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
     """
@@ -100,9 +101,10 @@ class ControlLoop:
         self,
         controller: Controller,
         source: CommandSource,
-        simulation: Simulation,
+        simulation: Engine,
         upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
+        robot: Robot | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
@@ -112,11 +114,13 @@ class ControlLoop:
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None if the controller reads them itself.
+            robot: robot whose limits the safety filter keeps; None for the simulated one. What the controller, the
+                arms and the estimator are told is up to them.
 
         Raises:
             ConfigError: if the controller's period is not a multiple of the physics time step.
         """
-        self.safe = SafetyFilter(controller)
+        self.safe = SafetyFilter(controller, robot=robot or simulation.robot)
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
         self._plan = PlanView(controller)
@@ -171,7 +175,7 @@ class ControlLoop:
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
         return Moment(
-            qpos=simulation.data.qpos.copy(),
+            qpos=simulation.qpos,
             gait=int(self.safe.command.gait),
             phase=self._plan.phase,
             foot_contact=foot_contacts(state),

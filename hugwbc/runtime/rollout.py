@@ -12,13 +12,13 @@ from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop, foot_contacts
 from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
-from hugwbc.sim import Disturber, Force, Simulation
+from hugwbc.sim import Disturber, Engine, Force
 
 
 def rollout(
     controller: Controller,
     source: CommandSource,
-    simulation: Simulation,
+    simulation: Engine,
     upper_body: ArmSource | None = None,
     *,
     duration: float,
@@ -30,7 +30,7 @@ def rollout(
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
     The loop runs at the controller's period and the physics at its own time step; a sample is recorded every
-    `RECORD_PERIOD`. The controller reads `Simulation.sense` or an estimator; the record holds the true state.
+    `RECORD_PERIOD`. The controller reads `Engine.sense` or an estimator; the record holds the true state.
 
     Args:
         controller: any object with the members of `Controller`.
@@ -53,7 +53,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = _Recorder(loop, Disturber(simulation.model, forces))
+    recorder = _Recorder(loop, Disturber(simulation.link_names, forces))
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -80,7 +80,7 @@ class _Recorder:
         self.loop = loop
         self.disturber = disturber
         self.simulation = loop.simulation
-        self.kinematics = Kinematics()
+        self.kinematics = Kinematics(self.simulation.robot)
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
@@ -95,9 +95,9 @@ class _Recorder:
 
     def advance(self, command: JointCommand, t: float) -> bool:
         """Step the physics through one control period, note touch-downs, and return whether the robot is still up."""
-        dt, data = self.simulation.timestep, self.simulation.data
+        dt, simulation = self.simulation.timestep, self.simulation
         for substep in range(self.loop.substeps):
-            self.disturber.update(t + substep * dt, data.qpos, data.xfrc_applied)
+            self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
             now = t + (substep + 1) * dt
             self._contact = foot_contacts(self.loop.step(command, dt))
             for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
@@ -121,7 +121,7 @@ class _Recorder:
             "measured": [getattr(measured, name) for name in MEASURED_NAMES],
             "clearance": measured.clearance,
             **{name: getattr(moment, name) for name in MOMENT_FIELDS},
-            "qvel": self.simulation.data.qvel.copy(),
+            "qvel": self.simulation.qvel,
             "target": command.q.copy(),
             "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
             "reachable": self.loop.reachable,
@@ -144,4 +144,5 @@ class _Recorder:
             survived_s=survived_s,
             steps=steps,
             safety=self.loop.safe.report(),
+            robot=self.simulation.robot.name,
         )

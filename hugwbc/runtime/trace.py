@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.safety import SafetyReport
 
 RECORD_PERIOD = 0.02  # [s] between two samples
@@ -45,6 +46,7 @@ class Trace:
         survived_s: time of the fall, or the whole duration [s].
         steps: number of control steps executed.
         safety: report of the safety filter.
+        robot: name of the simulated robot.
     """
 
     name: str
@@ -73,3 +75,4 @@ class Trace:
     survived_s: float
     steps: int
     safety: SafetyReport
+    robot: str = DEFAULT_ROBOT

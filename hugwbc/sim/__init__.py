@@ -2,6 +2,7 @@
 
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, Arena, ArenaChoice
+from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.scene import Ground
 from hugwbc.sim.sensors import SensorProfile
@@ -16,6 +17,7 @@ __all__ = [
     "Arena",
     "ArenaChoice",
     "Disturber",
+    "Engine",
     "Force",
     "Ground",
     "HeightField",

@@ -9,6 +9,7 @@ from mujoco.batch import Batch
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
+from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
@@ -33,7 +34,8 @@ class BatchSimulation:
     """A batch of robots on the same ground. All arrays are live: they show the state after the last step.
 
     Attributes:
-        qpos, qvel: state, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
+        layout: place of the robot in the model's state.
+        qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
@@ -66,9 +68,11 @@ class BatchSimulation:
         self.terrain = terrain
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)
-        self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
-        self.ctrl = self.batch.bind("ctrl")
-        self.torque = self.batch.bind("actuator_force")
+        self.layout = robot_layout(self.model, self.robot)
+        self.qpos = self.batch.bind("qpos")[:, self.layout.qpos]
+        self.qvel = self.batch.bind("qvel")[:, self.layout.qvel]
+        self.ctrl = self.batch.bind("ctrl")[:, self.layout.ctrl]
+        self.torque = self.batch.bind("actuator_force")[:, self.layout.ctrl]
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
@@ -81,7 +85,7 @@ class BatchSimulation:
 
     def _limit_torque(self) -> list[_Limited]:
         """Divide the robots into blocks that step by themselves, each with the torque-speed limit of its robots."""
-        force_range, blocks = self.batch.expand("actuator_forcerange"), []
+        force_range, blocks = self.batch.expand("actuator_forcerange")[:, self.layout.ctrl], []
         size = _BLOCK * max(1, self.batch.nthread)
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
@@ -100,6 +104,11 @@ class BatchSimulation:
             for kind in ("sole_position", "sole_velocity", "foot_force")
         }
         self._link_forces = np.concatenate([np.r_[self._columns[f"{n}_force"]] for n in self.robot.contact_links])
+
+    @property
+    def nominal_qpos(self) -> np.ndarray:
+        """Nominal stand at the origin, as in `qpos`, shape (26,)."""
+        return self.model.key("nominal").qpos[self.layout.qpos].copy()
 
     @property
     def count(self) -> int:

@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from hugwbc import rotations
@@ -51,31 +50,35 @@ class Force:
 class Disturber:
     """Applies forces to one robot; forces that act on the same link at the same time add up."""
 
-    def __init__(self, model: mujoco.MjModel, forces: Sequence[Force]) -> None:
+    def __init__(self, link_names: Sequence[str], forces: Sequence[Force]) -> None:
         """Find the links.
+
+        Args:
+            link_names: names of the rows of the array that `update` writes; the first is the world.
+            forces: the planned forces.
 
         Raises:
             UnknownNameError: if a force names a link that does not exist.
         """
-        links = {model.body(i).name: i for i in range(1, model.nbody)}
+        links = {name: row for row, name in enumerate(link_names) if row > 0}
         for force in forces:
             if force.link not in links:
                 raise UnknownNameError("link", force.link, links)
         self._forces = tuple(forces)
-        self._bodies = [links[force.link] for force in forces]
+        self._rows = [links[force.link] for force in forces]
         self.reset()
 
     def reset(self) -> None:
         """Start a new run at time 0."""
         self._acting: dict[int, np.ndarray] = {}
 
-    def update(self, t: float, qpos: np.ndarray, xfrc_applied: np.ndarray) -> bool:
+    def update(self, t: float, qpos: np.ndarray, external_force: np.ndarray) -> bool:
         """Set the forces for the physics step that begins at time t; only the links of its forces are written.
 
         Args:
             t: time [s].
             qpos: positions of the robot, shape (26,); its yaw turns forces in the heading frame.
-            xfrc_applied: MuJoCo's forces on bodies in the world [N], [N*m], shape (bodies, 6); written in place.
+            external_force: forces and torques on the links in the world [N, N*m], shape (links, 6); written in place.
 
         Returns:
             Whether a force has set in or ended.
@@ -84,9 +87,9 @@ class Disturber:
         if acting == self._acting.keys():
             return False
         self._acting = {i: self._acting[i] if i in self._acting else self._in_world(i, qpos) for i in acting}
-        for body in set(self._bodies):
-            on_body = [vector for i, vector in self._acting.items() if self._bodies[i] == body]
-            xfrc_applied[body, :3] = np.sum(on_body, axis=0) if on_body else 0.0
+        for row in set(self._rows):
+            on_link = [vector for i, vector in self._acting.items() if self._rows[i] == row]
+            external_force[row, :3] = np.sum(on_link, axis=0) if on_link else 0.0
         return True
 
     def _in_world(self, index: int, qpos: np.ndarray) -> np.ndarray:

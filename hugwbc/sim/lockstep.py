@@ -12,8 +12,10 @@ from hugwbc import rotations
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
+from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
+from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.scene import Ground, load_model
-from hugwbc.sim.simulation import DIVERGED, FALL_HEIGHT, FALL_PITCH, FALL_ROLL
+from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.variation import Variation
 
 _VARIED_FIELDS = ("body_mass", "geom_friction", "actuator_forcerange")  # that `Variation.apply_to` writes to
@@ -27,7 +29,7 @@ class LockstepSimulation:
 
     Attributes:
         model: model of the robot as described, for the names and numbers of its links.
-        qpos, qvel: state, shapes (n, 26) and (n, 25).
+        qpos, qvel: state of the robots, shapes (n, 26) and (n, 25).
         forces: external forces and torques on the bodies in the world [N, N*m], shape (n, bodies, 6); writable.
         torque: joint torques [N*m], shape (n, 19).
         diverged: which robots' physics failed, bool, shape (n,).
@@ -59,6 +61,7 @@ class LockstepSimulation:
         """
         self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
         self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
+        self._layout = robot_layout(self.model, self.robot)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
         gain = np.array([variation.gain for variation in variations])[:, None]
         self._kp, self._kd = gain * kp, gain * kd
@@ -66,17 +69,18 @@ class LockstepSimulation:
         self._vary(variations)
         self._batch.reset(keyframe=0)
         self._set_gains()
-        self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self.qpos = self._batch.bind("qpos")[:, self._layout.qpos]
+        self.qvel = self._batch.bind("qvel")[:, self._layout.qvel]
         self.forces = self._batch.bind("xfrc_applied")
-        self.torque = self._batch.bind("actuator_force")
-        self._ctrl = self._batch.bind("ctrl")
+        self.torque = self._batch.bind("actuator_force")[:, self._layout.ctrl]
+        self._ctrl = self._batch.bind("ctrl")[:, self._layout.ctrl]
         self._given = self._ctrl.copy()
         # Controls on the way to the drives, oldest first; of the whole batch, since all robots step together.
         self._pending: collections.deque[np.ndarray] = collections.deque()
         self._delay = actuators.delay_steps(self.robot, timestep)
         self._limit: TorqueSpeedLimit | None = None
         if actuators.torque_speed:
-            self._force_range = self._batch.expand("actuator_forcerange")
+            self._force_range = self._batch.expand("actuator_forcerange")[:, self._layout.ctrl]
             self._limit = TorqueSpeedLimit(self.robot, self._force_range[:, :, 1])
         self._sensors = self._batch.bind("sensordata")
         self.diverged = np.zeros(len(variations), dtype=bool)
@@ -94,11 +98,11 @@ class LockstepSimulation:
                 values[row] = getattr(models[variation], name)
         if any(variation.payload for variation in variations):
             self._batch.set_const()
-        self._batch.expand("actuator_gainprm")[:, :, 0] = self._strength
+        self._batch.expand("actuator_gainprm")[:, self._layout.ctrl, 0] = self._strength
 
     def _set_gains(self) -> None:
         """Set the gains after the reset: `Simulation` resets with the description's gains, before its first command."""
-        bias = self._batch.expand("actuator_biasprm")
+        bias = self._batch.expand("actuator_biasprm")[:, self._layout.ctrl]
         bias[:, :, 1] = -self._strength * self._kp
         bias[:, :, 2] = -self._strength * self._kd
 

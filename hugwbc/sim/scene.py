@@ -103,6 +103,11 @@ def load_model(
     return model
 
 
+def link_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the names of a model's bodies, by their numbers; the first is the world."""
+    return tuple(model.body(i).name for i in range(model.nbody))
+
+
 def check_timestep(timestep: float) -> None:
     """Check that the robot can be simulated with a physics time step [s].
 

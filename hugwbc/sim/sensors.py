@@ -3,12 +3,11 @@
 import dataclasses
 import math
 
-import mujoco
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 LONGEST_LATENCY = 1.0  # [s]
@@ -112,20 +111,25 @@ def sensor_profile(name: str) -> SensorProfile:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """MuJoCo's state and sensor data at one time, and what was measured over the physics step before it.
+    """What perfect sensors say at one time, from whichever engine.
 
     Attributes:
         time: [s].
-        qpos, qvel: shapes (26,) and (25,).
-        sensors: MuJoCo's sensor data.
-        accelerometer: of the torso's IMU [m/s^2], shape (3,).
-        torque: of the joints [N*m], shape (19,).
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
+        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,).
+        imu_orientation: IMU to world, unit quaternion, shape (4,).
+        imu_gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
+        foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).
+        accelerometer: specific force at the IMU over the last physics step, in its own frame [m/s^2], shape (3,).
+        torque: joint torques over the last physics step [N*m], shape (19,).
     """
 
     time: float
     qpos: np.ndarray
     qvel: np.ndarray
-    sensors: np.ndarray
+    imu_orientation: np.ndarray
+    imu_gyro: np.ndarray
+    foot_force: np.ndarray
     accelerometer: np.ndarray
     torque: np.ndarray
 
@@ -133,28 +137,25 @@ class Reading:
 class Sensors:
     """The sensors of one robot."""
 
-    def __init__(self, model: mujoco.MjModel, profile: SensorProfile, seed: int) -> None:
-        """Find the sensors.
+    def __init__(self, profile: SensorProfile, seed: int, robot: Robot | None = None) -> None:
+        """Draw the errors of the first episode.
 
         Args:
-            model: of the robot.
             profile: which sensors there are, and how good they are.
-            seed: of noise, biases and offsets.
+            seed: seed of noise, biases and offsets.
+            robot: robot with the sensors; None for the H1.
         """
         self.profile = profile
         self._rng = np.random.default_rng(seed)
-        self._waist = load_robot().waist
-        self._columns = {
-            model.sensor(i).name: slice(int(adr), int(adr + dim))
-            for i, (adr, dim) in enumerate(zip(model.sensor_adr, model.sensor_dim, strict=True))
-        }
+        robot = robot or load_robot()
+        self._waist, self._joints = robot.waist, len(robot.joint_names)
         self.reset()
 
     def reset(self) -> None:
         """Draw the biases and offsets of a new episode."""
         p = self.profile
-        self._encoder_offset = self._normal(p.encoder_offset, 19)
-        self._torque_scale = 1.0 + self._normal(p.torque_scale, 19)
+        self._encoder_offset = self._normal(p.encoder_offset, self._joints)
+        self._torque_scale = 1.0 + self._normal(p.torque_scale, self._joints)
         self._gyro_bias = self._normal(p.gyro_bias, 3)
         self._accelerometer_bias = self._normal(p.accelerometer_bias, 3)
         self._attitude_bias = np.append(self._normal(p.attitude_bias, 2), 0.0)
@@ -163,8 +164,6 @@ class Sensors:
     def truth(self, reading: Reading) -> RobotState:
         """Return the true state, with position, velocity, foot forces and joint torques."""
         qpos, qvel = reading.qpos, reading.qvel
-        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-        forces = [-reading.sensors[self._columns[f"{side}_foot_force"]] for side in SIDES]
         return RobotState(
             q=qpos[7:],
             dq=qvel[6:],
@@ -172,7 +171,7 @@ class Sensors:
             angular_velocity=qvel[3:6],
             position=qpos[:3],
             velocity=qvel[:3],
-            foot_force=np.array(forces),
+            foot_force=reading.foot_force,
             torque=reading.torque,
             time=reading.time,
         )
@@ -184,12 +183,12 @@ class Sensors:
         """
         truth, p = self.truth(reading), self.profile
         self._let_biases_walk(reading.time)
-        q = truth.q + self._encoder_offset + self._normal(p.encoder, 19)
-        dq = truth.dq + self._normal(p.joint_velocity, 19)
-        gyro = reading.sensors[self._columns["imu_gyro"]] + self._gyro_bias + self._normal(p.gyro, 3)
+        q = truth.q + self._encoder_offset + self._normal(p.encoder, self._joints)
+        dq = truth.dq + self._normal(p.joint_velocity, self._joints)
+        gyro = reading.imu_gyro + self._gyro_bias + self._normal(p.gyro, 3)
         turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + self._normal(p.attitude, 3))))
         # A constant error of roll and pitch is one about the world's axes.
-        attitude = rotations.multiply(turn / np.linalg.norm(turn), reading.sensors[self._columns["imu_orientation"]])
+        attitude = rotations.multiply(turn / np.linalg.norm(turn), reading.imu_orientation)
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
         assert truth.torque is not None
         return dataclasses.replace(
@@ -203,7 +202,7 @@ class Sensors:
             foot_force=truth.foot_force if p.foot_force else None,
             imu_gyro=gyro,
             imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
-            torque=self._torque_scale * truth.torque + self._normal(p.torque, 19),
+            torque=self._torque_scale * truth.torque + self._normal(p.torque, self._joints),
         )
 
     def _let_biases_walk(self, time: float) -> None:

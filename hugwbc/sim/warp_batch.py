@@ -10,6 +10,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.terrain import HeightField
 
@@ -76,9 +77,13 @@ class WarpSimulation(BatchSimulation):
         self.batch = Batch(self.model, count, 1)
         self._index_sensors()
         nominal = self.model.key("nominal")
-        self.qpos, self.ctrl = np.tile(nominal.qpos, (count, 1)), np.tile(nominal.ctrl, (count, 1))
-        self.qvel, self.warm_start = np.zeros((count, self.model.nv)), np.zeros((count, self.model.nv))
-        self.torque = np.zeros((count, self.model.nu))
+        self.layout = robot_layout(self.model, self.robot)
+        self._qpos, self._ctrl = np.tile(nominal.qpos, (count, 1)), np.tile(nominal.ctrl, (count, 1))
+        self._qvel, self.warm_start = np.zeros((count, self.model.nv)), np.zeros((count, self.model.nv))
+        self._torque = np.zeros((count, self.model.nu))
+        # The robot's parts of these arrays are views.
+        self.qpos, self.qvel = self._qpos[:, self.layout.qpos], self._qvel[:, self.layout.qvel]
+        self.ctrl, self.torque = self._ctrl[:, self.layout.ctrl], self._torque[:, self.layout.ctrl]
         self._sensors = np.zeros((count, self.model.nsensordata))
         with self._wp.ScopedDevice(device):
             start = mujoco.MjData(self.model)
@@ -110,7 +115,7 @@ class WarpSimulation(BatchSimulation):
             mjw.sensor_pos(model, data)
             mjw.fwd_velocity(model, data)
             mjw.sensor_vel(model, data)
-            self.torque[:] = data.actuator_force.numpy()
+            self._torque[:] = data.actuator_force.numpy()
             self._sensors[:] = data.sensordata.numpy()
         return diverged
 
@@ -122,7 +127,7 @@ class WarpSimulation(BatchSimulation):
             # The device recomputes all robots; the others keep the results of their last step.
             self._mjw.forward(self._on_device, data)
             self.warm_start[ids] = data.qacc_warmstart.numpy()[ids]
-            self.torque[ids] = data.actuator_force.numpy()[ids]
+            self._torque[ids] = data.actuator_force.numpy()[ids]
             self._sensors[ids] = data.sensordata.numpy()[ids]
 
     def _upload(self) -> None:
@@ -132,20 +137,20 @@ class WarpSimulation(BatchSimulation):
             shared = getattr(self._on_device, name, None)
             if values is not None and shared is not None:
                 setattr(self._on_device, name, self._wp.array(values.astype(np.float32), dtype=shared.dtype))
-        arrays = {"qpos": self.qpos, "qvel": self.qvel, "ctrl": self.ctrl, "qacc_warmstart": self.warm_start}
+        arrays = {"qpos": self._qpos, "qvel": self._qvel, "ctrl": self._ctrl, "qacc_warmstart": self.warm_start}
         for name, values in arrays.items():
             getattr(self._data, name).assign(values.astype(np.float32))
 
     def _download_state(self) -> None:
-        self.qpos[:], self.qvel[:] = self._data.qpos.numpy(), self._data.qvel.numpy()
+        self._qpos[:], self._qvel[:] = self._data.qpos.numpy(), self._data.qvel.numpy()
         self.warm_start[:] = self._data.qacc_warmstart.numpy()
 
     def _restart_runaways(self) -> np.ndarray:
-        state = np.hstack((self.qpos, self.qvel))
+        state = np.hstack((self._qpos, self._qvel))
         # The comparison is false for NaN, so such a robot counts as lost.
         lost = np.logical_not((np.abs(state) < _RUNAWAY).all(axis=1))
         if lost.any():
-            self.qpos[lost], self.qvel[lost] = self.model.key("nominal").qpos, 0.0
+            self._qpos[lost], self._qvel[lost] = self.model.key("nominal").qpos, 0.0
             self.warm_start[lost] = 0.0
             self._upload()
         return lost

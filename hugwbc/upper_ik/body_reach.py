@@ -8,7 +8,7 @@ import placo
 from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
 from hugwbc.errors import ConfigError
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
@@ -57,9 +57,9 @@ class BodyReach:
         failures: number of steps in which the solver failed; each kept the last values.
     """
 
-    def __init__(self, config: BodyReachConfig | None = None) -> None:
+    def __init__(self, config: BodyReachConfig | None = None, robot: Robot | None = None) -> None:
         self.config = config or BodyReachConfig()
-        self._robot = load_robot()
+        self._robot = robot or load_robot()
         self.rejected = self.failures = 0
         self.placo = upper_body(self._robot, on_column=True)
         arm, arms = self.config.arm, self._robot.arms
@@ -127,7 +127,7 @@ class BodyReach:
             if not wants_body or not usable:
                 return command
             self._begin(wanted, state)
-        points = on_column(hands, state, self.values) if hands is not None and wants_body else None
+        points = on_column(hands, state, self.values, self._robot) if hands is not None and wants_body else None
         if not usable or (wants_body and points is None):
             self.rejected += 1
         elif hands is None or points is None:
@@ -204,13 +204,16 @@ class BodyReach:
         self.values = np.array(values, dtype=float)
 
 
-def on_column(hands: HandTargets, state: RobotState, values: np.ndarray) -> np.ndarray | None:
+def on_column(
+    hands: HandTargets, state: RobotState, values: np.ndarray, robot: Robot | None = None
+) -> np.ndarray | None:
     """Return hand targets in the column's frame: at the nominal height above the robot, with its heading.
 
     Args:
         hands: the targets.
         state: gives heading and position.
         values: current h, p and w, shape (3,); targets in the pelvis and the heading frame move with them.
+        robot: gives the nominal height; None for the H1.
 
     Returns:
         Positions [m], shape (2, 3), without meaning for a hand without a target; None if the targets are unusable.
@@ -221,7 +224,7 @@ def on_column(hands: HandTargets, state: RobotState, values: np.ndarray) -> np.n
     if hands.frame == "world":
         if state.position is None:
             return None
-        origin = np.array([*state.position[:2], load_robot().nominal_height])
+        origin = np.array([*state.position[:2], (robot or load_robot()).nominal_height])
         points = (points - origin) @ rotations.rotation_z(state.yaw)
     else:
         if hands.frame == "pelvis":

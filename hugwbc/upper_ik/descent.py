@@ -6,13 +6,12 @@ import math
 import numpy as np
 import placo
 
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance, upper_body
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
-FOREARM = float(np.hypot(0.28, 0.015))  # from the elbow to the hand [m]
 NOWHERE = np.full((2, 3), np.nan)
 
 
@@ -68,9 +67,9 @@ class Descent:
         without_collisions: number of steps that had to be solved without collision avoidance.
     """
 
-    def __init__(self, config: ArmIKConfig) -> None:
+    def __init__(self, config: ArmIKConfig, robot: Robot | None = None) -> None:
         self.config = config
-        self._robot = load_robot()
+        self._robot = robot or load_robot()
         arms = self._robot.arms
         self.lower = self._robot.lower[arms] + config.limit_margin
         self.upper = self._robot.upper[arms] - config.limit_margin
@@ -208,7 +207,7 @@ class Descent:
         for hand, direction in enumerate(goal.directions):
             wanted = bool(direction[0] == direction[0])  # false for NaN
             if wanted:
-                error = goal.points[hand] - FOREARM * direction - self.elbow(hand)
+                error = goal.points[hand] - self._robot.forearm * direction - self.elbow(hand)
                 longest = self.config.hand_speed * dt
                 error *= min(1.0, longest / max(float(np.linalg.norm(error)), 1e-9))
                 self._elbow_tasks[hand].target_world = self.elbow(hand) + error

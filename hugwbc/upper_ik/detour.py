@@ -12,14 +12,11 @@ import itertools
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.robot import load_robot
+from hugwbc.mirror import load_mirror
+from hugwbc.robot import Robot, load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
-# Known postures of the left arm [rad]: hanging, raised sideways over the head, raised forward, raised backward.
-POSTURES = np.array([[0.0, 0.1, 0.0, 0.0], [-0.3, 2.6, 0.0, 0.8], [-1.6, 0.3, 0.0, 0.8], [2.4, 0.1, 0.0, 0.8]])
-MIRROR = np.array([1.0, -1.0, -1.0, 1.0])
-SEEDS = np.stack((POSTURES, POSTURES * MIRROR))  # the same for both arms
 COUNT = 2000  # random postures in the table
 TRAVEL_COST = 0.02  # [m/rad]; a posture farther away must bring the hand nearer by this much
 APART = 0.8  # [rad], the least difference of two postures that are both worth trying
@@ -33,8 +30,22 @@ MOVED = 0.05  # [m]; a target that moved this far is worth another search
 ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
 CORNER = 0.15  # [rad]; this near to a corner an arm turns to the next one, because it cannot turn on the spot
 PROBE = 0.2  # [rad] between two collision checks on a route
-# Routes: direct, or via one of the known postures.
-WAYS = [way for count in range(2) for way in itertools.permutations(range(SEEDS.shape[1]), count)]
+
+
+def arm_mirror(robot: Robot) -> np.ndarray:
+    """Return the signs that turn a posture of one arm into its mirror image, shape (4,)."""
+    return load_mirror(robot).joint_sign[robot.arms[4:]]
+
+
+def seeds(robot: Robot) -> np.ndarray:
+    """Return the known postures of both arms, `Robot.arm_postures`, as mirror images [rad], shape (2, n, 4)."""
+    postures = np.array(list(robot.arm_postures.values()))
+    return np.stack((postures, postures * arm_mirror(robot)))
+
+
+def ways(postures: int) -> list[tuple[int, ...]]:
+    """Return the routes of a detour: direct, or via one of so many known postures."""
+    return [way for count in range(2) for way in itertools.permutations(range(postures), count)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,10 +55,12 @@ class PostureTable:
     Attributes:
         q: joint positions [rad], shape (n, 4).
         hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
+        mirror: signs that turn a posture into that of the right arm, shape (4,).
     """
 
     q: np.ndarray
     hands: np.ndarray
+    mirror: np.ndarray
 
     def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
         """Return postures from which to search for one with the hand at a point, the most promising first.
@@ -63,7 +76,7 @@ class PostureTable:
         Returns:
             Joint positions [rad], shape (count, 4).
         """
-        mirror = MIRROR if arm else np.ones(4)
+        mirror = self.mirror if arm else np.ones(4)
         local = rotations.rotation_z(-waist) @ point * ([1.0, -1.0, 1.0] if arm else [1.0, 1.0, 1.0])
         cost = lengths(self.hands - local) + TRAVEL_COST * np.abs(self.q - q * mirror).max(axis=1)
         found = []
@@ -73,11 +86,14 @@ class PostureTable:
         return np.array(found) * mirror
 
 
-@functools.lru_cache(maxsize=1)
-def posture_table() -> PostureTable:
-    """Build the table of random postures, the same in every process; the first call takes about 60 ms."""
-    robot = load_robot()
-    descent = Descent(ArmIKConfig())
+def posture_table(robot: Robot | None = None) -> PostureTable:
+    """Build the table of random postures, the same in every process; the first call of a robot takes about 60 ms."""
+    return _posture_table(robot or load_robot())
+
+
+@functools.cache
+def _posture_table(robot: Robot) -> PostureTable:
+    descent = Descent(ArmIKConfig(), robot)
     rng = np.random.default_rng(0)
     postures, hands = [], []
     q = robot.nominal[robot.arms].copy()
@@ -87,7 +103,7 @@ def posture_table() -> PostureTable:
         if descent.clearance()[0] > descent.config.collision_margin:
             postures.append(q[:4].copy())
             hands.append(hand)
-    return PostureTable(np.array(postures), np.array(hands))
+    return PostureTable(np.array(postures), np.array(hands), arm_mirror(robot))
 
 
 class Scout:
@@ -101,20 +117,22 @@ class Scout:
             bool.
     """
 
-    def __init__(self, config: ArmIKConfig) -> None:
+    def __init__(self, config: ArmIKConfig, robot: Robot | None = None) -> None:
+        robot = robot or load_robot()
         # Virtual arms cannot break, so steps may be large.
         self._descent = Descent(
-            dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0)
+            dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0),
+            robot,
         )
-        self._postures = posture_table()  # built now, because that takes as long as many control periods
+        self._postures = posture_table(robot)  # built now, because that takes as long as many control periods
         self._starts: list[list[np.ndarray]] = [[], []]
         self._searching = np.zeros(2, dtype=bool)
         self._goal = np.zeros((2, 3))
         self._best = np.zeros((2, 4))
         self._best_residual = np.full(2, np.inf)
         self._settled = np.zeros(2, dtype=bool)
-        self._waist = load_robot().waist
-        self.q = load_robot().nominal[load_robot().arms].copy()
+        self._waist = robot.waist
+        self.q = robot.nominal[robot.arms].copy()
         self.residual = np.full(2, np.inf)
         self.direct = np.full(2, np.inf)
         self.done = np.zeros(2, dtype=bool)
@@ -190,9 +208,11 @@ class Detours:
         count: number of detours that were started.
     """
 
-    def __init__(self, config: ArmIKConfig, descent: Descent) -> None:
+    def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot | None = None) -> None:
         self._config = config
         self._descent = descent
+        self._seeds = seeds(robot or load_robot())
+        self._ways = ways(self._seeds.shape[1])
         self._tried = [0, 0]
         self._vias: list[list[np.ndarray]] = [[], []]
         self.active = np.zeros(2, dtype=bool)
@@ -210,9 +230,9 @@ class Detours:
 
     def look(self, arm: int, q: np.ndarray, posture: np.ndarray, body: np.ndarray) -> None:
         """Check the next route of an arm from positions (8,) to its posture in (8,), and start on it if it is clear."""
-        if self._tried[arm] == len(WAYS):
+        if self._tried[arm] == len(self._ways):
             return
-        vias = [SEEDS[arm, seed] for seed in WAYS[self._tried[arm]]]
+        vias = [self._seeds[arm, seed] for seed in self._ways[self._tried[arm]]]
         self._tried[arm] += 1
         joints = slice(4 * arm, 4 * arm + 4)
         corners = [q[joints], *vias, posture[joints]]

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.kinematics import joint_columns, pinocchio_model
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 
 # Damping of the arm joints instead of the robot's 0.5 [N*m*s/rad]. Shoulder yaw and elbow move little mass: with 2 they
@@ -22,9 +22,9 @@ class GravityCompensation:
     0.32 rad.
     """
 
-    def __init__(self) -> None:
-        self.robot = load_robot()
-        self._model = pinocchio_model()
+    def __init__(self, robot: Robot | None = None) -> None:
+        self.robot = robot or load_robot()
+        self._model = pinocchio_model(self.robot)
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
         self._columns = joint_columns(self._model, self.robot)
@@ -55,8 +55,8 @@ class ArmDamping:
     one control period late; at this frequency it still damps.
     """
 
-    def __init__(self) -> None:
-        robot = load_robot()
+    def __init__(self, robot: Robot | None = None) -> None:
+        robot = robot or load_robot()
         self._arms = robot.arms
         distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
         wanted = np.where(distal, DISTAL_DAMPING, SHOULDER_DAMPING)

@@ -7,18 +7,8 @@ import placo
 
 from hugwbc.robot import SIDES, Robot
 
-# Capsules around the model's collision boxes, along z or x of the link frame: centre, radius, length of the axis [m].
-# Distances of capsules have a closed form and take half the time of those of cylinders, which need an iteration.
-_CHEST = [((0.0, y, 0.235), 0.075, 0.255) for y in (0.05, -0.05)]
-_HEAD = ((0.03, 0.0, 0.58), 0.085, 0.075)
-_THIGH = ((0.03, 0.0, -0.18), 0.05, 0.31)
-_FOREARM = ((0.17, 0.0, -0.013), 0.035, 0.185)
 _FOREARM_LINK = "elbow_link"
-_SHAPES = {
-    "torso_link": [*_CHEST, _HEAD],
-    **{f"{side}_hip_pitch_link": [_THIGH] for side in SIDES},
-    **{f"{side}_{_FOREARM_LINK}": [_FOREARM] for side in SIDES},
-}
+_TURNS = {"x": "0 1.570796 0", "z": "0 0 0"}  # from the z axis of a cylinder in a URDF
 HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
@@ -26,10 +16,12 @@ HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
 
-    Collision pairs are each forearm with the chest, the head, both thighs and the other forearm.
+    The robot's capsules stand for its shape: their distances have a closed form and take half the time of those of
+    cylinders, which need an iteration. Collision pairs are each forearm with the chest, the head, both thighs and the
+    other forearm.
 
     Args:
-        robot: gives names and description.
+        robot: gives names, description and capsules.
         on_column: whether to add two joints by which the pelvis moves up and down and pitches.
     """
     root = ElementTree.parse(robot.urdf_path).getroot()
@@ -37,23 +29,22 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
         for shape in (*link.findall("visual"), *link.findall("collision")):
             link.remove(shape)
         name = str(link.get("name"))
-        shapes = _SHAPES.get(name, [])
         # URDF has no capsules; Pinocchio turns the cylinders that are named here into capsules.
         capsules = ElementTree.SubElement(link, "collision_checking")
-        for number, (centre, radius, length) in enumerate(shapes):
+        for number, capsule in enumerate(robot.capsules.get(name, ())):
             collision = ElementTree.SubElement(link, "collision", name=f"{name}_{number}")
             ElementTree.SubElement(capsules, "capsule", name=f"{name}_{number}")
-            turn = "0 1.570796 0" if name.endswith(_FOREARM_LINK) else "0 0 0"
-            ElementTree.SubElement(collision, "origin", xyz=" ".join(map(str, centre)), rpy=turn)
+            xyz = " ".join(map(str, capsule.pos))
+            ElementTree.SubElement(collision, "origin", xyz=xyz, rpy=_TURNS[capsule.axis])
             geometry = ElementTree.SubElement(collision, "geometry")
-            ElementTree.SubElement(geometry, "cylinder", radius=str(radius), length=str(length))
+            ElementTree.SubElement(geometry, "cylinder", radius=str(capsule.radius), length=str(capsule.length))
     stiff = {robot.joint_names[index] for index in robot.legs} - set(HIP_NAMES)
     for joint in root.findall("joint"):
         if joint.get("name") in stiff:
             joint.set("type", "fixed")
     if on_column:
         _put_on_column(root)
-    wrapper = placo.RobotWrapper("h1", 0, ElementTree.tostring(root, encoding="unicode"))
+    wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
     _keep_forearm_pairs(wrapper.collision_model)
     return wrapper
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import TargetError
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
@@ -59,15 +59,15 @@ class ArmIK:
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
     """
 
-    def __init__(self, config: ArmIKConfig | None = None) -> None:
-        """Build the kinematics from the robot's URDF, at the nominal arm posture."""
+    def __init__(self, config: ArmIKConfig | None = None, robot: Robot | None = None) -> None:
+        """Build the kinematics of a robot, by default the H1, from its URDF, at the nominal arm posture."""
         self.config = config or ArmIKConfig()
-        self.robot = load_robot()
+        self.robot = robot or load_robot()
         self.rejected = 0
         self.failures = 0
-        self._descent = Descent(self.config)
-        self._scout = Scout(self.config)
-        self._detours = Detours(self.config, self._descent)
+        self._descent = Descent(self.config, self.robot)
+        self._scout = Scout(self.config, self.robot)
+        self._detours = Detours(self.config, self._descent, self.robot)
         self.lower, self.upper = self._descent.lower, self._descent.upper
         self.velocity_limit = self._descent.velocity_limit
         self.acceleration_limit = self.config.acceleration

@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
@@ -120,6 +121,7 @@ class UpperBodySource:
         gravity_compensation: bool,
         ik: ArmIKConfig | None = None,
         takeover: TakeoverConfig | None = None,
+        robot: Robot | None = None,
     ) -> None:
         """Build the solver.
 
@@ -129,15 +131,16 @@ class UpperBodySource:
                 QP).
             ik: settings of the solver.
             takeover: settings of the hand-over.
+            robot: robot whose arms move; None for the H1.
         """
-        self.ik = ArmIK(ik)
-        self.takeover = Takeover(takeover)
+        self.ik = ArmIK(ik, robot)
+        self.takeover = Takeover(takeover, robot)
         self.watch = TargetWatch(self.takeover.config.stale_time)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
         self._by_joints = False
-        self._gravity = GravityCompensation() if gravity_compensation else None
-        self._damping = ArmDamping() if gravity_compensation else None
+        self._gravity = GravityCompensation(robot) if gravity_compensation else None
+        self._damping = ArmDamping(robot) if gravity_compensation else None
         self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
 
     def reset(self) -> None:
@@ -209,7 +212,7 @@ class UpperBodySource:
         if self._body_reach is None:
             if followed is None or not followed.whole_body:
                 return command
-            self._body_reach = BodyReach()
+            self._body_reach = BodyReach(robot=self.ik.robot)
         return self._body_reach.update(followed, state, command, dt)
 
     def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.upper_ik.limiter import JointLimiter
 
 
@@ -62,9 +62,9 @@ class Takeover:
             braked.
     """
 
-    def __init__(self, config: TakeoverConfig | None = None) -> None:
+    def __init__(self, config: TakeoverConfig | None = None, robot: Robot | None = None) -> None:
         self.config = config or TakeoverConfig()
-        robot = load_robot()
+        robot = robot or load_robot()
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
         self.acceleration_limit = self.config.acceleration

@@ -1,6 +1,7 @@
 """The share of the space around the robot that its hands reach, with the arms alone and with the whole body."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -8,20 +9,13 @@ import numpy as np
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
-from hugwbc.upper_ik.detour import SEEDS
+from hugwbc.upper_ik.detour import seeds
 
 TOLERANCE = 0.03  # [m]
 SIDE = 2.0  # [m], of a cube that stands on the ground with the robot in its middle
-# Distance from shoulder centre to hand of a stretched arm [m]: upper arm 0.333 m, forearm 0.280 m.
-ARM_LENGTH = 0.613
-# Bound of the distance from shoulder centre to hand [m]. The axes of the shoulder do not intersect, so that a hand gets
-# up to 0.65 m away.
-ARM_REACH = 0.66
-# Bound of a shoulder's shift [m] by the commanded pitch (0.4 rad) and waist angle (1 rad), which is up to 0.366 m.
-SHOULDER_SHIFT = 0.4
-SHOULDER = np.array([0.0, 0.2136, 0.4389])  # centre of the left shoulder in the pelvis frame [m]
+SHOULDER_SPREAD = 0.047  # [m], bound of the distance between the shoulder's axes, which do not intersect
 _STEPS = 60  # steps of 20 ms from one start; a hand that is off its target by then stays off
 _DT = 0.02
 
@@ -55,12 +49,34 @@ def check_spacing(spacing: float) -> None:
         raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
 
 
-def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None] | None = None) -> Workspace:
+def arm_length(robot: Robot) -> float:
+    """Return the distance from the centre of the shoulder to the hand of a stretched arm [m]."""
+    return robot.upper_arm + robot.forearm
+
+
+def arm_reach(robot: Robot) -> float:
+    """Return a bound of the distance from the centre of the shoulder to the hand [m]."""
+    return arm_length(robot) + SHOULDER_SPREAD
+
+
+def shoulder_shift(robot: Robot) -> float:
+    """Return a bound of a shoulder's shift by the commanded pitch and waist angle [m]: the sum of both chords."""
+    ranges = command_ranges(Gait.STANDING)
+    pitch, waist = (max(map(abs, ranges[name].finishing)) for name in ("p", "w"))
+    radius = float(np.linalg.norm(robot.shoulder))
+    across = float(np.linalg.norm(robot.shoulder[:2]))
+    return 2.0 * (radius * math.sin(pitch / 2.0) + across * math.sin(waist / 2.0))
+
+
+def measure_workspace(
+    spacing: float = 0.2, on_progress: Callable[[float], None] | None = None, robot: Robot | None = None
+) -> Workspace:
     """Try every grid point of a 2 m cube on the ground with the left hand; the right hand reaches the mirror image.
 
     Args:
         spacing: distance between grid points [m].
         on_progress: called with the fraction done.
+        robot: robot whose hands reach; None for the H1.
 
     Raises:
         ConfigError: if the spacing is not above 0 and up to the cube's side.
@@ -69,15 +85,15 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
     half = int(SIDE / 2.0 / spacing + 1e-9)
     ticks = spacing * np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)
-    height = load_robot().nominal_height
-    points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - height])).reshape(-1, 3)
+    robot = robot or load_robot()
+    points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - robot.nominal_height])).reshape(-1, 3)
     # Nothing moves that could lose its balance, so steps may be large.
-    reach = BodyReach(BodyReachConfig(speed=(2.0, 3.0, 6.0)))
+    reach = BodyReach(BodyReachConfig(speed=(2.0, 3.0, 6.0)), robot)
     reached = {}
     for index, body in enumerate((False, True)):
         found = np.zeros(len(points), dtype=bool)
         for number, point in enumerate(points):
-            found[number] = _reaches(reach, point, body)
+            found[number] = _reaches(reach, robot, point, body)
             if on_progress is not None:
                 on_progress((index + number / len(points)) / 2.0)
         left = found.reshape(grid.shape[:3])
@@ -85,15 +101,15 @@ def measure_workspace(spacing: float = 0.2, on_progress: Callable[[float], None]
     return Workspace(reached[False], reached[True], len(points), spacing)
 
 
-def _reaches(reach: BodyReach, point: np.ndarray, body: bool) -> bool:
+def _reaches(reach: BodyReach, robot: Robot, point: np.ndarray, body: bool) -> bool:
     ranges = np.array([command_ranges(Gait.STANDING)[name].finishing for name in BODY_NAMES])
-    room = ARM_REACH + TOLERANCE + (np.abs(ranges[0]).max() + SHOULDER_SHIFT if body else 0.0)
-    if np.linalg.norm(point - SHOULDER) > room:
+    room = arm_reach(robot) + TOLERANCE + (np.abs(ranges[0]).max() + shoulder_shift(robot) if body else 0.0)
+    if np.linalg.norm(point - robot.shoulder) > room:
         return False
     reach.allow(ranges if body else np.zeros((3, 2)))
     points, given = np.stack((point, point)), np.array([True, False])
-    for seeds in zip(*SEEDS, strict=True):
-        reach.start(np.concatenate(seeds), np.zeros(3))
+    for postures in zip(*seeds(robot), strict=True):
+        reach.start(np.concatenate(postures), np.zeros(3))
         last = np.inf
         for _ in range(_STEPS):
             residual = float(reach.solve(points, given, np.zeros(3), reach.values, _DT)[0])

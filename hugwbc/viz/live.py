@@ -28,7 +28,7 @@ from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES
 from hugwbc.sim import Simulation
 from hugwbc.targets import HandTargets
 from hugwbc.viz.live_source import LiveSource
@@ -194,7 +194,6 @@ class LivePage:
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
         self._refused: set[str] = set()  # sliders whose value the gait does not admit
-        self._robot = load_robot()
         self._build_scene(simulation.model)
         self._build_panel()
         self.show(simulation)

@@ -13,8 +13,9 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.moment import Moment
+from hugwbc.sim.layout import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow
@@ -66,10 +67,12 @@ class Marks:
         sole: centre of a sole in the ankle link's frame [m], shape (3,).
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: Robot | None = None) -> None:
+        """Set up for a robot, by default the H1, and a model that holds it."""
         self._model = model
         self._data, self._ghost = mujoco.MjData(model), mujoco.MjData(model)
-        self._robot = load_robot()
+        self._robot = robot or load_robot()
+        self._layout = robot_layout(model, self._robot)
         self._pelvis = model.body("pelvis").id
         length, middle = np.diff(self._robot.sole_x)[0], np.mean(self._robot.sole_x)
         self._half_sole = np.array([0.5 * length, 0.0, 0.0])
@@ -77,7 +80,7 @@ class Marks:
 
     def at(self, moment: Moment) -> dict[str, Mark]:
         """Return all marks by their path below the robot; the first part of a path is the layer, one of `LAYERS`."""
-        self._data.qpos[:] = moment.qpos
+        self._data.qpos[self._layout.qpos] = moment.qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         return {
@@ -95,7 +98,7 @@ class Marks:
             qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
             foot: 0 for the left foot, 1 for the right foot.
         """
-        self._data.qpos[:] = qpos
+        self._data.qpos[self._layout.qpos] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
         return Mark(position=centre, quaternion=_about_z(float(np.arctan2(turn[1, 0], turn[0, 0]))))
@@ -112,8 +115,8 @@ class Marks:
         wanted = bool(np.all(np.isfinite(moment.arm_target)))
         if wanted:
             # The ghost is the same robot with the arms where the IK wants them.
-            self._ghost.qpos[:] = moment.qpos
-            self._ghost.qpos[7 + self._robot.arms] = moment.arm_target
+            self._ghost.qpos[self._layout.qpos] = moment.qpos
+            self._ghost.qpos[self._layout.joints][self._robot.arms] = moment.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
         for side in SIDES:
             body = self._ghost.body(f"{side}_elbow_link")

@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 from PIL import Image
 
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.moment import Moment
+from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
 from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
@@ -55,7 +57,15 @@ class RobotView:
         offset: offset of every position, which sets robots side by side [m], shape (3,).
     """
 
-    def __init__(self, node: meshcat.Visualizer, path: str, model: mujoco.MjModel, label: str, offset: float) -> None:
+    def __init__(
+        self,
+        node: meshcat.Visualizer,
+        path: str,
+        model: mujoco.MjModel,
+        label: str,
+        offset: float,
+        robot: Robot | None = None,
+    ) -> None:
         """Put the robot's shapes into the world.
 
         Args:
@@ -64,17 +74,19 @@ class RobotView:
             model: MuJoCo model with visual shapes.
             label: colour of the robot as "#rrggbb".
             offset: offset to the left [m].
+            robot: robot that the model holds; None for the H1.
         """
         self.path = path
         self.offset = np.array([0.0, offset, 0.0])
         self._model, self._data = model, mujoco.MjData(model)
+        self._layout = robot_layout(model, robot or load_robot())
         self._node = node[path]
         shapes = visual_shapes(model)
         self.links = tuple(dict.fromkeys(shape.link for shape in shapes))
         self._bodies = [model.body(link).id for link in self.links]
         for index, shape in enumerate(shapes):
             self._add(shape, index, label)
-        self.marks = Marks(model)
+        self.marks = Marks(model, robot)
         self._label, self._steps, self._on_ground = label, 0, np.zeros(2, dtype=bool)
         for layer in LAYERS:
             self._node[layer].set_transform(homogeneous(self.offset, UPRIGHT))
@@ -117,7 +129,7 @@ class RobotView:
         Args:
             qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
         """
-        self._data.qpos[:] = qpos
+        self._data.qpos[self._layout.qpos] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.xpos[self._bodies] + self.offset, self._data.xquat[self._bodies].copy()
 
@@ -157,12 +169,13 @@ class Scene:
         robots: the robots, in the order of the names given.
     """
 
-    def __init__(self, visualizer: meshcat.Visualizer, names: Sequence[str]) -> None:
+    def __init__(self, visualizer: meshcat.Visualizer, names: Sequence[str], robot: Robot | None = None) -> None:
         """Build the scene.
 
         Args:
             visualizer: where to build it; `hugwbc.viz.server.open_visualizer` gives one with a browser page.
             names: names of the robots, the first one leftmost in the picture.
+            robot: robot to draw; None for the H1.
         """
         self.visualizer = visualizer
         visualizer.delete()
@@ -175,9 +188,9 @@ class Scene:
         floor.set_object(geometry.Box([FLOOR_SIZE, FLOOR_SIZE, 0.02]), _tiles())
         floor.set_transform(homogeneous(np.array([0.0, 0.0, -0.01]), UPRIGHT))
         visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(CAMERA_POSITION))
-        model = load_model(SIMULATION_TIMESTEP)
+        model = load_model(SIMULATION_TIMESTEP, robot=robot)
         self.robots = [
-            RobotView(visualizer[WORLD], f"robot_{i}", model, LABEL_COLOURS[i % len(LABEL_COLOURS)], offset)
+            RobotView(visualizer[WORLD], f"robot_{i}", model, LABEL_COLOURS[i % len(LABEL_COLOURS)], offset, robot)
             for i, offset in enumerate(lanes(len(names)))
         ]
         self.look_at(np.zeros(2))

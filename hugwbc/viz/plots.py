@@ -133,16 +133,17 @@ def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
         ConfigError: if there is nothing to draw, or too much.
     """
     check_traces(traces)
-    robot = load_robot()
 
     def draw_peak(axes: Axes) -> None:
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
-            axes.plot(trace.time, 100 * np.max(np.abs(trace.torque) / robot.torque_limit, axis=1), color=colour)
+            limit = load_robot(trace.robot).torque_limit
+            axes.plot(trace.time, 100 * np.max(np.abs(trace.torque) / limit, axis=1), color=colour)
         axes.set_ylim(0.0, 105.0)
         axes.set_ylabel("% of limit")
 
     def draw_rms(axes: Axes) -> None:
         width = 0.8 / len(traces)
+        robot = load_robot(traces[0].robot)
         slots = np.arange(len(robot.joint_names))
         for i, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
             rms = np.sqrt(np.mean(trace.torque**2, axis=0))

@@ -15,6 +15,7 @@ from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
 from hugwbc.files import write_whole
+from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, moment
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
@@ -55,7 +56,8 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
     """
     check_traces(traces)
     recorder = _Recorder()
-    scene = Scene(meshcat.Visualizer(window=recorder), [trace.name for trace in traces])
+    robot = load_robot(traces[0].robot)
+    scene = Scene(meshcat.Visualizer(window=recorder), [trace.name for trace in traces], robot)
     end = max(float(trace.time[-1]) for trace in traces)
     animation = Animation(default_framerate=fps)
     for view, trace in zip(scene.robots, traces, strict=True):

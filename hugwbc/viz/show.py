@@ -122,7 +122,7 @@ def watch(
 
     def draw_in_time(moment: Moment) -> None:
         nonlocal next_frame
-        now = float(simulation.data.time)
+        now = simulation.time
         if draw is not None and now >= next_frame - 1e-9:
             next_frame += FRAME_PERIOD
             draw(moment)

@@ -125,8 +125,9 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
     Returns:
         For each frame an array of shape (geoms, `GEOM_NUMBERS`).
     """
-    model = load_model(SIMULATION_TIMESTEP)
-    marks = Marks(model)
+    robot = load_robot(trace.robot)
+    model = load_model(SIMULATION_TIMESTEP, robot=robot)
+    marks = Marks(model, robot)
     parts = {
         name: pieces
         for name, pieces in mark_parts(visual_shapes(model), label, marks.sole).items()

@@ -7,6 +7,7 @@ import pytest
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.sim import Disturber, Force
+from hugwbc.sim.scene import link_names
 
 
 def run(search: SurvivalSearch, survives) -> list[tuple[float, int]]:
@@ -99,7 +100,7 @@ def test_the_force_that_tips_a_block_is_that_of_statics(direction, half_width):
     def survives(load: float, _: int) -> bool:
         data = mujoco.MjData(model)
         force = Force((load * direction[0], load * direction[1], 0.0), start=0.2, link="block")
-        disturber = Disturber(model, (force,))
+        disturber = Disturber(link_names(model), (force,))
         while data.time < 4.0:
             disturber.update(data.time, data.qpos, data.xfrc_applied)
             mujoco.mj_step(model, data)

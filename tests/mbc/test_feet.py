@@ -39,7 +39,7 @@ def test_the_pivot_is_ahead_of_the_ankle_on_the_ground_and_tells_where_the_sole_
     assert (pivot[:2] - ankle) @ forward == pytest.approx(0.03, abs=2e-3)
     assert pivot[2] == sole.position[2] == feet.sole_height(dynamics, foot)
     yaw = float(np.arctan2(forward[1], forward[0]))
-    assert feet.sole_about(pivot[:2], yaw, 0.03) == pytest.approx(sole.position[:2], abs=1e-12)
+    assert feet.sole_about(pivot[:2], yaw, 0.03, dynamics.robot) == pytest.approx(sole.position[:2], abs=1e-12)
 
 
 def test_the_heading_of_the_feet_is_their_mean_also_where_angles_wrap(standing_state):

@@ -113,7 +113,7 @@ def test_the_pelvis_comes_down_until_the_leg_is_as_long_as_it_may_be(standing_st
     crouch = _settle(dynamics, [0.5, 0.4])
     hip = dynamics.position("left_hip_pitch_link") - [0.0, 0.0, crouch.depth]
     ankle = np.array([0.5, 0.4, 0.0]) + dynamics.position("right_ankle_link")
-    assert np.linalg.norm(hip - ankle) == pytest.approx(PARAMS.leg_length, abs=1e-3)
+    assert np.linalg.norm(hip - ankle) == pytest.approx(0.8 - PARAMS.leg_reserve, abs=1e-3)
     assert 0.05 < crouch.depth < PARAMS.max_crouch
 
 

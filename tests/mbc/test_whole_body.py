@@ -13,6 +13,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.mirror import load_mirror, mirror_command
+from hugwbc.robot import robot_names
 
 ROBOT = load_robot()
 NONE = UpperBody.none()
@@ -51,6 +52,17 @@ def test_standing_still_it_carries_the_weight(standing_state):
     assert {error.unit for error in diagnostics.task_errors.values()} >= {"m", "rad"}
     assert diagnostics.task_errors["pelvis orientation"].value == pytest.approx(np.zeros(3), abs=1e-3)
     assert diagnostics.next_foothold is None and diagnostics.report == ()
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_it_believes_the_robot_that_it_is_told(standing_state, name):
+    told = load_robot(name)
+    controller = WholeBodyController(robot=told)
+    controller.reset(standing_state)
+    for _ in range(3):
+        controller.act(standing_state, Command(), NONE)
+    weight = sum(force[2] for force in controller.diagnostics.contact_forces.values())
+    assert controller.robot is told and weight == pytest.approx(told.mass * 9.81, rel=0.05)
 
 
 def test_it_says_where_the_foot_in_the_air_is_to_land(standing_state):

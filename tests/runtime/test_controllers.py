@@ -8,8 +8,9 @@ import pytest
 import hugwbc
 from hugwbc.cli import main
 from hugwbc.controller import CarriesArms, Controller, HasBatch, HasFootholds, HasPhase, HasPlannedAcceleration
-from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
+from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy.policy import policy_dir
+from hugwbc.robot import load_robot
 from hugwbc.runtime import controllers
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
 
@@ -60,6 +61,25 @@ def test_a_plugin_is_found_by_name_and_gets_the_policy(third_party, monkeypatch)
     assert isinstance(controller, Tuned) and controller.policy == "a file"
 
 
+def test_a_controller_is_told_a_robot_by_name():
+    for name in ("qp", "hold"):
+        told = load_controller(name, robot="h1-2023")
+        assert told.robot is load_robot("h1-2023") and load_controller(name).robot is load_robot()
+    assert load_controller("qp", robot="h1-2023").dynamics.mass == pytest.approx(load_robot("h1-2023").mass)
+    spec = ControllerSpec("qp", robot="h1-2023")
+    assert spec.label == "qp h1-2023" and ControllerSpec("qp").told("h1-2023") == spec
+    assert spec.identity() != ControllerSpec("qp").identity() == ControllerSpec("qp", robot="h1").identity()
+    with pytest.raises(UnknownNameError, match="robot"):
+        ControllerSpec("qp", robot="g1")
+
+
+@pytest.mark.parametrize("name", ["learned", "unitree-h1"])
+def test_a_policy_is_told_no_robot(name):
+    assert ControllerSpec(name).told("h1-2023") == ControllerSpec(name)
+    with pytest.raises(ConfigError, match=f"controller '{name}' is not told a robot: .* leave out 'h1-2023'"):
+        load_controller(name, robot="h1-2023")
+
+
 def test_plugins_that_do_not_work_are_refused(third_party):
     third_party(broken="no_such_module:Controller", wrong="pathlib:Path")
     with pytest.raises(ConfigError, match=r"controller 'broken' .* cannot be loaded: No module named"):
@@ -105,7 +125,7 @@ def test_identity_is_that_of_the_files(tmp_path):
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
         "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
-        "policy": None,
+        "policy": None, "robot": "h1",
     }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
     network.write_bytes(b"a")

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc.robot import load_robot
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.descent import FOREARM, Descent, Goal
+from hugwbc.upper_ik.descent import Descent, Goal
 
 CONFIG = ArmIKConfig()
 DT = 0.02
@@ -64,4 +65,4 @@ def test_near_something_to_touch_it_goes_only_as_fast_as_it_can_stop(descent):
 
 def test_the_forearm_is_as_long_as_the_models(descent):
     elbows = np.array([descent.elbow(hand) for hand in range(2)])
-    assert np.linalg.norm(descent.hands - elbows, axis=1) == pytest.approx([FOREARM] * 2, abs=1e-3)
+    assert np.linalg.norm(descent.hands - elbows, axis=1) == pytest.approx([load_robot().forearm] * 2, abs=1e-3)

@@ -8,7 +8,7 @@ from hugwbc.robot import load_robot
 from hugwbc.upper_ik import ArmIK
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent
-from hugwbc.upper_ik.detour import SEEDS, STARTS, WAYS, Detours, Scout, posture_table
+from hugwbc.upper_ik.detour import STARTS, Detours, Scout, posture_table, seeds, ways
 
 DT = 0.02
 BODY = load_robot().nominal
@@ -49,7 +49,7 @@ def test_of_postures_alike_the_nearest_to_the_arm_comes_first():
 
 def test_known_postures_touch_nothing_and_are_mirror_images():
     ik, robot = ArmIK(), load_robot()
-    for left, right in zip(*SEEDS, strict=True):
+    for left, right in zip(*seeds(robot), strict=True):
         q = np.concatenate((left, right))
         for arm in (slice(0, 4), slice(4, 8)):
             alone = np.zeros(8)
@@ -170,7 +170,7 @@ def test_a_way_through_the_body_is_not_taken_and_one_around_it_is_found():
     assert min(map(clearance, straight)) < -0.01, "the straight way must be blocked"
     detours.look(0, before, behind, BODY)
     assert not detours.active.any()
-    for _ in WAYS[1:]:
+    for _ in ways(len(load_robot().arm_postures))[1:]:
         if not detours.active[0]:
             detours.look(0, before, behind, BODY)
     assert detours.active[0]

@@ -1,9 +1,14 @@
 """The body of capsules: who can touch whom, and how far apart they are."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from hugwbc.upper_ik import ArmIK
+from hugwbc.robot import load_robot, robot_names
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import ArmIK, BodyReach
+from hugwbc.upper_ik.detour import posture_table
 from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT, Clearance, upper_body
 
 
@@ -55,3 +60,26 @@ def test_only_the_arm_that_comes_near_has_less_room(robot):
     wrapper.update_kinematics()
     left, right = clearance()
     assert left < 0.0 and right == pytest.approx(before[1], abs=1e-6)
+
+
+def test_the_shapes_are_those_of_the_robots_table(robot):
+    thicker = {
+        link: tuple(dataclasses.replace(shape, radius=shape.radius + 0.01) for shape in shapes)
+        for link, shapes in robot.capsules.items()
+    }
+    other = dataclasses.replace(robot, capsules=thicker)
+    q = robot.nominal[robot.arms]
+    assert ArmIK(robot=other).clearance(q) == pytest.approx(ArmIK().clearance(q) - 0.02, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_robot_of_the_table_has_arms_that_reach(name, make_state):
+    robot = load_robot(name)
+    ik, body = ArmIK(robot=robot), BodyReach(robot=robot)
+    assert ik.robot is robot and np.array_equal(posture_table(robot).q, posture_table().q)
+    hands, state = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25)), make_state(robot.nominal)
+    solutions = [ik.solve(hands, state, 0.02) for _ in range(100)]
+    assert solutions[-1].residual.max() < 0.005
+    body.start(robot.nominal[robot.arms], np.zeros(3))
+    body.placo.update_kinematics()
+    assert body.hands() == pytest.approx(ik.hands(robot.nominal[robot.arms], 0.0), abs=1e-6)

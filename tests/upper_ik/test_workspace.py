@@ -7,25 +7,27 @@ from hugwbc import rotations
 from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.upper_ik import ArmIK
-from hugwbc.upper_ik.workspace import ARM_LENGTH, ARM_REACH, SHOULDER, SHOULDER_SHIFT, measure_workspace
+from hugwbc.upper_ik.workspace import arm_length, arm_reach, measure_workspace, shoulder_shift
 
 
 def test_no_posture_brings_a_hand_beyond_the_arms_reach():
     ik, rng = ArmIK(), np.random.default_rng(0)
-    shoulders = SHOULDER * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
+    shoulders = ik.robot.shoulder * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
     far = [np.linalg.norm(ik.hands(rng.uniform(ik.lower, ik.upper), 0.0) - shoulders, axis=1) for _ in range(5000)]
-    assert ARM_LENGTH < np.max(far) < ARM_REACH
+    assert arm_length(ik.robot) < np.max(far) < arm_reach(ik.robot)
 
 
 def test_no_pitch_and_waist_bring_a_shoulder_further():
+    shoulder = load_robot().shoulder
     ranges = {name: np.linspace(*command_ranges(Gait.STANDING)[name].finishing, 21) for name in ("p", "w")}
     shifts = [
-        np.linalg.norm(rotations.to_matrix(rotations.from_yaw_pitch_roll(0.0, p, 0.0)) @ turned - SHOULDER)
+        np.linalg.norm(rotations.to_matrix(rotations.from_yaw_pitch_roll(0.0, p, 0.0)) @ turned - shoulder)
         for p in ranges["p"]
-        for turned in (rotations.rotation_z(w) @ SHOULDER for w in ranges["w"])
+        for turned in (rotations.rotation_z(w) @ shoulder for w in ranges["w"])
     ]
-    assert 0.3 < np.max(shifts) < SHOULDER_SHIFT
+    assert 0.3 < np.max(shifts) < shoulder_shift(load_robot())
 
 
 @pytest.mark.parametrize("spacing", [0.0, -0.1, 2.1, float("nan")])

@@ -19,7 +19,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
-from hugwbc.sim.scene import Ground
+from hugwbc.sim.scene import Ground, link_names
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -107,8 +107,8 @@ class _BatchRun:
         self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.chosen_arena
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
-        self.name, self.robot, count = controller.name, load_robot(), len(members)
-        self.filters = [SafetyFilter(controller) for _ in members]
+        self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)
+        self.filters = [SafetyFilter(controller, robot=self.robot) for _ in members]
         self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
@@ -119,7 +119,7 @@ class _BatchRun:
             *self._gains(),
             timestep=self.timestep,
             threads=threads,
-            robot=load_robot(self.arena.robot),
+            robot=self.robot,
             actuators=self.arena.actuators,
             ground=Ground.named(self.arena.ground),
         )
@@ -149,14 +149,14 @@ class _BatchRun:
 
         Looking only at these steps spares a Python call for every robot and step.
         """
-        model, dt = self.simulation.model, self.timestep
+        names, dt = link_names(self.simulation.model), self.timestep
         times = (np.arange(self.ticks)[:, None] * self.period + np.arange(self.substeps) * dt).ravel()
         self._changes: dict[int, list[int]] = {}
         self._disturbers: dict[int, Disturber] = {}
         for row, member in enumerate(self.members):
             if not member.forces:
                 continue
-            self._disturbers[row] = Disturber(model, member.forces)
+            self._disturbers[row] = Disturber(names, member.forces)
             ends = [force.start + force.duration for force in member.forces if force.duration is not None]
             for moment in [*(force.start for force in member.forces), *ends]:
                 step = int(np.searchsorted(times, moment - _ROUNDING))
@@ -273,6 +273,7 @@ class _BatchRun:
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,
             steps=steps,
+            robot=self.robot.name,
             safety=self.filters[row].report(),
         )
 
@@ -348,7 +349,7 @@ class BatchRecord:
 
 def _measured(simulation: LockstepSimulation, rows: np.ndarray) -> np.ndarray:
     """Return `MEASURED_NAMES` of some robots as `Kinematics.measured` does of one, shape (m, 6)."""
-    robot = load_robot()
+    robot = simulation.robot
     qpos, qvel, orientation = simulation.qpos[rows], simulation.qvel[rows], simulation.orientation(rows)
     yaw = rotations.yaw_of(orientation)
     cos, sin = np.cos(yaw), np.sin(yaw)

@@ -21,7 +21,7 @@ import numpy as np
 import hugwbc
 from hugwbc.errors import ConfigError
 from hugwbc.files import file_digest
-from hugwbc.robot import load_robot
+from hugwbc.robot import load_robot, robot_names, robot_table
 
 _PACKAGE = pathlib.Path(hugwbc.__file__).parent
 # Libraries whose version changes the last digits of a trajectory, or more.
@@ -121,9 +121,15 @@ def code_identity(modules: Iterable[str]) -> dict[str, Any]:
     tables = sorted(table for folder in {path.parent for path in files} for table in folder.glob("*.yaml"))
     return {
         "code": digest([*(_meaning(path) for path in files), *map(file_digest, tables)]),
-        "robot": [file_digest(path) for path in (load_robot().xml_path, load_robot().urdf_path)],
+        "robot": [_robot_identity(name) for name in robot_names()],
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }
+
+
+def _robot_identity(name: str) -> list[str]:
+    """Return digests of what the simulation and the controllers know of a robot."""
+    robot = load_robot(name)
+    return [digest(robot_table(name)), file_digest(robot.xml_path), file_digest(robot.urdf_path)]
 
 
 def _version(library: str) -> str | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.robot import Robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 
 _FASTEST_HOP = 5.0  # [Hz], at which a control step is a tenth of a cycle
 
@@ -249,6 +249,8 @@ class EnvConfig:
 
     count: int = 1024
     """Robots simulated at once."""
+    robot: str = DEFAULT_ROBOT
+    """Robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
     substeps: int = 4
     """Physics steps of 5 ms in a control step."""
     episode_steps: int = 1000
@@ -288,7 +290,8 @@ class EnvConfig:
     terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
 
     def __post_init__(self) -> None:
-        """Check the sizes."""
+        """Check the sizes and the robot's name."""
+        load_robot(self.robot)
         for name in ("count", "substeps", "episode_steps", "noise_interval"):
             value = getattr(self, name)
             require(value > 0, f"env.{name}", value, "a positive integer")

@@ -94,20 +94,20 @@ class HumanoidEnv:
             device: "cpu" for MuJoCo, "cuda" for mujoco_warp; tensors stay on the CPU in both cases.
         """
         self.config = config
-        self.robot = load_robot()
+        self.robot = load_robot(config.robot)
         self.count = config.count
         self.dt = TRAINING_TIMESTEP * config.substeps
         self.generator = torch.Generator().manual_seed(seed)
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
-        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads)
+        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads, robot=self.robot)
         self.action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
         self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
         delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
-        self.nominal_qpos = self.simulation.model.key("nominal").qpos.copy()
+        self.nominal_qpos = self.simulation.nominal_qpos
         self.curriculum = Curriculum(config.curriculum)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")

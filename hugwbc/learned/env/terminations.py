@@ -5,7 +5,7 @@ import torch
 from hugwbc.gait import Gait
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
-from hugwbc.sim.simulation import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
+from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
 LONGEST_TOUCH = 0.07  # [s] for which the held foot of a hop may touch the ground
 

@@ -15,7 +15,7 @@ from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.imitation.dagger import Dagger, Report
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
 ACTION_LIMIT = 12.0  # of a label in units of the action: in a fall the teacher may ask for anything
@@ -78,7 +78,7 @@ class Imitator(Dagger[ImitationConfig]):
         """
         torch.manual_seed(config.seed)
         super().__init__(config, ActorCritic(config.std), round(config.samples))
-        self._robot = load_robot()
+        self._robot = self.env.robot
         self._teachers = [make_teacher(self.env.dt) for _ in range(self.env.count)]
         for teacher, state in zip(self._teachers, self.env.simulation.states(), strict=True):
             teacher.reset(state)

@@ -132,6 +132,7 @@ class LearnedController:
         name: "learned".
         period: time between two actions [s].
         metadata: contract and training record of the policy.
+        robot: robot that the policy was trained on, from the contract.
         actor: network of the policy.
         held: number of unreadable states that were replaced by the last good observation.
     """
@@ -148,7 +149,7 @@ class LearnedController:
         self.period = float(metadata["period"])
         self.metadata = metadata
         self.held = 0
-        self.robot = load_robot()
+        self.robot = load_robot(metadata["robot"])
         self.actor = actor.eval()
         self._rows = PolicyRows(metadata, self.actor, 1)
 

@@ -17,14 +17,13 @@ from hugwbc.gait import Gait
 from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
 from hugwbc.learned.policy import networks
 from hugwbc.learned.policy import observations as obs
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot, robot_names
 
 CONTRACT_VERSION = 1
 # Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
 _FIXED = (
-    "robot",
     "joint_names",
     "history_frames",
     "proprioception",
@@ -59,6 +58,7 @@ def policy_contract(
     waist_rate: float = WAIST_RATE,
     kp: ArrayLike | None = None,
     kd: ArrayLike | None = None,
+    robot: Robot | None = None,
 ) -> dict[str, Any]:
     """Return the contract of a policy trained with this version, in a form that JSON can hold; SI units, radians.
 
@@ -68,12 +68,13 @@ def policy_contract(
         waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
         kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
         kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
+        robot: robot of the training; None for the H1.
     """
-    robot = load_robot()
+    robot = robot or load_robot()
     ranges = command_ranges(Gait.WALKING)
     return {
         "contract": CONTRACT_VERSION,
-        "robot": "h1",
+        "robot": robot.name,
         "joint_names": list(robot.joint_names),
         "nominal": robot.nominal.tolist(),
         "kp": np.asarray(robot.kp if kp is None else kp).tolist(),
@@ -156,6 +157,11 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
         raise PolicyFileError(
             f"{origin} has contract version {version}, this hugwbc reads up to {CONTRACT_VERSION}; "
             "it was written by a newer hugwbc: update this one"
+        )
+    if metadata.get("robot") not in robot_names():
+        raise PolicyFileError(
+            f"{origin} has robot = {metadata.get('robot')}, this version of hugwbc knows {', '.join(robot_names())}; "
+            "use a policy of one of them"
         )
     for key in _FIXED:
         if metadata.get(key) != expected[key]:

@@ -44,7 +44,7 @@ class PolicyRows:
         self._network = network
         self._period = float(metadata["period"])
         self._waist_step = float(metadata["waist_rate"]) * self._period
-        self._waist_joint = load_robot().waist
+        self._waist_joint = load_robot(metadata["robot"]).waist
         self.history = torch.zeros(count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.observation = torch.zeros(count, obs.COMMAND_SIZE)
         self.action = torch.zeros(count, obs.JOINTS)

@@ -315,8 +315,9 @@ def _with_own_robots(
 
 def contract_of(env: EnvConfig) -> dict[str, Any]:
     """Return the contract of a policy trained in an environment."""
-    robot = load_robot()
+    robot = load_robot(env.robot)
     return policy_contract(
+        robot=robot,
         period=TRAINING_TIMESTEP * env.substeps,
         action_scale=env.action_scales(robot),
         kd=env.damping(robot),

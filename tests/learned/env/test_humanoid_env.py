@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc.errors import UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig
@@ -11,6 +12,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import observations as obs
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.robot import load_robot, robot_names
 from hugwbc.state import RobotState
 
 
@@ -285,3 +287,11 @@ def test_a_state_that_lacks_a_part_is_told(small_env: HumanoidEnv) -> None:
     del state["history"]
     with pytest.raises(KeyError, match="history"):
         small_env.load_state_dict(state)
+
+
+def test_the_robot_of_the_settings_is_simulated():
+    environments = {name: HumanoidEnv(EnvConfig(count=1, robot=name), seed=0, threads=1) for name in robot_names()}
+    masses = {name: env.simulation.model.body_mass.sum() for name, env in environments.items()}
+    assert masses == {name: pytest.approx(load_robot(name).mass) for name in robot_names()}
+    with pytest.raises(UnknownNameError, match="robot"):
+        EnvConfig(robot="g1")

@@ -4,6 +4,7 @@ import pytest
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.policy_contract import complete_contract, policy_contract
+from hugwbc.robot import load_robot
 
 
 def test_layouts_have_the_sizes_of_the_networks() -> None:
@@ -60,3 +61,10 @@ def test_entries_that_cannot_be_run_are_refused(key: str, value: object) -> None
 def test_a_newer_contract_is_refused() -> None:
     with pytest.raises(PolicyFileError, match="newer"):
         complete_contract(policy_contract() | {"contract": 99}, "x")
+
+
+def test_a_policy_says_on_which_robot_it_was_trained() -> None:
+    contract = complete_contract(policy_contract(robot=load_robot("h1-2023")), "x")
+    assert contract["robot"] == "h1-2023"
+    with pytest.raises(PolicyFileError, match=r"the_file has robot = g1, .* knows h1, h1-2023"):
+        complete_contract(contract | {"robot": "g1"}, "the_file")

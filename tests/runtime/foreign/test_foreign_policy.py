@@ -6,6 +6,7 @@ import torch
 
 from hugwbc import Command, Controller, Gait, UpperBody, load_robot
 from hugwbc.errors import PolicyFileError
+from hugwbc.robot import robot_names
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.foreign import ForeignPolicy, load_contract, load_foreign_policy
 from hugwbc.sim import Simulation
@@ -44,8 +45,10 @@ def test_a_recurrent_leg_policy_runs_as_its_maker_runs_it(unitree, leg_lstm, sta
     np.testing.assert_array_equal(command.kd[legs], [2, 2, 2, 4, 2] * 2)
 
 
-def test_it_walks_through_a_rollout_with_arms_taken_over(unitree, state):
-    trace = rollout(unitree, Constant(WALK), Simulation(), duration=0.5)
+@pytest.mark.parametrize("robot", robot_names())
+def test_it_walks_through_a_rollout_with_arms_taken_over(unitree, state, robot):
+    trace = rollout(unitree, Constant(WALK), Simulation(robot=load_robot(robot)), duration=0.5)
+    assert trace.robot == robot
     assert trace.safety.failures == 0 and trace.safety.bad_outputs == 0 and trace.name == "unitree-h1"
     arms = UpperBody.targets(np.full(8, 0.3))
     np.testing.assert_array_equal(unitree.act(state, WALK, arms).q[ROBOT.arms], 0.3)

@@ -1,0 +1,230 @@
+"""One robot in a physics engine: the interface of every engine, and what all engines share."""
+
+import abc
+import collections
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.controller import JointCommand
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.robot import Robot, load_robot
+from hugwbc.sim.actuators import Actuators
+from hugwbc.sim.scene import check_timestep
+from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
+from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.variation import Variation
+from hugwbc.state import RobotState
+
+# A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground.
+FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
+_ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
+
+
+class Engine(abc.ABC):
+    """One robot with PD joints, an IMU on the torso and foot sensors; it can be pushed and pulled.
+
+    Subclasses call `_clear` in `reset` and fill `external_force` and `link_names` in their constructor. Everything
+    that a controller, a rollout or a page reads is on this class; what belongs to one engine stays in its subclass.
+
+    Attributes:
+        engine: the engine's name, as in `--engine`.
+        robot: names, limits, gains and drives.
+        actuators: what the drives do besides the PD law.
+        variation: difference of this robot from its description.
+        sensing: sensors of the robot.
+        terrain: height field that the robot stands on; None for a plane at z = 0.
+        timestep: physics time step [s].
+        link_names: names of the rows of `external_force`; the first is the world.
+        external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
+            writable, and kept until it is changed.
+        rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
+        diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
+    """
+
+    engine: ClassVar[str]
+    link_names: tuple[str, ...]
+    external_force: np.ndarray
+
+    def __init__(
+        self,
+        *,
+        timestep: float,
+        terrain: HeightField | None,
+        sensing: SensorProfile | str,
+        latency: float | None,
+        seed: int,
+        variation: Variation | None,
+        robot: Robot | None,
+        actuators: Actuators | None,
+    ) -> None:
+        """Check and keep the settings; see the constructor of the subclass for the arguments."""
+        check_timestep(timestep)
+        profile = sensor_profile(sensing) if isinstance(sensing, str) else sensing
+        if latency is not None:
+            profile = dataclasses.replace(profile, latency=latency)
+        if seed < 0:
+            raise ConfigError(f"seed is {seed}; give 0 or more")
+        self.timestep = timestep
+        self.terrain = terrain
+        self.sensing = profile
+        self.variation = variation or Variation()
+        self.robot = robot or load_robot()
+        self.actuators = actuators or Actuators.ideal()
+        self.rejected_commands = 0
+        self.diverged = False
+        self._delay = self.actuators.delay_steps(self.robot, timestep)
+        # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
+        self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()
+        self._sensors = Sensors(profile, seed, self.robot)
+        # Readings of the physics steps that the latency spans, oldest first, and the current one.
+        self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
+        self._force_until: dict[int, float] = {}
+        self._command = JointCommand.position(self.robot, self.robot.nominal)
+
+    @abc.abstractmethod
+    def reset(
+        self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
+    ) -> RobotState:
+        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,).
+
+        By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
+        """
+
+    @abc.abstractmethod
+    def push(self, velocity: np.ndarray) -> None:
+        """Add to the pelvis velocity at once.
+
+        Args:
+            velocity: linear part in the world [m/s], shape (3,); or with the angular part in the pelvis [rad/s],
+                shape (6,).
+        """
+
+    @property
+    @abc.abstractmethod
+    def time(self) -> float:
+        """Time since the last reset [s]."""
+
+    @property
+    @abc.abstractmethod
+    def qpos(self) -> np.ndarray:
+        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
+
+    @property
+    @abc.abstractmethod
+    def qvel(self) -> np.ndarray:
+        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
+
+    @property
+    @abc.abstractmethod
+    def torque(self) -> np.ndarray:
+        """Joint torques of the last physics step [N*m], shape (19,)."""
+
+    @property
+    @abc.abstractmethod
+    def pressure_centres(self) -> np.ndarray:
+        """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
+
+    @abc.abstractmethod
+    def hand_position(self, side: str) -> np.ndarray:
+        """Return the position of a hand in the world [m], shape (3,)."""
+
+    @abc.abstractmethod
+    def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
+        """Make one physics step with joint torques `constant - kp q - kd dq`, within the torque limits."""
+
+    @abc.abstractmethod
+    def _reading(self) -> Reading:
+        """Return what perfect sensors say now."""
+
+    @abc.abstractmethod
+    def _trunk_on_ground(self) -> bool:
+        """Return whether the torso touches the ground."""
+
+    def step(self, command: JointCommand, duration: float) -> RobotState:
+        """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state.
+
+        With a delay, the drives follow the command that many physics steps later; only the first command after a reset
+        acts at once. A command that is not finite is counted, and the previous command is held instead.
+        """
+        if command.is_finite:
+            self._command = command
+        else:
+            self.rejected_commands += 1
+        command = self._command
+        kp, kd = self.variation.gain * command.kp, self.variation.gain * command.kd
+        given = (kp, kd, command.tau + kp * command.q + kd * command.dq)
+        if not self._pending:
+            self._pending.extend([given] * self._delay)
+        for _ in range(max(1, round(duration / self.timestep))):
+            self._pending.append(given)
+            self._expire_forces()
+            self._advance(*self._pending.popleft())
+            self._readings.append(self._reading())
+        return self.state()
+
+    def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
+        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s].
+
+        Raises:
+            UnknownNameError: if no link has that name.
+        """
+        links = self.link_names[1:]
+        if link not in links:
+            raise UnknownNameError("link", link, links)
+        row = self.link_names.index(link)
+        self.external_force[row, :3] = force
+        self._force_until[row] = self.time + duration
+
+    def state(self) -> RobotState:
+        """Return the true state, with position, velocity and foot forces."""
+        return self._sensors.truth(self._reading())
+
+    def sense(self) -> RobotState:
+        """Return the readings of `sensing.latency` ago, as the robot's sensors give them.
+
+        Orientation and angular velocity are converted from the IMU to the pelvis. What the robot has no sensor for is
+        None; `hugwbc.runtime.estimation` estimates it.
+        """
+        # Read the current state again: a push or a viewer may have changed it since the last step.
+        reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
+        return dataclasses.replace(self._sensors.read(reading), age=self.time - reading.time)
+
+    def ground_height(self, xy: np.ndarray) -> float:
+        """Return the height of the ground at a point [m]."""
+        return 0.0 if self.terrain is None else float(self.terrain.height_at(np.asarray(xy)))
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
+        state = self.state()
+        assert state.position is not None
+        return bool(
+            self.diverged
+            or abs(rotations.pitch_of(state.orientation)) > FALL_PITCH
+            or abs(rotations.roll_of(state.orientation)) > FALL_ROLL
+            or state.position[2] - self.ground_height(state.position[:2]) < FALL_HEIGHT
+            or self._trunk_on_ground()
+        )
+
+    def _clear(self, q: np.ndarray) -> None:
+        """Forget forces and commands before a new run that starts with joint positions `q` [rad]."""
+        self.external_force[:] = 0.0
+        self._force_until.clear()
+        self._pending.clear()
+        self.diverged = False
+        self._command = JointCommand.position(self.robot, q)
+
+    def _start_sensors(self) -> None:
+        """Draw the sensors' errors of a new run and take the first reading."""
+        self._sensors.reset()
+        self._readings.clear()
+        self._readings.append(self._reading())
+
+    def _expire_forces(self) -> None:
+        for row, until in list(self._force_until.items()):
+            if self.time >= until - _ROUNDING:
+                self.external_force[row] = 0.0
+                del self._force_until[row]
