@@ -3,6 +3,7 @@
 import abc
 import collections
 import dataclasses
+import importlib.util
 from typing import ClassVar
 
 import numpy as np
@@ -31,6 +32,7 @@ class Engine(abc.ABC):
 
     Attributes:
         engine: the engine's name, as in `--engine`.
+        package: name of the Python package that it needs.
         robot: names, limits, gains and drives.
         actuators: what the drives do besides the PD law.
         variation: difference of this robot from its description.
@@ -45,6 +47,7 @@ class Engine(abc.ABC):
     """
 
     engine: ClassVar[str]
+    package: ClassVar[str]
     link_names: tuple[str, ...]
     external_force: np.ndarray
 
@@ -83,6 +86,18 @@ class Engine(abc.ABC):
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
         self._command = JointCommand.position(self.robot, self.robot.nominal)
+
+    @classmethod
+    def check_available(cls) -> None:
+        """Check that the engine is installed.
+
+        Raises:
+            ConfigError: if it is not.
+        """
+        if importlib.util.find_spec(cls.package) is None:
+            raise ConfigError(
+                f"engine {cls.engine} needs {cls.package}: run `pip install 'hugwbc[{cls.engine}]'`, or use mujoco"
+            )
 
     @abc.abstractmethod
     def reset(

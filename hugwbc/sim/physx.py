@@ -33,20 +33,21 @@ _CONTACT_OFFSET = 0.002  # [m], distance at which contacts are prepared
 _FRICTION_GAIN = 1e4  # [N*m*s/rad], makes a velocity drive with a force limit a Coulomb friction
 _FASTEST = 1e3  # [m/s], [rad/s]; PhysX clips velocities, MuJoCo does not
 _RUNAWAY = 1e6  # a larger number in the state counts as diverged
+_Sapien = Any  # an object of SAPIEN, which need not be installed where the types are checked
 
 
 def load_sapien() -> tuple[Any, Any]:
     """Return the optional modules sapien and sapien.physx.
 
     Raises:
-        ConfigError: if SAPIEN is not installed.
+        ConfigError: if SAPIEN cannot be loaded.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # SAPIEN looks for a graphics driver, which the physics does not need
             return importlib.import_module("sapien"), importlib.import_module("sapien.physx")
     except ImportError as error:
-        raise ConfigError(f"engine physx needs {error.name}: run `pip install 'hugwbc[physx]'`") from error
+        raise ConfigError(f"engine physx cannot load {error.name or 'sapien'}: {error}") from error
 
 
 def _principal(link: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +96,7 @@ class PhysxSimulation(Engine):
     """
 
     engine = "physx"
+    package = "sapien"
 
     def __init__(
         self,
@@ -125,6 +127,7 @@ class PhysxSimulation(Engine):
         """
         if terrain is not None:
             raise ConfigError("engine physx has level ground only; use --engine mujoco for rough or sloping ground")
+        self.check_available()
         super().__init__(
             timestep=timestep,
             terrain=None,
@@ -195,7 +198,7 @@ class PhysxSimulation(Engine):
         entity.add_component(self._ground)
         self._scene.add_entity(entity)
 
-    def _add_sole(self, maker: Any) -> None:
+    def _add_sole(self, maker: _Sapien) -> None:
         """Add the spheres at the corners of a sole, and the box that collides with the other leg."""
         (x0, x1), (y0, y1), z = self._table["sole"]["x"], self._table["sole"]["y"], self._table["sole"]["z"]
         pose = self._sapien.Pose
@@ -313,12 +316,12 @@ class PhysxSimulation(Engine):
         _, self._imu_orientation, turn, self._imu_velocity, spin = self._motion(self._torso, self._imu)
         self._imu_turn, self._imu_gyro = turn, spin @ turn
 
-    def _motion(self, link: Any, point: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _motion(self, link: _Sapien, point: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the motion of a link in the world, with the velocity of a point in the link's frame [m].
 
         Returns:
-            Position of the link [m], its orientation as a quaternion and as a matrix, the point's velocity [m/s], and the
-            angular velocity [rad/s].
+            Position of the link [m], its orientation as a quaternion and as a matrix, the point's velocity [m/s], and
+            the angular velocity [rad/s].
         """
         pose = link.entity_pose
         orientation, turn = np.array(pose.q, dtype=float), pose.to_transformation_matrix()[:3, :3].astype(float)

@@ -28,6 +28,7 @@ class Simulation(Engine):
     """
 
     engine = "mujoco"
+    package = "mujoco"
 
     def __init__(
         self,

@@ -21,6 +21,7 @@ from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.sim.scene import link_names
+from hugwbc.sim.simulation import Simulation
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -49,9 +50,9 @@ class BatchMember:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
+    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors and a plane."""
     exact = not conditions.arena.estimates and not conditions.latency
-    return isinstance(controller, HasBatch) and conditions.is_level and exact
+    return isinstance(controller, HasBatch) and conditions.engine == Simulation.engine and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:
