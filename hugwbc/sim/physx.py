@@ -97,6 +97,7 @@ class PhysxSimulation(Engine):
 
     engine = "physx"
     package = "sapien"
+    _fixed_pelvis = False  # tests hang the robot up
 
     def __init__(
         self,
@@ -149,6 +150,7 @@ class PhysxSimulation(Engine):
         self._build()
         self.link_names = ("world", *self._links)
         self.external_force = np.zeros((len(self.link_names), 6))
+        self._step_count = 0
         self.reset()
 
     def _build(self) -> None:
@@ -182,7 +184,7 @@ class PhysxSimulation(Engine):
                 in_parent = sapien.Pose(joint["xyz"], rotations.multiply(mount, turn))
                 maker.set_joint_name(joint["name"])
                 maker.set_joint_properties("revolute", [joint["range"]], in_parent, sapien.Pose([0, 0, 0], turn))
-        self._articulation = builder.build(fix_root_link=False)
+        self._articulation = builder.build(fix_root_link=self._fixed_pelvis)
         self._links = {link.name: link for link in self._articulation.links}
         self._prepare_links(groups)
         self._prepare_joints()
@@ -244,6 +246,8 @@ class PhysxSimulation(Engine):
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
         """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,)."""
+        if self._step_count:
+            self._build()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
@@ -303,6 +307,7 @@ class PhysxSimulation(Engine):
     def _restart(self) -> None:
         """Stand the robot up again after the physics has failed, as MuJoCo does."""
         self.diverged = True
+        self._build()
         height = self.robot.nominal_height + _START_HEIGHT
         self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
 
