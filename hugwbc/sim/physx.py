@@ -145,7 +145,7 @@ class PhysxSimulation(Engine):
         self._torque_limit = self.variation.strength * self.robot.torque_limit
         self._limit = TorqueSpeedLimit(self.robot, self._torque_limit) if self.actuators.torque_speed else None
         self._range = np.stack([-self._torque_limit, self._torque_limit], axis=1)
-        self._viscous = self.actuators.friction * self.robot.viscous
+        self._viscous = self.robot.damping + self.actuators.friction * self.robot.viscous
         self._table = robot_table(self.robot.name)
         self._build()
         self.link_names = ("world", *self._links)
@@ -237,10 +237,8 @@ class PhysxSimulation(Engine):
             joint.set_friction(0.0)  # PhysX's own friction is a factor on the joint's load
             joint.max_velocity = _FASTEST
             coulomb = float(self.actuators.friction * robot.friction[column])
-            if coulomb > 0.0:
-                joint.set_drive_properties(0.0, _FRICTION_GAIN, coulomb, "force")
-            else:
-                joint.set_drive_properties(0.0, float(robot.damping[column]))
+            # Without friction the drive must have no gain: PhysX takes a limit of 0 for none.
+            joint.set_drive_properties(0.0, _FRICTION_GAIN if coulomb > 0.0 else 0.0, coulomb, "force")
 
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
