@@ -237,7 +237,8 @@ class PhysxSimulation(Engine):
             joint.set_friction(0.0)  # PhysX's own friction is a factor on the joint's load
             joint.max_velocity = _FASTEST
             coulomb = float(self.actuators.friction * robot.friction[column])
-            # Without friction the drive must have no gain: PhysX takes a limit of 0 for none.
+            # A drive to speed 0 whose torque is limited to the friction. It is implicit, so it stops a joint without
+            # reversing it, however large its gain.
             joint.set_drive_properties(0.0, _FRICTION_GAIN if coulomb > 0.0 else 0.0, coulomb, "force")
 
     def reset(
