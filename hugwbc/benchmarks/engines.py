@@ -18,8 +18,9 @@ import numpy as np
 from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.gait import Gait
+from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
 from hugwbc.sim import Arena, Force
@@ -66,7 +67,7 @@ def episode(controller: str, command: str, engine: str, seed: int, arena: Arena,
         command: name of the command.
         engine: name of the engine.
         seed: seed of the push and of the sensors' errors.
-        arena: robot, drives and sensors.
+        arena: robot, drives, sensors and ground.
         duration: length of the episode [s].
 
     Raises:
@@ -80,7 +81,7 @@ def episode(controller: str, command: str, engine: str, seed: int, arena: Arena,
         Constant(COMMANDS[command]),
         arena.simulation_in(ENGINES[engine], seed=seed),
         duration=duration,
-        estimator=StateEstimator() if arena.estimates else None,
+        estimator=estimator_for(arena),
         forces=(push,),
     )
     return Episode(controller, command, engine, seed, trace.fell, tracking_errors(trace))
@@ -114,11 +115,11 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=COMMANDS, help="what they are told")
     parser.add_argument("--seeds", type=int, default=3, help="episodes of each command in each engine")
     parser.add_argument("--duration", type=float, default=20.0, help="length of an episode [s]")
-    parser.add_argument("--robot", default="h1", help="robot of models/h1/h1.yaml")
+    parser.add_argument("--robot", default=DEFAULT_ROBOT, help="robot of models/h1/h1.yaml")
     parser.add_argument("--drives", default="ideal", help="ideal or real")
     parser.add_argument("--sensing", default="exact", help="exact or robot")
     options = parser.parse_args(words)
-    arena = Arena(options.robot, options.drives, options.sensing)
+    arena = Arena(options.robot, options.drives, options.sensing, "firm")
     episodes = []
     for controller in options.controllers:
         for command in options.commands:

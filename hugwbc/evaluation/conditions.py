@@ -11,8 +11,8 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
-from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.sim import ARENA_VERSION, Arena, Engine, Simulation, Variation, rough_terrain
+from hugwbc.runtime.estimation import StateEstimator, estimator_for
+from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
@@ -39,10 +39,14 @@ class Conditions:
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
-        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
-        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal.
+        arena: arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
+            weighed, with real drives, firm ground and only the sensors that it has).
+        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
+        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
+            the arena's.
         sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
-            exact (the true state).
+            exact (the true state); by default the arena's.
+        ground: ground: firm, or soft; by default the arena's.
         intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
             (motion files).
         motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
@@ -61,9 +65,11 @@ class Conditions:
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
     slope: float = 0.0
-    robot: str = Arena.robot
-    drives: str = Arena.drives
-    sensing: str = Arena.sensing
+    arena: int = DEFAULT_ARENA
+    robot: str | None = None
+    drives: str | None = None
+    sensing: str | None = None
+    ground: str | None = None
     intervention: str = "none"
     motions: str | None = None
     payload: float = 0.0
@@ -79,6 +85,8 @@ class Conditions:
         ENGINES[self.engine].check_available()
         if self.engine != Simulation.engine and not self.is_level:
             raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
+        if self.engine != Simulation.engine and self.chosen_arena.ground != "firm":
+            raise ConfigError(f"engine {self.engine} has firm ground only; use --arena 2, or --ground firm")
         if self.intervention not in INTERVENTIONS:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
@@ -88,21 +96,22 @@ class Conditions:
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
-        _ = self.arena
+        _ = self.chosen_arena
 
     @property
-    def arena(self) -> Arena:
-        """Robot, drives and sensors.
+    def chosen_arena(self) -> Arena:
+        """Robot, drives, sensors and ground.
 
         Raises:
+            ConfigError: if there is no arena of that number.
             UnknownNameError: if one of the names is unknown.
         """
-        return Arena(self.robot, self.drives, self.sensing)
+        return ArenaChoice(self.arena, self.robot, self.drives, self.sensing, self.ground).chosen
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        fields["arena"] = ARENA_VERSION
+        fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
         if self.engine == PhysxSimulation.engine:
             fields["sapien"] = importlib.metadata.version("sapien")
         if self.motions is not None:
@@ -153,7 +162,7 @@ class Conditions:
             seed: seed of the ground and of the sensor noise.
         """
         make = functools.partial(
-            self.arena.simulation_in,
+            self.chosen_arena.simulation_in,
             ENGINES[self.engine],
             timestep=self.timestep,
             variation=self.variation(),
@@ -169,7 +178,7 @@ class Conditions:
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
-        return StateEstimator() if self.arena.estimates else None
+        return estimator_for(self.chosen_arena)
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode; None leaves them to the controller.

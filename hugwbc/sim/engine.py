@@ -13,7 +13,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.scene import check_timestep
+from hugwbc.sim.scene import Ground, check_timestep
 from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -38,6 +38,7 @@ class Engine(abc.ABC):
         variation: difference of this robot from its description.
         sensing: sensors of the robot.
         terrain: height field that the robot stands on; None for a plane at z = 0.
+        ground: firmness of the ground.
         timestep: physics time step [s].
         link_names: names of the rows of `external_force`; the first is the world.
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
@@ -62,6 +63,7 @@ class Engine(abc.ABC):
         variation: Variation | None,
         robot: Robot | None,
         actuators: Actuators | None,
+        ground: Ground | None,
     ) -> None:
         """Check and keep the settings; see the constructor of the subclass for the arguments."""
         check_timestep(timestep)
@@ -76,6 +78,7 @@ class Engine(abc.ABC):
         self.variation = variation or Variation()
         self.robot = robot or load_robot()
         self.actuators = actuators or Actuators.ideal()
+        self.ground = ground or Ground()
         self.rejected_commands = 0
         self.diverged = False
         self._delay = self.actuators.delay_steps(self.robot, timestep)

@@ -17,7 +17,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, robot_table
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
-from hugwbc.sim.scene import SIMULATION_TIMESTEP
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -110,6 +110,7 @@ class PhysxSimulation(Engine):
         variation: Variation | None = None,
         robot: Robot | None = None,
         actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the robot and place it on the ground in the nominal pose.
 
@@ -122,12 +123,15 @@ class PhysxSimulation(Engine):
             variation: difference of the robot from its description; None for no difference.
             robot: robot to simulate; None for the H1.
             actuators: drives of the joints; None for ideal ones.
+            ground: None, or the firm one; contacts are rigid.
 
         Raises:
-            ConfigError: if SAPIEN is not installed, a terrain is given, or a number is out of range.
+            ConfigError: if SAPIEN is not installed, the ground is neither level nor firm, or a number is out of range.
         """
         if terrain is not None:
             raise ConfigError("engine physx has level ground only; use --engine mujoco for rough or sloping ground")
+        if ground is not None and ground != Ground.named("firm"):
+            raise ConfigError("engine physx has firm ground only; use --ground firm, or --engine mujoco")
         self.check_available()
         super().__init__(
             timestep=timestep,
@@ -138,6 +142,7 @@ class PhysxSimulation(Engine):
             variation=variation,
             robot=robot,
             actuators=actuators,
+            ground=Ground.named("firm"),
         )
         self._sapien, self._physx = load_sapien()
         self._substeps = max(1, int(np.ceil(timestep / _INNER_STEP - 1e-9)))

@@ -68,8 +68,9 @@ class Simulation(Engine):
             variation=variation,
             robot=robot,
             actuators=actuators,
+            ground=ground,
         )
-        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=ground)
+        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=self.ground)
         self.variation.apply_to(self.model)
         torque_limit = self.model.actuator_forcerange[:, 1]
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None

@@ -90,11 +90,13 @@ def test_an_engine_is_refused_where_it_cannot_be_used(monkeypatch):
     for uneven in ({"terrain_roughness": 0.02}, {"slope": 0.1}):
         with pytest.raises(ConfigError, match="engine physx has level ground only"):
             Conditions(engine="physx", **uneven)
+    with pytest.raises(ConfigError, match="engine physx has firm ground only"):
+        Conditions(engine="physx", ground="soft")
 
 
 def test_an_evaluation_in_physx_runs_in_physx():
     pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
-    conditions = Conditions(engine="physx", payload=4.0, robot="h1-2023")
+    conditions = Conditions(engine="physx", payload=4.0, robot="h1-2023", ground="firm")
     simulation = conditions.simulation(1.0, (0,))
     assert simulation.engine == "physx" and simulation.robot.name == "h1-2023"
     assert conditions.identity() != dataclasses.replace(conditions, engine="mujoco").identity()

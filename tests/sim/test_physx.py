@@ -23,6 +23,7 @@ pytest.importorskip("sapien", reason="the second engine is an extra: pip install
 ROBOT = load_robot()
 WEIGHT = ROBOT.mass * 9.81
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
+FIRM = Ground.named("firm")
 LIMP = JointCommand(*(np.zeros(19) for _ in range(5)))
 STIFF = JointCommand(ROBOT.nominal, np.zeros(19), 5.0 * ROBOT.kp, 3.0 * ROBOT.kd, np.zeros(19))
 HEIGHT = 3.0  # [m], far above the ground
@@ -45,7 +46,7 @@ def in_physx(simulation: PhysxSimulation, position: np.ndarray, q: np.ndarray, v
 
 def hung(q: np.ndarray, **settings) -> tuple[Simulation, PhysxSimulation]:
     """Return robots with the pelvis held in the air: in MuJoCo by an enormous inertia."""
-    one, other = Simulation(**settings), HungPhysx(**settings)
+    one, other = Simulation(ground=FIRM, **settings), HungPhysx(**settings)
     one.model.dof_armature[:6] = 1e6
     in_mujoco(one, np.array([0.0, 0.0, HEIGHT]), q, np.zeros(25))
     in_physx(other, np.array([0.0, 0.0, HEIGHT]), q, np.zeros(25))
@@ -141,7 +142,7 @@ def test_coulomb_friction_holds_a_joint() -> None:
 
 
 def test_standing_torques_agree(plane: PhysxSimulation) -> None:
-    one = Simulation()
+    one = Simulation(ground=FIRM)
     one.reset(), plane.reset()
     for _ in range(10):
         first, second = one.step(HOLD, 0.1), plane.step(HOLD, 0.1)
@@ -155,7 +156,7 @@ def test_standing_torques_agree(plane: PhysxSimulation) -> None:
 def test_a_rigid_stance_gives_way_to_a_push_alike(plane: PhysxSimulation, direction: tuple[float, ...]) -> None:
     """Stiff joints on firm ground: what remains is the contact of the soles."""
     paths = []
-    for simulation in (Simulation(), plane):
+    for simulation in (Simulation(ground=FIRM), plane):
         simulation.reset()
         simulation.step(STIFF, 0.3)
         simulation.push(np.array(direction))
@@ -170,7 +171,7 @@ def test_soles_slide_alike_on_slippery_ground() -> None:
     slippery, pull = Variation(friction=0.1), np.array([0.0, 0.05 * WEIGHT, 0.0])
     shifts = []
     for simulation in (
-        Simulation(variation=slippery, ground=Ground(cone="elliptic")),
+        Simulation(variation=slippery, ground=Ground(0.005, "elliptic")),
         PhysxSimulation(variation=slippery),
     ):
         simulation.step(HOLD, 0.2)
@@ -280,9 +281,11 @@ def test_a_used_robot_runs_as_a_new_one(plane: PhysxSimulation) -> None:
     np.testing.assert_array_equal(plane.step(HOLD, 0.2).q, fresh.step(HOLD, 0.2).q)
 
 
-def test_ground_that_is_not_level_is_refused() -> None:
+def test_ground_that_is_not_level_and_firm_is_refused() -> None:
     with pytest.raises(ConfigError, match="level ground only; use --engine mujoco"):
         PhysxSimulation(terrain=HeightField(np.zeros((3, 3)), (4.0, 4.0)))
+    with pytest.raises(ConfigError, match="firm ground only; use --ground firm"):
+        PhysxSimulation(ground=Ground.named("soft"))
 
 
 def test_both_engines_have_one_interface() -> None:
@@ -294,7 +297,7 @@ def test_both_engines_have_one_interface() -> None:
 @pytest.mark.parametrize("controller", ["qp", "learned"])
 def test_a_controller_walks_in_both_engines_alike(controller: str) -> None:
     speeds = []
-    for simulation in (Simulation(), PhysxSimulation()):
+    for simulation in (Simulation(ground=FIRM), PhysxSimulation()):
         source = Constant(Command(v_x=0.5, gait=Gait.WALKING))
         trace = rollout(ControllerSpec(controller).build(), source, simulation, duration=3.0)
         assert not trace.fell
