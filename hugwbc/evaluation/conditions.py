@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import importlib.metadata
 import math
 import pathlib
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,9 @@ import numpy as np
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
-from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Simulation, Variation, rough_terrain
+from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
+from hugwbc.sim.arena import ENGINES
+from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ class Conditions:
     """Physics, ground, robot, sensors and external control of the arms in an episode.
 
     Attributes:
+        engine: physics engine: mujoco, or physx (PhysX 5, on level ground only).
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
@@ -57,6 +61,7 @@ class Conditions:
         UnknownNameError: if there is no such robot, drive, sensing or intervention.
     """
 
+    engine: str = Simulation.engine
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
     slope: float = 0.0
@@ -75,6 +80,13 @@ class Conditions:
 
     def __post_init__(self) -> None:
         check_timestep(self.timestep)
+        if self.engine not in ENGINES:
+            raise UnknownNameError("engine", self.engine, ENGINES)
+        ENGINES[self.engine].check_available()
+        if self.engine != Simulation.engine and not self.is_level:
+            raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
+        if self.engine != Simulation.engine and self.chosen_arena.ground != "firm":
+            raise ConfigError(f"engine {self.engine} has firm ground only; use --arena 2, or --ground firm")
         if self.intervention not in INTERVENTIONS:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
@@ -100,6 +112,8 @@ class Conditions:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
+        if self.engine == PhysxSimulation.engine:
+            fields["sapien"] = importlib.metadata.version("sapien")
         if self.motions is not None:
             fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
         return fields
@@ -140,7 +154,7 @@ class Conditions:
         friction, payload, gain = (rng.uniform(*r) for r in (ranges.friction, ranges.torso_mass, ranges.gains))
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
-    def simulation(self, duration: float, seed: tuple[int, ...]) -> Simulation:
+    def simulation(self, duration: float, seed: tuple[int, ...]) -> Engine:
         """Return the simulation of one episode.
 
         Args:
@@ -148,7 +162,8 @@ class Conditions:
             seed: seed of the ground and of the sensor noise.
         """
         make = functools.partial(
-            self.chosen_arena.simulation,
+            self.chosen_arena.simulation_in,
+            ENGINES[self.engine],
             timestep=self.timestep,
             variation=self.variation(),
             latency=self.latency,

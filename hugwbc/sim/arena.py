@@ -8,17 +8,24 @@ Results carry the arena in their identity, so results of different arenas never 
 """
 
 import dataclasses
+from collections.abc import Mapping
+from typing import TypeVar
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.sim.actuators import Actuators
+from hugwbc.sim.engine import Engine
+from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground
 from hugwbc.sim.sensors import SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 
+ENGINES: Mapping[str, type[Engine]] = {kind.engine: kind for kind in (Simulation, PhysxSimulation)}
 DRIVES = {"real": Actuators(), "ideal": Actuators.ideal()}
+
+EngineT = TypeVar("EngineT", bound=Engine)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,16 +79,35 @@ class Arena:
         seed: int = 0,
         variation: Variation | None = None,
     ) -> Simulation:
-        """Return a robot of this arena.
+        """Return a robot of this arena in MuJoCo; see `simulation_in` for the arguments."""
+        return self.simulation_in(
+            Simulation, timestep=timestep, terrain=terrain, latency=latency, seed=seed, variation=variation
+        )
+
+    def simulation_in(
+        self,
+        engine: type[EngineT],
+        *,
+        timestep: float = SIMULATION_TIMESTEP,
+        terrain: HeightField | None = None,
+        latency: float | None = None,
+        seed: int = 0,
+        variation: Variation | None = None,
+    ) -> EngineT:
+        """Return a robot of this arena in an engine.
 
         Args:
+            engine: the engine, one of `ENGINES`.
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
             latency: age of the sensor readings [s]; None for the sensors' own.
             seed: seed of the sensors' noise, biases and offsets.
             variation: difference of the robot from its description.
+
+        Raises:
+            ConfigError: if the engine is not installed or has no such ground.
         """
-        return Simulation(
+        return engine(
             timestep=timestep,
             terrain=terrain,
             sensing=self.profile,

@@ -3,6 +3,7 @@
 import abc
 import collections
 import dataclasses
+import importlib.util
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.scene import check_timestep
+from hugwbc.sim.scene import Ground, check_timestep
 from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -31,11 +32,13 @@ class Engine(abc.ABC):
 
     Attributes:
         engine: the engine's name, as in `--engine`.
+        package: name of the Python package that it needs.
         robot: names, limits, gains and drives.
         actuators: what the drives do besides the PD law.
         variation: difference of this robot from its description.
         sensing: sensors of the robot.
         terrain: height field that the robot stands on; None for a plane at z = 0.
+        ground: firmness of the ground.
         timestep: physics time step [s].
         link_names: names of the rows of `external_force`; the first is the world.
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
@@ -45,6 +48,7 @@ class Engine(abc.ABC):
     """
 
     engine: ClassVar[str]
+    package: ClassVar[str]
     link_names: tuple[str, ...]
     external_force: np.ndarray
 
@@ -59,6 +63,7 @@ class Engine(abc.ABC):
         variation: Variation | None,
         robot: Robot | None,
         actuators: Actuators | None,
+        ground: Ground | None,
     ) -> None:
         """Check and keep the settings; see the constructor of the subclass for the arguments."""
         check_timestep(timestep)
@@ -73,6 +78,7 @@ class Engine(abc.ABC):
         self.variation = variation or Variation()
         self.robot = robot or load_robot()
         self.actuators = actuators or Actuators.ideal()
+        self.ground = ground or Ground()
         self.rejected_commands = 0
         self.diverged = False
         self._delay = self.actuators.delay_steps(self.robot, timestep)
@@ -83,6 +89,18 @@ class Engine(abc.ABC):
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
         self._command = JointCommand.position(self.robot, self.robot.nominal)
+
+    @classmethod
+    def check_available(cls) -> None:
+        """Check that the engine is installed.
+
+        Raises:
+            ConfigError: if it is not.
+        """
+        if importlib.util.find_spec(cls.package) is None:
+            raise ConfigError(
+                f"engine {cls.engine} needs {cls.package}: run `pip install 'hugwbc[{cls.engine}]'`, or use mujoco"
+            )
 
     @abc.abstractmethod
     def reset(

@@ -17,7 +17,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, robot_table
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
-from hugwbc.sim.scene import SIMULATION_TIMESTEP
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -33,20 +33,21 @@ _CONTACT_OFFSET = 0.002  # [m], distance at which contacts are prepared
 _FRICTION_GAIN = 1e4  # [N*m*s/rad], makes a velocity drive with a force limit a Coulomb friction
 _FASTEST = 1e3  # [m/s], [rad/s]; PhysX clips velocities, MuJoCo does not
 _RUNAWAY = 1e6  # a larger number in the state counts as diverged
+_Sapien = Any  # an object of SAPIEN, which need not be installed where the types are checked
 
 
 def load_sapien() -> tuple[Any, Any]:
     """Return the optional modules sapien and sapien.physx.
 
     Raises:
-        ConfigError: if SAPIEN is not installed.
+        ConfigError: if SAPIEN cannot be loaded.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # SAPIEN looks for a graphics driver, which the physics does not need
             return importlib.import_module("sapien"), importlib.import_module("sapien.physx")
     except ImportError as error:
-        raise ConfigError(f"engine physx needs {error.name}: run `pip install 'hugwbc[physx]'`") from error
+        raise ConfigError(f"engine physx cannot load {error.name or 'sapien'}: {error}") from error
 
 
 def _principal(link: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +96,8 @@ class PhysxSimulation(Engine):
     """
 
     engine = "physx"
+    package = "sapien"
+    _fixed_pelvis = False  # tests hang the robot up
 
     def __init__(
         self,
@@ -107,6 +110,7 @@ class PhysxSimulation(Engine):
         variation: Variation | None = None,
         robot: Robot | None = None,
         actuators: Actuators | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Build the robot and place it on the ground in the nominal pose.
 
@@ -119,12 +123,16 @@ class PhysxSimulation(Engine):
             variation: difference of the robot from its description; None for no difference.
             robot: robot to simulate; None for the H1.
             actuators: drives of the joints; None for ideal ones.
+            ground: None, or the firm one; contacts are rigid.
 
         Raises:
-            ConfigError: if SAPIEN is not installed, a terrain is given, or a number is out of range.
+            ConfigError: if SAPIEN is not installed, the ground is neither level nor firm, or a number is out of range.
         """
         if terrain is not None:
             raise ConfigError("engine physx has level ground only; use --engine mujoco for rough or sloping ground")
+        if ground is not None and ground != Ground.named("firm"):
+            raise ConfigError("engine physx has firm ground only; use --ground firm, or --engine mujoco")
+        self.check_available()
         super().__init__(
             timestep=timestep,
             terrain=None,
@@ -134,6 +142,7 @@ class PhysxSimulation(Engine):
             variation=variation,
             robot=robot,
             actuators=actuators,
+            ground=Ground.named("firm"),
         )
         self._sapien, self._physx = load_sapien()
         self._substeps = max(1, int(np.ceil(timestep / _INNER_STEP - 1e-9)))
@@ -141,11 +150,12 @@ class PhysxSimulation(Engine):
         self._torque_limit = self.variation.strength * self.robot.torque_limit
         self._limit = TorqueSpeedLimit(self.robot, self._torque_limit) if self.actuators.torque_speed else None
         self._range = np.stack([-self._torque_limit, self._torque_limit], axis=1)
-        self._viscous = self.actuators.friction * self.robot.viscous
+        self._viscous = self.robot.damping + self.actuators.friction * self.robot.viscous
         self._table = robot_table(self.robot.name)
         self._build()
         self.link_names = ("world", *self._links)
         self.external_force = np.zeros((len(self.link_names), 6))
+        self._step_count = 0
         self.reset()
 
     def _build(self) -> None:
@@ -179,7 +189,7 @@ class PhysxSimulation(Engine):
                 in_parent = sapien.Pose(joint["xyz"], rotations.multiply(mount, turn))
                 maker.set_joint_name(joint["name"])
                 maker.set_joint_properties("revolute", [joint["range"]], in_parent, sapien.Pose([0, 0, 0], turn))
-        self._articulation = builder.build(fix_root_link=False)
+        self._articulation = builder.build(fix_root_link=self._fixed_pelvis)
         self._links = {link.name: link for link in self._articulation.links}
         self._prepare_links(groups)
         self._prepare_joints()
@@ -195,7 +205,7 @@ class PhysxSimulation(Engine):
         entity.add_component(self._ground)
         self._scene.add_entity(entity)
 
-    def _add_sole(self, maker: Any) -> None:
+    def _add_sole(self, maker: _Sapien) -> None:
         """Add the spheres at the corners of a sole, and the box that collides with the other leg."""
         (x0, x1), (y0, y1), z = self._table["sole"]["x"], self._table["sole"]["y"], self._table["sole"]["z"]
         pose = self._sapien.Pose
@@ -232,15 +242,16 @@ class PhysxSimulation(Engine):
             joint.set_friction(0.0)  # PhysX's own friction is a factor on the joint's load
             joint.max_velocity = _FASTEST
             coulomb = float(self.actuators.friction * robot.friction[column])
-            if coulomb > 0.0:
-                joint.set_drive_properties(0.0, _FRICTION_GAIN, coulomb, "force")
-            else:
-                joint.set_drive_properties(0.0, float(robot.damping[column]))
+            # A drive to speed 0 whose torque is limited to the friction. It is implicit, so it stops a joint without
+            # reversing it, however large its gain.
+            joint.set_drive_properties(0.0, _FRICTION_GAIN if coulomb > 0.0 else 0.0, coulomb, "force")
 
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
         """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,)."""
+        if self._step_count:
+            self._build()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
@@ -300,6 +311,7 @@ class PhysxSimulation(Engine):
     def _restart(self) -> None:
         """Stand the robot up again after the physics has failed, as MuJoCo does."""
         self.diverged = True
+        self._build()
         height = self.robot.nominal_height + _START_HEIGHT
         self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
 
@@ -313,12 +325,12 @@ class PhysxSimulation(Engine):
         _, self._imu_orientation, turn, self._imu_velocity, spin = self._motion(self._torso, self._imu)
         self._imu_turn, self._imu_gyro = turn, spin @ turn
 
-    def _motion(self, link: Any, point: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _motion(self, link: _Sapien, point: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the motion of a link in the world, with the velocity of a point in the link's frame [m].
 
         Returns:
-            Position of the link [m], its orientation as a quaternion and as a matrix, the point's velocity [m/s], and the
-            angular velocity [rad/s].
+            Position of the link [m], its orientation as a quaternion and as a matrix, the point's velocity [m/s], and
+            the angular velocity [rad/s].
         """
         pose = link.entity_pose
         orientation, turn = np.array(pose.q, dtype=float), pose.to_transformation_matrix()[:3, :3].astype(float)

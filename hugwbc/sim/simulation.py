@@ -29,6 +29,7 @@ class Simulation(Engine):
     """
 
     engine = "mujoco"
+    package = "mujoco"
 
     def __init__(
         self,
@@ -68,8 +69,9 @@ class Simulation(Engine):
             variation=variation,
             robot=robot,
             actuators=actuators,
+            ground=ground,
         )
-        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=ground)
+        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=self.ground)
         self._layout = robot_layout(self.model, self.robot)
         self.variation.apply_to(self.model)
         torque_limit = self.model.actuator_forcerange[self._layout.ctrl, 1]

@@ -29,7 +29,8 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_range
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
-from hugwbc.sim import Simulation
+from hugwbc.sim import Engine
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
@@ -172,9 +173,7 @@ class LivePage:
         pushes: forces that wait to be applied, in the pelvis' heading frame [N], each of shape (3,).
     """
 
-    def __init__(
-        self, simulation: Simulation, *, name: str, host: str = HOST, port: int = 0, expose: bool = False
-    ) -> None:
+    def __init__(self, simulation: Engine, *, name: str, host: str = HOST, port: int = 0, expose: bool = False) -> None:
         """Build the page and listen.
 
         Args:
@@ -194,7 +193,10 @@ class LivePage:
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
         self._refused: set[str] = set()  # sliders whose value the gait does not admit
-        self._build_scene(simulation.model)
+        # The page draws MuJoCo's model of the robot, whichever engine moves it.
+        self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
+        self._drawn = mujoco.MjData(self._model)
+        self._build_scene(self._model)
         self._build_panel()
         self.show(simulation)
 
@@ -280,19 +282,21 @@ class LivePage:
             self._sliders[name].value = 0.0
             self.source.ask(name, 0.0)
 
-    def disturb(self, simulation: Simulation) -> None:
+    def disturb(self, simulation: Engine) -> None:
         """Apply the pushes that are waiting."""
         while self.pushes:
             turn = rotations.rotation_z(simulation.state().yaw)
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
-    def show(self, simulation: Simulation) -> None:
+    def show(self, simulation: Engine) -> None:
         """Draw the robot where it is, and say what it does."""
-        data, state = simulation.data, simulation.state()
+        drawn, state = self._drawn, simulation.state()
+        drawn.qpos[:] = simulation.qpos
+        mujoco.mj_kinematics(self._model, drawn)
         assert state.position is not None and state.velocity is not None
         with self.server.atomic():
             for link, handle in self._links.items():
-                handle.position, handle.wxyz = data.body(link).xpos, data.body(link).xquat
+                handle.position, handle.wxyz = drawn.body(link).xpos, drawn.body(link).xquat
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
         while self._refused:

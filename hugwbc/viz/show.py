@@ -17,7 +17,7 @@ from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
-from hugwbc.sim import Force, Simulation
+from hugwbc.sim import Engine, Force, Simulation
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
@@ -85,7 +85,7 @@ def open_view(name: str, *, browser: bool = True, tell: Tell = print) -> Draw:
 def watch(
     controller: Controller,
     source: CommandSource,
-    simulation: Simulation | None = None,
+    simulation: Engine | None = None,
     upper_body: ArmSource | None = None,
     *,
     duration: float,

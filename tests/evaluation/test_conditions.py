@@ -1,3 +1,5 @@
+import dataclasses
+import importlib.util
 import math
 
 import numpy as np
@@ -6,6 +8,8 @@ import pytest
 from hugwbc import Command, JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.engine.batch_rollout import fits
+from hugwbc.runtime.controllers import learned_controller
 from hugwbc.scripts.motion import ArmMotion
 from hugwbc.sim import Variation
 
@@ -74,3 +78,28 @@ def test_robot_and_sensors_vary_as_told():
     for values in ({"latency": 1.0}, {"latency": math.nan}, {"strength": 0.0}):
         with pytest.raises(ConfigError, match=next(iter(values))):
             Conditions(**values)
+
+
+def test_an_engine_is_refused_where_it_cannot_be_used(monkeypatch):
+    with pytest.raises(UnknownNameError, match=r"engine 'bullet'.*mujoco, physx"):
+        Conditions(engine="bullet")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "sapien" else object())
+    with pytest.raises(ConfigError, match=r"engine physx needs sapien: run `pip install 'hugwbc\[physx\]'`"):
+        Conditions(engine="physx")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
+    for uneven in ({"terrain_roughness": 0.02}, {"slope": 0.1}):
+        with pytest.raises(ConfigError, match="engine physx has level ground only"):
+            Conditions(engine="physx", **uneven)
+    with pytest.raises(ConfigError, match="engine physx has firm ground only"):
+        Conditions(engine="physx", ground="soft")
+
+
+def test_an_evaluation_in_physx_runs_in_physx():
+    pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
+    conditions = Conditions(engine="physx", payload=4.0, robot="h1-2023", ground="firm")
+    simulation = conditions.simulation(1.0, (0,))
+    assert simulation.engine == "physx" and simulation.robot.name == "h1-2023"
+    assert conditions.identity() != dataclasses.replace(conditions, engine="mujoco").identity()
+    assert not fits(learned_controller(), dataclasses.replace(conditions, sensing="exact")), "a batch is MuJoCo's"
+    state = simulation.step(JointCommand.position(simulation.robot, simulation.robot.nominal), 0.3)
+    assert not simulation.fallen and state.foot_force is not None

@@ -20,6 +20,7 @@ from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.sim.scene import Ground, link_names
+from hugwbc.sim.simulation import Simulation
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -48,9 +49,9 @@ class BatchMember:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
+    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors and a plane."""
     exact = not conditions.chosen_arena.estimates and not conditions.latency
-    return isinstance(controller, HasBatch) and conditions.is_level and exact
+    return isinstance(controller, HasBatch) and conditions.engine == Simulation.engine and conditions.is_level and exact
 
 
 def most_robots(duration: float) -> int:
