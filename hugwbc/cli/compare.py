@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
+from hugwbc.seeds import REPORT_SEED
 
 if TYPE_CHECKING:
     from hugwbc.runtime.controllers import ControllerSpec
@@ -27,7 +28,7 @@ class CompareOptions:
     (docs/evaluation.md); NAME=POLICY gives one its own policy, such as unitree-h1=motion.pt."""
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
-    seed: int = 0
+    seed: int = REPORT_SEED
     """Seed of the sensor noise."""
     noise: bool = False
     """Give the sensors a real robot's noise and latency and estimate the state; without it the state is exact."""
