@@ -32,6 +32,9 @@ def model_dir() -> pathlib.Path:
     raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
 
 
+_FRICTION_SPEED = 0.2  # [rad/s]
+
+
 @dataclasses.dataclass(frozen=True)
 class Capsule:
     """A cylinder with round ends, in a link's frame.
@@ -111,6 +114,17 @@ class Robot:
     arm_postures: Mapping[str, np.ndarray]
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
+
+    def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the torque that the real drives lose to friction at joint speeds [N*m].
+
+        Coulomb friction changes its sign over a tenth of a radian a second instead of at once, so that noise of a speed
+        around zero does not become chatter of the torque.
+
+        Args:
+            velocity: joint speeds [rad/s], shape (19,).
+        """
+        return self.friction * np.tanh(velocity / _FRICTION_SPEED) + self.viscous * velocity
 
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector.

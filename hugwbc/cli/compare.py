@@ -9,6 +9,7 @@ from hugwbc.cli.output import check_folder, check_writable, parse, progress, say
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
 from hugwbc.seeds import REPORT_SEED
+from hugwbc.sim import Arena
 
 if TYPE_CHECKING:
     from hugwbc.runtime.controllers import ControllerSpec
@@ -30,8 +31,13 @@ class CompareOptions:
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     seed: int = REPORT_SEED
     """Seed of the sensor noise."""
-    noise: bool = False
-    """Give the sensors a real robot's noise and latency and estimate the state; without it the state is exact."""
+    robot: str = Arena.robot
+    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
+    drives: str = Arena.drives
+    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal."""
+    sensing: str = Arena.sensing
+    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (true
+    state)."""
     out: pathlib.Path = pathlib.Path("out/compare")
     """Folder for summary.json, report.html, replay.html and the video."""
     video: bool = True
@@ -52,6 +58,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers))
+    arena = Arena(options.robot, options.drives, options.sensing)
     script = load_script(options.script)
     if options.walk is not None:
         script = while_walking(script, options.walk)
@@ -60,10 +67,10 @@ def run(words: Sequence[str]) -> int:
     check_folder(options.out)
     check_writable(options.json)
     with progress(f"{script.name} with {', '.join(options.controllers)}") as advance:
-        traces = compare(controllers, script, seed=options.seed, noise=options.noise, on_progress=advance)
+        traces = compare(controllers, script, seed=options.seed, arena=arena, on_progress=advance)
     outcomes = {trace.name: summarise(trace) for trace in traces}
     figures = figure_table(outcomes)
-    summary = comparison_summary(script, outcomes, seed=options.seed, noise=options.noise)
+    summary = comparison_summary(script, outcomes, seed=options.seed, arena=arena)
     say(format_table(figures.columns, figures.rows), options.json)
     for name, outcome in outcomes.items():
         for message in outcome.safety["messages"]:

@@ -17,7 +17,7 @@ from hugwbc.runtime.loop import ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import Simulation, noisy_simulation
+from hugwbc.sim import Arena
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import open_view, run_live
 
@@ -58,8 +58,13 @@ class PlayOptions:
     """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
-    noise: bool = False
-    """Give the sensors the noise and latency of a real robot, and estimate the state from them."""
+    robot: str = Arena.robot
+    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
+    drives: str = Arena.drives
+    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal."""
+    sensing: str = Arena.sensing
+    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (true
+    state)."""
     duration: float | None = None
     """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
     headless: bool = False
@@ -86,11 +91,16 @@ def run(words: Sequence[str]) -> int:
     _refuse_options_of_the_page(options)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
-    simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
-    loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
+    arena = _arena(options)
+    estimator = StateEstimator() if arena.estimates else None
+    loop = ControlLoop(controller, source, arena.simulation(), upper_body_source(controller), estimator)
     draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
     run_live(loop, duration, draw, tell=say)
     return 0
+
+
+def _arena(options: PlayOptions) -> Arena:
+    return Arena(options.robot, options.drives, options.sensing)
 
 
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
@@ -111,7 +121,7 @@ def _run_live(options: PlayOptions) -> int:
     Raises:
         ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
     """
-    others = ("script", "gait", "left_hand", "right_hand", "headless", "noise", *COMMAND_NAMES)
+    others = ("script", "gait", "left_hand", "right_hand", "headless", *COMMAND_NAMES)
     # `is not False`, because a command of 0 is given too, and 0 == False.
     given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
     if given:
@@ -124,9 +134,11 @@ def _run_live(options: PlayOptions) -> int:
     except ImportError as error:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
     controller = ControllerSpec(options.controller, options.policy).build()
-    simulation = Simulation()
+    arena = _arena(options)
+    simulation = arena.simulation()
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
-    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller))
+    estimator = StateEstimator() if arena.estimates else None
+    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller), estimator)
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)

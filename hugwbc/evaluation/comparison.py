@@ -14,7 +14,7 @@ from hugwbc.runtime.loop import upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
-from hugwbc.sim import Simulation, noisy_simulation
+from hugwbc.sim import ARENA_VERSION, Arena
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +75,7 @@ def compare(
     script: Script,
     *,
     seed: int = 0,
-    noise: bool = False,
+    arena: Arena | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> list[Trace]:
     """Play a script with each controller in turn, in the same simulation, and return the records.
@@ -84,17 +84,17 @@ def compare(
         controllers: at least one controller; their names must differ.
         script: commands and hand targets.
         seed: seed of the sensor noise.
-        noise: whether the sensors have a real robot's noise and latency and the state is estimated from them. Without
-            noise the controllers get the true state and nothing is random.
+        arena: robot, drives and sensors; None for the default ones.
         on_progress: called with the fraction done.
 
     Raises:
         ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
+    arena = arena or Arena()
     traces = []
     for index, controller in enumerate(controllers):
-        simulation = noisy_simulation(seed=seed) if noise else Simulation()
+        simulation = arena.simulation(seed=seed)
 
         def advance(fraction: float, done: int = index) -> None:
             if on_progress is not None:
@@ -107,7 +107,7 @@ def compare(
                 simulation,
                 upper_body_source(controller),
                 duration=script.duration,
-                estimator=StateEstimator() if noise else None,
+                estimator=StateEstimator() if arena.estimates else None,
                 on_progress=advance,
             )
         )
@@ -115,7 +115,7 @@ def compare(
 
 
 def comparison_summary(
-    script: Script, outcomes: Mapping[str, Outcome], *, seed: int = 0, noise: bool = False
+    script: Script, outcomes: Mapping[str, Outcome], *, seed: int = 0, arena: Arena | None = None
 ) -> dict[str, Any]:
     """Return a comparison as JSON.
 
@@ -123,13 +123,13 @@ def comparison_summary(
         script: script that was played.
         outcomes: figures by the controller's name.
         seed: seed of the sensor noise.
-        noise: whether the sensors had noise.
+        arena: robot, drives and sensors; None for the default ones.
     """
     return {
         "script": script.name,
         "duration": script.duration,
         "seed": seed,
-        "noise": noise,
+        "arena": {"version": ARENA_VERSION, **dataclasses.asdict(arena or Arena())},
         "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
     }
 

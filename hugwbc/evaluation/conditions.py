@@ -11,7 +11,7 @@ import numpy as np
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.sim import Simulation, Variation, noisy_simulation, rough_terrain
+from hugwbc.sim import ARENA_VERSION, Arena, Simulation, Variation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
@@ -35,25 +35,30 @@ class Conditions:
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
-        noise: whether the sensors have a real robot's noise and latency and the state is estimated from them.
+        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
+        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal.
+        sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+            exact (the true state).
         intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
             (motion files).
         motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
         payload: mass added to the torso [kg].
         friction: friction coefficient between robot and ground; None for that of the robot description.
-        latency: age of the sensor readings [s]; None for no latency, or for a real robot's if there is noise.
+        latency: age of the sensor readings [s]; None for that of the sensors.
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
 
     Raises:
         ConfigError: if a value is out of range.
-        UnknownNameError: if there is no such intervention.
+        UnknownNameError: if there is no such robot, drive, sensing or intervention.
     """
 
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
     slope: float = 0.0
-    noise: bool = False
+    robot: str = Arena.robot
+    drives: str = Arena.drives
+    sensing: str = Arena.sensing
     intervention: str = "none"
     motions: str | None = None
     payload: float = 0.0
@@ -73,10 +78,21 @@ class Conditions:
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
+        _ = self.arena
+
+    @property
+    def arena(self) -> Arena:
+        """Robot, drives and sensors.
+
+        Raises:
+            UnknownNameError: if one of the names is unknown.
+        """
+        return Arena(self.robot, self.drives, self.sensing)
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields["arena"] = ARENA_VERSION
         if self.motions is not None:
             fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
         return fields
@@ -124,12 +140,13 @@ class Conditions:
             duration: duration of the episode [s], which determines the size of the ground.
             seed: seed of the ground and of the sensor noise.
         """
-        make = functools.partial(Simulation, timestep=self.timestep, variation=self.variation())
-        if self.noise:
-            draws = int(np.random.SeedSequence(seed).generate_state(1)[0])
-            make = functools.partial(noisy_simulation, **make.keywords, seed=draws)
-        if self.latency is not None:
-            make = functools.partial(make, latency=self.latency)
+        make = functools.partial(
+            self.arena.simulation,
+            timestep=self.timestep,
+            variation=self.variation(),
+            latency=self.latency,
+            seed=int(np.random.SeedSequence(seed).generate_state(1)[0]),
+        )
         if self.is_level:
             return make()
         size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
@@ -139,7 +156,7 @@ class Conditions:
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
-        return StateEstimator() if self.noise else None
+        return StateEstimator() if self.arena.estimates else None
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode; None leaves them to the controller.

@@ -8,8 +8,9 @@ from hugwbc.evaluation.tables import Table
 from hugwbc.report.figure_tables import times
 
 THE_PAPERS_COLUMN = (
-    "The paper's column was not measured under our conditions: its policies were trained and tested in another simulator "
-    "(Isaac Gym, 4096 environments), with wider randomisation, and with its own description of the robot (51.65 kg)."
+    "The paper's column was not measured under our conditions: its policies were trained and tested in another "
+    "simulator (Isaac Gym, 4096 environments), with wider randomisation, and with its own description of the robot "
+    "(51.65 kg)."
 )
 THE_TEACHER = "The shipped policy had the QP as a teacher: it imitated the QP during its training."
 SHIPPED = "learned"  # label of the shipped policy

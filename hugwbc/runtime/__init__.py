@@ -12,9 +12,10 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
-from hugwbc.sim import Force, SensorNoise, Simulation, noisy_simulation
+from hugwbc.sim import Arena, Force, SensorProfile, Simulation
 
 __all__ = [
+    "Arena",
     "ArmSource",
     "CommandSource",
     "Constant",
@@ -29,14 +30,13 @@ __all__ = [
     "SafetyConfig",
     "SafetyFilter",
     "SafetyReport",
-    "SensorNoise",
+    "SensorProfile",
     "Simulation",
     "StateEstimator",
     "Trace",
     "controller_names",
     "feasible",
     "load_controller",
-    "noisy_simulation",
     "rollout",
     "upper_body_source",
 ]

@@ -1,5 +1,7 @@
 """Many H1s at once on `mujoco.batch`: live state arrays, model parameters per robot, and divergence checks."""
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -12,8 +14,19 @@ from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState
 
+# Robots for each thread that go through all substeps before the next ones: the data of so many stay in the cache.
+_BLOCK = 16
 _FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADCTRL)]
 WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warnings; column 0 holds the last index
+
+
+class _Limited(NamedTuple):
+    """Robots with a torque-speed limit: their indices, the limit, and live views of joint speeds and torque ranges."""
+
+    ids: np.ndarray
+    limit: TorqueSpeedLimit
+    velocity: np.ndarray
+    force_range: np.ndarray
 
 
 class BatchSimulation:
@@ -59,15 +72,22 @@ class BatchSimulation:
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
-        self._limit: TorqueSpeedLimit | None = None
-        if actuators.torque_speed:
-            self._force_range = self.batch.expand("actuator_forcerange")
-            self._limit = TorqueSpeedLimit(self.robot, self._force_range[:, :, 1])
+        self._limited = self._limit_torque() if actuators.torque_speed else []
         self._footing = None if terrain is None else Footing(self.model, terrain)
         if self._footing is not None:
             self._geom_pos = self.batch.expand("geom_pos")
             self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
         self.batch.reset(keyframe=0)
+
+    def _limit_torque(self) -> list[_Limited]:
+        """Divide the robots into blocks that step by themselves, each with the torque-speed limit of its robots."""
+        force_range, blocks = self.batch.expand("actuator_forcerange"), []
+        size = _BLOCK * max(1, self.batch.nthread)
+        for start in range(0, self.count, size):
+            rows = slice(start, min(start + size, self.count))
+            limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1])
+            blocks.append(_Limited(np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
+        return blocks
 
     def _index_sensors(self) -> None:
         """Find the columns of the sensor data."""
@@ -96,12 +116,12 @@ class BatchSimulation:
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
-        if self._limit is None:
+        if not self._limited:
             self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        else:
+        for block in self._limited:
             for _ in range(substeps):
-                self._limit.write(self.qvel[:, 6:], self._force_range)
-                self.batch.step(nstep=1, stage=mujoco.mjtStage.mjSTAGE_VEL)
+                block.limit.write(block.velocity, block.force_range)
+                self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
         return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
 
     def states(self) -> list[RobotState]:

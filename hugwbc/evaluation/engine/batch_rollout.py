@@ -17,6 +17,7 @@ from hugwbc.runtime.loop import substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.state import RobotState
@@ -48,7 +49,7 @@ class BatchMember:
 
 def fits(controller: object, conditions: Conditions) -> bool:
     """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
-    exact = not conditions.noise and not conditions.latency
+    exact = not conditions.arena.estimates and not conditions.latency
     return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
@@ -75,7 +76,7 @@ def batch_rollout(
 
     Args:
         controller: a controller for which, with each member's conditions, `fits` holds.
-        members: one for each robot, all with the same physics time step.
+        members: one for each robot, all with the same physics time step and arena.
         duration: duration of the episodes [s].
         threads: threads of the physics.
 
@@ -103,7 +104,7 @@ class _BatchRun:
 
     def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
         self.members, self.duration, self.period = members, duration, controller.period
-        self.timestep = members[0].conditions.timestep
+        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.arena
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(), len(members)
@@ -118,6 +119,8 @@ class _BatchRun:
             *self._gains(),
             timestep=self.timestep,
             threads=threads,
+            robot=load_robot(self.arena.robot),
+            actuators=DRIVES[self.arena.drives],
         )
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
