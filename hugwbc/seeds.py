@@ -6,7 +6,7 @@ flatter it. So the seeds with which something is chosen are not those with which
 - selection, 0 to 999: everything that is tried, tuned or chosen, and the evaluations inside a training. Seeds 3 and 4
   belong here: they chose and reported before there were classes.
 - report, 1000 to 1999: published figures. Nothing is chosen by what they show.
-- training, 2000 to 2999: the random numbers of a training. Earlier trainings took seeds from 1 on.
+- training, 2000 to 2999: the random numbers of a training. Trainings before there were classes had seeds 1, 2 and 4.
 - own, from 3000 on: free.
 """
 

@@ -261,7 +261,7 @@ class _BatchRun:
             tick_ms=np.array(self.tick_ms[:steps]),
             ik_ms=np.zeros(0),
             **self.watch.of(row),
-            mass=self.robot.mass,
+            mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,
             steps=steps,

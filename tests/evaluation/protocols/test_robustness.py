@@ -72,8 +72,11 @@ def test_robustness_names_factor_value_and_unit(lines, walking):
         samples=8, levels=tuple(RobustnessLevel(f, v, 1, 8, {}, ratio) for f, v, ratio in levels), **walking
     )
     found = lines(RobustnessProtocol().describe(result))
-    assert found["nominal"] == ["1 of 8", "1.000"]
-    assert found["roughness 0.02 m"] == ["1 of 8", "1.500"] and found["gain 0.9"] == ["1 of 8", "-"]
+    assert found["nominal"] == ["1 of 8 episodes (12.5 %) [2.2, 47.1]", "1.000"]
+    assert found["roughness 0.02 m"] == ["1 of 8 episodes (12.5 %) [2.2, 47.1]", "1.500"] and found["gain 0.9"] == [
+        "1 of 8 episodes (12.5 %) [2.2, 47.1]",
+        "-",
+    ]
 
 
 def row(**fields):
