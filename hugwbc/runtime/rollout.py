@@ -132,12 +132,15 @@ class _Recorder:
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
+        landed = self._watch.of(0)
         return Trace(
             name=self.loop.safe.name,
             **{name: np.array(values) for name, values in self.rows.items()},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
-            **self._watch.of(0),
+            touch_downs=landed.times,
+            touch_down_velocity=landed.velocity,
+            stance_peak=landed.peak,
             mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=survived_s,

@@ -84,6 +84,21 @@ class Trace:
     safety: SafetyReport
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class TouchDowns:
+    """The touch-downs of one run, each field for the left and the right foot.
+
+    Attributes:
+        times: `Trace.touch_downs`.
+        velocity: `Trace.touch_down_velocity`.
+        peak: `Trace.stance_peak`.
+    """
+
+    times: tuple[np.ndarray, np.ndarray]
+    velocity: tuple[np.ndarray, np.ndarray]
+    peak: tuple[np.ndarray, np.ndarray]
+
+
 class TouchDownWatch:
     """A watch over the feet of one or more robots, called after every physics step.
 
@@ -129,17 +144,17 @@ class TouchDownWatch:
         # The contact force slows the sole within a step, so the speed of the impact is that of the step before.
         self._velocities[row][foot].append(self._velocity[row, foot].copy())
 
-    def of(self, row: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return the fields `touch_downs`, `touch_down_velocity` and `stance_peak` of one robot's trace."""
+    def of(self, row: int) -> TouchDowns:
+        """Return the touch-downs of one robot."""
         peaks = [
             [*closed, float(current)] if times else []
             for closed, current, times in zip(self._peaks[row], self._peak[row], self._times[row], strict=True)
         ]
-        return {
-            "touch_downs": _pair([np.array(times) for times in self._times[row]]),
-            "touch_down_velocity": _pair([np.array(found).reshape(-1, 3) for found in self._velocities[row]]),
-            "stance_peak": _pair([np.array(found) for found in peaks]),
-        }
+        return TouchDowns(
+            times=_pair([np.array(times) for times in self._times[row]]),
+            velocity=_pair([np.array(found).reshape(-1, 3) for found in self._velocities[row]]),
+            peak=_pair([np.array(found) for found in peaks]),
+        )
 
 
 def _pair(arrays: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

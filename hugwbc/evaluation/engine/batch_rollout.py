@@ -254,13 +254,16 @@ class _BatchRun:
         return [None if self.broken[row] else self._trace(row) for row in range(len(self.members))]
 
     def _trace(self, row: int) -> Trace:
+        landed = self.watch.of(row)
         fell, steps = bool(np.isfinite(self.end[row])), int(self.steps[row])
         return Trace(
             name=self.name,
             **self.record.of(row),
             tick_ms=np.array(self.tick_ms[:steps]),
             ik_ms=np.zeros(0),
-            **self.watch.of(row),
+            touch_downs=landed.times,
+            touch_down_velocity=landed.velocity,
+            stance_peak=landed.peak,
             mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,
