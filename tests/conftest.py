@@ -36,6 +36,7 @@ def _synthetic_trace(
     phases = [(time * frequency + offset) % 1.0 for offset in offsets]
     clearance = np.stack([apex * np.clip(np.sin(np.pi * (phase - 0.5) / 0.5), 0.0, None) for phase in phases], axis=1)
     downs = tuple(np.arange(1.0 - offset, duration * frequency) / frequency for offset in offsets)
+    counts = [len(times) for times in fields.get("touch_downs", downs)]
     values = {
         "name": "synthetic",
         "time": time,
@@ -59,6 +60,9 @@ def _synthetic_trace(
         "tick_ms": np.full(n, 0.1),
         "ik_ms": np.zeros(n),
         "touch_downs": downs,
+        "touch_down_velocity": tuple(np.tile([0.3, 0.0, -0.4], (count, 1)) for count in counts),
+        "stance_peak": tuple(np.full(count, 900.0) for count in counts),
+        "mass": load_robot().mass,
         "fell": False,
         "survived_s": duration,
         "steps": n,

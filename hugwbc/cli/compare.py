@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
+from hugwbc.seeds import REPORT_SEED
 from hugwbc.sim import ArenaChoice
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class CompareOptions(ArenaChoice):
     (docs/evaluation.md); NAME=POLICY gives one its own policy, such as unitree-h1=motion.pt."""
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
-    seed: int = 0
+    seed: int = REPORT_SEED
     """Seed of the sensor noise."""
     out: pathlib.Path = pathlib.Path("out/compare")
     """Folder for summary.json, report.html, replay.html and the video."""

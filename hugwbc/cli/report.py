@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from hugwbc.cli.output import check_folder, parse, progress, say
 from hugwbc.evaluation.engine import DEFAULT_FOLDER, ResultStore
+from hugwbc.seeds import REPORT_SEED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +25,7 @@ class ReportOptions:
     --controllers has no policy of."""
     protocols: tuple[str, ...] = ()
     """Run only these protocols; by default all of the profile."""
-    seed: int = 0
+    seed: int = REPORT_SEED
     """Seed of all protocols."""
     workers: int = 2
     """Number of processes that share the episodes."""

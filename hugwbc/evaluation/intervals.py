@@ -36,10 +36,14 @@ def wilson_percentage(happened: Sequence[bool]) -> Estimate:
     Args:
         happened: one value for each episode.
     """
-    count = len(happened)
+    return wilson_of(sum(happened), len(happened))
+
+
+def wilson_of(times: int, count: int) -> Estimate:
+    """Return the same as `wilson_percentage` for something that happened in `times` of `count` episodes."""
     if count == 0:
         return Estimate(None, None, None, 0)
-    z, part = statistics.NormalDist().inv_cdf((1.0 + CONFIDENCE) / 2), sum(happened) / count
+    z, part = statistics.NormalDist().inv_cdf((1.0 + CONFIDENCE) / 2), times / count
     centre = (part + z * z / (2 * count)) / (1.0 + z * z / count)
     half = z / (1.0 + z * z / count) * math.sqrt(part * (1.0 - part) / count + (z / (2 * count)) ** 2)
     low, high = max(0.0, centre - half), min(1.0, centre + half)
@@ -63,3 +67,28 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
     means = known[rng.integers(known.size, size=(RESAMPLES, known.size))].mean(axis=1)
     low, high = np.quantile(means, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
     return Estimate(float(known.mean()), low, high, int(known.size))
+
+
+def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float | None]) -> Estimate:
+    """Return the ratio of two means with its percentile bootstrap interval; both means are resampled.
+
+    Args:
+        samples: the values whose mean is divided; None is left out.
+        reference: the values of the mean that it is divided by, drawn independently of the others; None is left out.
+
+    Returns:
+        The ratio, None if one of the means is missing or the divisor is 0; without bounds if one has a single sample.
+    """
+    own, other = (np.array([v for v in values if v is not None], dtype=float) for values in (samples, reference))
+    if not own.size or not other.size or other.mean() == 0.0:
+        return Estimate(None, None, None, int(own.size))
+    ratio = float(own.mean() / other.mean())
+    if own.size == 1 or other.size == 1:
+        return Estimate(ratio, None, None, int(own.size))
+    rng = np.random.default_rng(_SEED)
+    means = [v[rng.integers(v.size, size=(RESAMPLES, v.size))].mean(axis=1) for v in (own, other)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = np.quantile(means[0] / means[1], ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+    if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
+        return Estimate(ratio, None, None, int(own.size))
+    return Estimate(ratio, low, high, int(own.size))

@@ -1,4 +1,4 @@
-"""Figures of a run from its trace: tracking errors, feet, hands, effort, smoothness and computing time.
+"""Figures of a run from its trace: tracking errors, feet, impacts, hands, effort, smoothness and computing time.
 
 The tracking errors are those of the HugWBC paper (Xue et al., RSS 2025): the mean L1 error of every command, for the
 foot commands f and l over complete gait cycles, for the others over control steps. The paper does not say whether the
@@ -146,6 +146,55 @@ def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
         kinematics.update(state)
         row[:] = [kinematics.position(f"{side}_sole")[:2] for side in SIDES]
     return np.linalg.norm(np.diff(paths, axis=0), axis=2)
+
+
+# Impacts
+
+
+@dataclasses.dataclass(frozen=True)
+class Impact:
+    """How hard the feet come down.
+
+    Speeds are those of the sole's centre in the physics step before each touch-down. A peak is the largest vertical
+    ground reaction in the stance after a touch-down, in weights of the robot without payload: a robot at rest on one
+    foot has 1.
+
+    Attributes:
+        touch_downs: number of touch-downs of both feet.
+        speed_median, speed_p95: median and 95th percentile of the vertical speeds [m/s].
+        total_speed_median, total_speed_p95: the same of the speeds in all directions [m/s].
+        peak_mean, peak_max: mean and maximum of the peaks [body weights].
+    """
+
+    touch_downs: int
+    speed_median: float
+    speed_p95: float
+    total_speed_median: float
+    total_speed_p95: float
+    peak_mean: float
+    peak_max: float
+
+
+def impact(trace: Trace, settle: float = SETTLE_S) -> Impact | None:
+    """Return how hard both feet came down after `settle` [s]; None without a touch-down."""
+    velocities, peaks = [], []
+    for foot, times in enumerate(trace.touch_downs):
+        kept = (times >= settle) & (times <= trace.survived_s)
+        velocities.append(trace.touch_down_velocity[foot][kept])
+        peaks.append(trace.stance_peak[foot][kept])
+    velocity, peak = np.concatenate(velocities), np.concatenate(peaks) / (trace.mass * GRAVITY)
+    if not peak.size:
+        return None
+    vertical, total = np.abs(velocity[:, 2]), np.linalg.norm(velocity, axis=1)
+    return Impact(
+        touch_downs=int(peak.size),
+        speed_median=float(np.median(vertical)),
+        speed_p95=float(np.percentile(vertical, 95)),
+        total_speed_median=float(np.median(total)),
+        total_speed_p95=float(np.percentile(total, 95)),
+        peak_mean=float(peak.mean()),
+        peak_max=float(peak.max()),
+    )
 
 
 # Hands

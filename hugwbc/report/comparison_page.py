@@ -9,6 +9,7 @@ from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
+from hugwbc.seeds import seed_class
 from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay
@@ -107,8 +108,8 @@ def write_comparison(
         title,
         traces,
         [figures, summary_table("Safety filter", counters)],
-        subtitle=f"Sensors with noise, seed {summary['seed']}."
-        if summary["noise"]
+        subtitle=f"Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
+        if summary["arena"]["sensing"] != "exact"
         else "Exact sensors, nothing random.",
         links={"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"},
     )

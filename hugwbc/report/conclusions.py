@@ -7,6 +7,13 @@ from hugwbc.evaluation.figures import Figure, Verdict, against
 from hugwbc.evaluation.tables import Table
 from hugwbc.report.figure_tables import times
 
+THE_PAPERS_COLUMN = (
+    "The paper's column was not measured under our conditions: its policies were trained and tested in another "
+    "simulator (Isaac Gym, 4096 environments), with wider randomisation, and with its own description of the robot "
+    "(51.65 kg)."
+)
+THE_TEACHER = "The shipped policy had the QP as a teacher: it imitated the QP during its training."
+SHIPPED = "learned"  # label of the shipped policy
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
 _MOST_NAMED = 4  # quantities named in one sentence
 
@@ -21,6 +28,17 @@ def conclusions(figures: Sequence[Figure], first: str, second: str) -> list[str]
     """
     lines = [line for name in dict.fromkeys((first, second)) for line in _overall(figures, name)]
     return lines if first == second else lines + _total_duel(figures, first, second)
+
+
+def provenance(figures: Sequence[Figure], controllers: Sequence[str]) -> list[str]:
+    """Return sentences on where the compared figures come from.
+
+    Args:
+        figures: figures of all tables.
+        controllers: labels of the controllers; "learned" is the shipped policy.
+    """
+    lines = [THE_PAPERS_COLUMN] if any(figure.paper is not None for figure in figures) else []
+    return [*lines, THE_TEACHER] if SHIPPED in controllers else lines
 
 
 def _overall(figures: Sequence[Figure], controller: str) -> list[str]:

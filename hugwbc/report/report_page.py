@@ -13,7 +13,7 @@ from hugwbc.evaluation.tables import Table, markdown_table
 from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.report.clouds import LEVELS, hand_clouds
-from hugwbc.report.conclusions import conclusions, duel_table
+from hugwbc.report.conclusions import conclusions, duel_table, provenance
 from hugwbc.report.figure_tables import comparison_table, figures_csv
 from hugwbc.report.pictures import colours_controllers, draw
 from hugwbc.report.training_curve import read_training, smoothed
@@ -46,10 +46,12 @@ def all_figures(results: Sequence[CellResult]) -> list[Figure]:
     The figures that only the paper has come last, after all that belong to a controller.
     """
     figures = []
+    measured_of = {protocol.name: measured_by(protocol, results) for protocol in SECTIONS}
     for protocol in SECTIONS:
-        measured = measured_by(protocol, results)
+        measured = measured_of[protocol.name]
         for controller, result in measured:
             figures += protocol.figures(controller, result)
+        figures += protocol.across(measured_of)
         figures += protocol.published(measured)
     return sorted(figures, key=lambda figure: not figure.controller)
 
@@ -73,8 +75,9 @@ class Report:
     training: pathlib.Path | None = None
 
     def conclusions(self) -> list[str]:
-        """Return sentences computed from the figures."""
-        return conclusions(self.figures, *self._pair) or ["There is nothing to compare with."]
+        """Return sentences computed from the figures, and what the compared figures are."""
+        found = conclusions(self.figures, *self._pair) or ["There is nothing to compare with."]
+        return [*found, *provenance(self.figures, self.controllers)]
 
     def duel(self) -> Table:
         """Return the table of the first controller against the second one."""

@@ -15,6 +15,7 @@ from hugwbc.report.profiles import profile_cells
 from hugwbc.report.report_page import Report, all_figures
 from hugwbc.report.training_curve import TRAINING_FILE, read_training
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.seeds import REPORT_SEED
 from hugwbc.viz.framing import check_count
 
 
@@ -39,7 +40,7 @@ class ReportPlan:
     controllers: tuple[str, ...]
     ablation: tuple[str, ...] | None = None
     protocols: tuple[str, ...] = ()
-    seed: int = 0
+    seed: int = REPORT_SEED
 
     def __post_init__(self) -> None:
         check_count(len(self.controllers))

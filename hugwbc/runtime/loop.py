@@ -13,14 +13,13 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.scripts.command_source import Constant as Constant
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution, UpperBodySource
-
-CONTACT_FORCE = 1.0  # [N]; a foot with a larger normal force counts as on the ground
 
 
 class ArmSource(Protocol):

@@ -9,10 +9,12 @@ from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop, foot_contacts
+from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop
 from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
-from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
+from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.sim import Disturber, Engine, Force
+
+_ONLY = np.array([0])  # row of the only robot
 
 
 def rollout(
@@ -84,9 +86,7 @@ class _Recorder:
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
-        self.touch_downs: tuple[list[float], list[float]] = ([], [])
-        self._contact = np.array([True, True])
-        self._last_contact = np.zeros(2)
+        self._watch = TouchDownWatch(1)
         self._samples = 0
 
     def due(self, t: float) -> bool:
@@ -99,10 +99,9 @@ class _Recorder:
         for substep in range(self.loop.substeps):
             self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
             now = t + (substep + 1) * dt
-            self._contact = foot_contacts(self.loop.step(command, dt))
-            for foot in np.flatnonzero(self._contact & (now - self._last_contact > SHORTEST_SWING)):
-                self.touch_downs[foot].append(now)
-            self._last_contact[self._contact] = now
+            force = self.loop.step(command, dt).foot_force
+            assert force is not None
+            self._watch.update(_ONLY, now, force[None], self.simulation.sole_velocity[None])
         return not self.simulation.fallen
 
     def sample(self, t: float, command: JointCommand) -> Moment:
@@ -133,13 +132,16 @@ class _Recorder:
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
-        left, right = (np.array(times) for times in self.touch_downs)
+        landed = self._watch.of(0)
         return Trace(
             name=self.loop.safe.name,
             **{name: np.array(values) for name, values in self.rows.items()},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
-            touch_downs=(left, right),
+            touch_downs=landed.times,
+            touch_down_velocity=landed.velocity,
+            stance_peak=landed.peak,
+            mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=survived_s,
             steps=steps,

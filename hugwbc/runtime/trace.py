@@ -1,4 +1,4 @@
-"""The record of one run of a controller, which metrics, plots and replays read."""
+"""The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
 
 import dataclasses
 
@@ -8,6 +8,7 @@ from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.safety import SafetyReport
 
 RECORD_PERIOD = 0.02  # [s] between two samples
+CONTACT_FORCE = 1.0  # [N]; a foot with a larger vertical ground reaction counts as on the ground
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time has bounced, not stepped
 
 
@@ -42,6 +43,11 @@ class Trace:
         ik_ms: time that each call of the arms' source took [ms], shape (number of calls,).
         touch_downs: times at which the left and the right foot came down after a swing of at least `SHORTEST_SWING`,
             at the resolution of the physics [s].
+        touch_down_velocity: velocity of each foot's sole in the physics step before each of its `touch_downs`, world
+            frame [m/s], shape (touch-downs, 3) for each foot.
+        stance_peak: largest vertical ground reaction in the stance after each of the `touch_downs`, at the resolution
+            of the physics [N], shape (touch-downs,) for each foot. The last stance may be cut short by the end.
+        mass: mass of the robot's description, without a payload [kg].
         fell: whether the robot fell or the physics diverged.
         survived_s: time of the fall, or the whole duration [s].
         steps: number of control steps executed.
@@ -71,8 +77,89 @@ class Trace:
     tick_ms: np.ndarray
     ik_ms: np.ndarray
     touch_downs: tuple[np.ndarray, np.ndarray]
+    touch_down_velocity: tuple[np.ndarray, np.ndarray]
+    stance_peak: tuple[np.ndarray, np.ndarray]
+    mass: float
     fell: bool
     survived_s: float
     steps: int
     safety: SafetyReport
     robot: str = DEFAULT_ROBOT
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TouchDowns:
+    """The touch-downs of one run, each field for the left and the right foot.
+
+    Attributes:
+        times: `Trace.touch_downs`.
+        velocity: `Trace.touch_down_velocity`.
+        peak: `Trace.stance_peak`.
+    """
+
+    times: tuple[np.ndarray, np.ndarray]
+    velocity: tuple[np.ndarray, np.ndarray]
+    peak: tuple[np.ndarray, np.ndarray]
+
+
+class TouchDownWatch:
+    """A watch over the feet of one or more robots, called after every physics step.
+
+    A rollout by itself and a batch use the same watch, so that their records are equal to the last bit.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Begin with all feet on the ground.
+
+        Args:
+            count: number of robots.
+        """
+        self._last_contact = np.zeros((count, 2))  # [s]
+        self._velocity = np.zeros((count, 2, 3))
+        self._peak = np.zeros((count, 2))  # of the current stance
+        self._times: list[tuple[list[float], list[float]]] = [([], []) for _ in range(count)]
+        self._velocities: list[tuple[list[np.ndarray], list[np.ndarray]]] = [([], []) for _ in range(count)]
+        self._peaks: list[tuple[list[float], list[float]]] = [([], []) for _ in range(count)]
+
+    def update(self, rows: np.ndarray, now: float, force: np.ndarray, velocity: np.ndarray) -> None:
+        """Take the feet of the robots that are still up, after a physics step.
+
+        Args:
+            rows: indices of these robots, shape (m,).
+            now: time after the step [s].
+            force: ground reactions in the world frame [N], shape (m, 2, 3).
+            velocity: velocities of the soles in the world frame [m/s], shape (m, 2, 3).
+        """
+        contact = force[..., 2] > CONTACT_FORCE
+        # A shorter time in the air is a bounce of the contact, not a swing; its forces belong to the same stance.
+        landed = contact & (now - self._last_contact[rows] > SHORTEST_SWING)
+        for place, foot in np.argwhere(landed).tolist():
+            self._land(int(rows[place]), foot, now)
+        self._last_contact[rows] = np.where(contact, now, self._last_contact[rows])
+        self._peak[rows] = np.fmax(self._peak[rows], force[..., 2])  # a NaN of diverged physics does not count
+        self._velocity[rows] = velocity
+
+    def _land(self, row: int, foot: int, now: float) -> None:
+        if self._times[row][foot]:  # a stance from the start of the run follows no touch-down
+            self._peaks[row][foot].append(float(self._peak[row, foot]))
+        self._peak[row, foot] = 0.0
+        self._times[row][foot].append(now)
+        # The contact force slows the sole within a step, so the speed of the impact is that of the step before.
+        self._velocities[row][foot].append(self._velocity[row, foot].copy())
+
+    def of(self, row: int) -> TouchDowns:
+        """Return the touch-downs of one robot."""
+        peaks = [
+            [*closed, float(current)] if times else []
+            for closed, current, times in zip(self._peaks[row], self._peak[row], self._times[row], strict=True)
+        ]
+        return TouchDowns(
+            times=_pair([np.array(times) for times in self._times[row]]),
+            velocity=_pair([np.array(found).reshape(-1, 3) for found in self._velocities[row]]),
+            peak=_pair([np.array(found) for found in peaks]),
+        )
+
+
+def _pair(arrays: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    left, right = arrays
+    return left, right

@@ -111,8 +111,9 @@ class LockstepSimulation:
             self.model.sensor(i).name: np.arange(adr, adr + dim)
             for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
         }
-        self._foot_force, self._soles = (
-            np.stack([columns[f"{side}_{kind}"] for side in SIDES]) for kind in ("foot_force", "sole_position")
+        self._foot_force, self._soles, self._sole_velocity = (
+            np.stack([columns[f"{side}_{kind}"] for side in SIDES])
+            for kind in ("foot_force", "sole_position", "sole_velocity")
         )
 
     def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
@@ -152,6 +153,10 @@ class LockstepSimulation:
     def sole_height(self, rows: np.ndarray) -> np.ndarray:
         """Return the heights of both sole centres of some robots [m], shape (m, 2)."""
         return self._sensors[rows[:, None, None], self._soles][..., 2]
+
+    def sole_velocity(self, rows: np.ndarray) -> np.ndarray:
+        """Return the velocities of both sole centres of some robots in the world [m/s], shape (m, 2, 3)."""
+        return self._sensors[rows[:, None, None], self._sole_velocity]
 
     def fallen(self, rows: np.ndarray) -> np.ndarray:
         """Return which of some robots have fallen as in `Simulation.fallen`, bool, shape (m,).

@@ -182,6 +182,11 @@ class Simulation(Engine):
         return self.data.actuator_force[self._layout.ctrl].copy()
 
     @property
+    def sole_velocity(self) -> np.ndarray:
+        """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
+        return np.stack([self.data.sensor(f"{side}_sole_velocity").data for side in SIDES])
+
+    @property
     def pressure_centres(self) -> np.ndarray:
         """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
         centres, contact, wrench = np.full((2, 3), np.nan), self.data.contact, np.zeros(6)

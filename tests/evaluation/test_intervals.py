@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, wilson_percentage
 
 
 def test_the_interval_is_that_of_the_normal_distribution_for_many_samples():
@@ -35,3 +35,21 @@ def test_few_and_missing_samples():
     same = bootstrap_mean([2.0, 2.0, None])
     assert (same.value, same.low, same.high, same.samples) == (2.0, 2.0, 2.0, 2)
     assert bootstrap_mean([1.0, 2.0, 3.0]) == bootstrap_mean([1.0, 2.0, 3.0])
+
+
+def test_a_ratio_is_that_of_the_means_and_both_of_them_are_uncertain():
+    rng = np.random.default_rng(3)
+    own, other = rng.normal(3.0, 0.3, 200), rng.normal(2.0, 0.4, 100)
+    ratio = bootstrap_ratio(own.tolist(), [*other.tolist(), None])
+    assert ratio.value == pytest.approx(own.mean() / other.mean()) and ratio.samples == 200
+    error = ratio.value * np.hypot(0.1 / np.sqrt(200), 0.2 / np.sqrt(100))  # by propagation of errors
+    assert ratio.low == pytest.approx(ratio.value - 1.96 * error, abs=0.3 * error)
+    assert ratio.high == pytest.approx(ratio.value + 1.96 * error, abs=0.3 * error)
+
+
+def test_a_ratio_needs_both_means():
+    assert bootstrap_ratio([], [1.0]).value is None and bootstrap_ratio([1.0], [0.0, 0.0]).value is None
+    one = bootstrap_ratio([1.0, 3.0], [4.0])
+    assert (one.value, one.low, one.high) == (0.5, None, None)
+    sometimes_zero = bootstrap_ratio([1.0, 2.0], [0.0, 1.0])
+    assert (sometimes_zero.value, sometimes_zero.high) == (3.0, None)

@@ -194,3 +194,23 @@ def test_a_run_that_ended_in_the_settling_time_has_no_effort(walk):
     for measure in (metrics.mechanical_power, metrics.speed, metrics.torque_rate, metrics.target_jerk):
         assert math.isnan(measure(short)), measure
     assert metrics.torque_use(short) is None and metrics.joint_speed_use(short) is None
+
+
+def test_impacts_by_hand(synthetic_trace):
+    left = np.array([[0.3, 0.0, -0.4], [0.0, 0.0, -1.0], [0.0, 0.0, -9.0]])  # the first is in the settling time
+    downs = (np.array([1.5, 2.5, 0.5]), np.array([2.0]))
+    trace = synthetic_trace(touch_downs=downs)
+    weight = trace.mass * 9.81
+    trace = dataclasses.replace(
+        trace,
+        touch_down_velocity=(left, np.array([[0.0, 0.6, 0.8]])),
+        stance_peak=(np.array([1.0, 3.0, 9.0]) * weight, np.array([2.0]) * weight),
+    )
+    found = metrics.impact(trace)
+    assert found is not None and found.touch_downs == 3
+    assert (found.speed_median, found.total_speed_median) == pytest.approx((0.8, 1.0))
+    assert found.speed_p95 == pytest.approx(np.percentile([0.4, 1.0, 0.8], 95))
+    assert (found.peak_mean, found.peak_max) == pytest.approx((2.0, 3.0))
+    assert metrics.impact(trace, 5.0) is None, "no touch-down, no impact"
+    fell = metrics.impact(dataclasses.replace(trace, survived_s=2.2))
+    assert fell is not None and fell.touch_downs == 2

@@ -1,6 +1,6 @@
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.report.conclusions import conclusions, duel_table
+from hugwbc.report.conclusions import THE_TEACHER, conclusions, duel_table, provenance
 
 
 def figure(controller, quantity, value, paper=None, table="Walking"):
@@ -39,3 +39,10 @@ def test_nothing_follows_from_nothing():
     equal = [figure(name, "falls", 0.0) for name in ("learned", "qp")]
     assert conclusions(equal[:1], "learned", "learned") == []
     assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 are not told apart.")
+
+
+def test_the_conclusions_say_what_the_papers_column_is_and_who_taught_the_policy():
+    compared, own = [figure("qp", "E_h", 0.5, 1.0)], [figure("qp", "E_h", 0.5)]
+    (line,) = provenance(compared, ["qp"])
+    assert all(word in line for word in ("another simulator", "wider randomisation", "51.65 kg", "4096 environments"))
+    assert provenance(own, ["qp"]) == [] and provenance(own, ["learned", "qp"]) == [THE_TEACHER]

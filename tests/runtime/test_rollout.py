@@ -157,3 +157,19 @@ def test_controllers_by_name():
 def test_a_run_shorter_than_a_control_period_has_one_step():
     trace = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.005)
     assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell
+
+
+def test_touch_downs_have_the_speed_before_and_the_peak_after(simulation):
+    """A robot dropped from 5 cm lands at 1 m/s or a little less, and with more than its weight."""
+
+    class Dropped(HoldController):
+        def reset(self, state):
+            simulation.data.qpos[2] += 0.05
+
+    trace = rollout(Dropped(), Constant(Command()), simulation, duration=0.3)
+    assert trace.mass == ROBOT.mass
+    for foot in range(2):
+        (velocity,), (peak,) = trace.touch_down_velocity[foot], trace.stance_peak[foot]
+        assert -1.05 < velocity[2] < -0.85 and abs(velocity[0]) < 0.2
+        assert peak >= trace.foot_force[:, foot, 2].max() > 0.0, "samples miss what the physics steps between them show"
+    assert sum(peaks[0] for peaks in trace.stance_peak) > 1.5 * trace.mass * 9.81

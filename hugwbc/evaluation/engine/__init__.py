@@ -15,6 +15,7 @@ from hugwbc.evaluation.engine.episode import (
     controller_of,
     joins_batch,
     run_episodes,
+    stored_rows,
 )
 from hugwbc.evaluation.engine.execution import Execution
 from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule, Tour, Waypoint
@@ -43,4 +44,5 @@ __all__ = [
     "read_result",
     "run_cells",
     "run_episodes",
+    "stored_rows",
 ]

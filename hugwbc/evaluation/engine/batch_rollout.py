@@ -13,9 +13,9 @@ from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
+from hugwbc.runtime.loop import substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
-from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
+from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
@@ -127,8 +127,7 @@ class _BatchRun:
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
         self.record = BatchRecord(count, duration)
-        self.touch_downs: list[tuple[list[float], list[float]]] = [([], []) for _ in members]
-        self.last_contact = np.zeros((count, 2))
+        self.watch = TouchDownWatch(count)
         self.tick_ms: list[float] = []
         self.steps = np.full(count, self.ticks)
         self.end = np.full(count, np.nan)  # time of a fall
@@ -199,7 +198,8 @@ class _BatchRun:
         for substep in range(self.substeps):
             self._disturb(tick * self.substeps + substep, t + substep * self.timestep)
             self.simulation.step(self.rows)
-            self._note_touch_downs(t + (substep + 1) * self.timestep)
+            force, velocity = self.simulation.foot_force(self.rows), self.simulation.sole_velocity(self.rows)
+            self.watch.update(self.rows, t + (substep + 1) * self.timestep, force, velocity)
         fallen = self.simulation.fallen(self.rows)
         self.end[self.rows[fallen]], self.steps[self.rows[fallen]] = t, tick + 1
         if fallen.any():
@@ -251,26 +251,22 @@ class _BatchRun:
         for row in self._changes.get(step, ()):
             self._disturbers[row].update(t, self.simulation.qpos[row], self.simulation.forces[row])
 
-    def _note_touch_downs(self, now: float) -> None:
-        contact = self.simulation.foot_force(self.rows)[..., 2] > CONTACT_FORCE
-        # A shorter time in the air is a bounce of the contact, not a swing.
-        for place, foot in np.argwhere(contact & (now - self.last_contact[self.rows] > SHORTEST_SWING)).tolist():
-            self.touch_downs[self.rows[place]][foot].append(now)
-        self.last_contact[self.rows] = np.where(contact, now, self.last_contact[self.rows])
-
     def traces(self) -> list[Trace | None]:
         """Return the traces once all episodes are over."""
         return [None if self.broken[row] else self._trace(row) for row in range(len(self.members))]
 
     def _trace(self, row: int) -> Trace:
-        left, right = (np.array(times) for times in self.touch_downs[row])
+        landed = self.watch.of(row)
         fell, steps = bool(np.isfinite(self.end[row])), int(self.steps[row])
         return Trace(
             name=self.name,
             **self.record.of(row),
             tick_ms=np.array(self.tick_ms[:steps]),
             ik_ms=np.zeros(0),
-            touch_downs=(left, right),
+            touch_downs=landed.times,
+            touch_down_velocity=landed.velocity,
+            stance_peak=landed.peak,
+            mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=float(self.end[row]) if fell else self.duration,
             steps=steps,

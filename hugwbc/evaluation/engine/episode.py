@@ -32,6 +32,7 @@ from hugwbc.evaluation.engine.store import ResultStore, plain
 from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
+from hugwbc.seeds import REPORT_SEED
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention
@@ -47,7 +48,8 @@ class EpisodeSettings:
     """Settings that every protocol has.
 
     Attributes:
-        seed: seed of the sampled commands, the ground, the sensor noise and the arm motion.
+        seed: seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in
+            `hugwbc.seeds`.
         duration: duration of an episode [s].
         settle: start of an episode that is left out of the errors [s].
         conditions: physics, ground, robot, sensors and arms.
@@ -57,7 +59,7 @@ class EpisodeSettings:
         ConfigError: if a value is out of range.
     """
 
-    seed: int = 0
+    seed: int = REPORT_SEED
     duration: float = 10.0
     settle: float = SETTLE_S
     conditions: Conditions = dataclasses.field(default_factory=Conditions)
@@ -196,22 +198,9 @@ class _StoredRows(Generic[Row]):
     def __init__(
         self, store: ResultStore, factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings
     ) -> None:
-        controller = controller_identity(factory)
-        module = judge_module(judge)
         self._store = store
         self._row_type = row_type(judge)
-        self._file = store.cell(
-            f"{module.rpartition('.')[2]}-{controller['name']}",
-            {
-                "judge": to_json(judge),
-                "seed": settings.seed,
-                "duration": settings.duration,
-                "settle": settings.settle,
-                "conditions": to_json(settings.conditions),
-                "controller": controller,
-                **code_identity([module, *controller.get("modules", ())]),
-            },
-        )
+        self._file = store.cell(*_cell_of(factory, judge, settings))
 
     def stored(self, plans: Sequence[EpisodePlan]) -> dict[int, Row]:
         """Return the rows that are in the file, by index."""
@@ -225,7 +214,47 @@ class _StoredRows(Generic[Row]):
         self._file.add(_key(index, plan), plain(row))
 
     def _restore(self, stored: Any) -> Row:  # noqa: ANN401  whatever JSON holds
-        return self._row_type(**{name: _frozen(value) for name, value in stored.items()})
+        return _restored(self._row_type, stored)
+
+
+def stored_rows(factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings) -> list[Row]:
+    """Return the rows of all episodes that a judge's protocol has stored, whatever their plans.
+
+    Seed, duration, settling time, conditions and code are the same as in `settings`. Nothing is run.
+
+    Args:
+        factory: makes the controller.
+        judge: judge of the other protocol.
+        settings: settings of the episodes; without a store there are no rows.
+
+    Raises:
+        ConfigError: if the factory does not tell its controllers apart.
+        ResultFileError: if the file of the results cannot be used.
+    """
+    store = settings.execution.store
+    file = None if store is None else store.peek(*_cell_of(factory, judge, settings))
+    kind: type[Row] = row_type(judge)
+    return [] if file is None else [_restored(kind, row) for row in file.rows()]
+
+
+def _cell_of(factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings) -> tuple[str, dict[str, Any]]:
+    """Return label and identity of the file with the rows that a judge makes under some settings."""
+    controller = controller_identity(factory)
+    module = judge_module(judge)
+    identity = {
+        "judge": to_json(judge),
+        "seed": settings.seed,
+        "duration": settings.duration,
+        "settle": settings.settle,
+        "conditions": to_json(settings.conditions),
+        "controller": controller,
+        **code_identity([module, *controller.get("modules", ())]),
+    }
+    return f"{module.rpartition('.')[2]}-{controller['name']}", identity
+
+
+def _restored(kind: type[Row], stored: Any) -> Row:  # noqa: ANN401  whatever JSON holds
+    return kind(**{name: _frozen(value) for name, value in stored.items()})
 
 
 def _key(index: int, plan: EpisodePlan) -> str:

@@ -61,6 +61,10 @@ class EpisodeFile:
     def __getitem__(self, key: str) -> Any:  # noqa: ANN401  whatever JSON holds
         return self._rows[key]
 
+    def rows(self) -> list[Any]:
+        """Return all rows, in the order in which they were stored."""
+        return list(self._rows.values())
+
     def add(self, key: str, row: Any) -> None:  # noqa: ANN401  whatever JSON holds
         """Append the row of an episode, so that it outlives this process.
 
@@ -143,6 +147,19 @@ class ResultStore:
         self._seen.add(path)
         return first
 
+    def _path(self, label: str, identity: dict[str, Any]) -> pathlib.Path:
+        return self.folder / f"{label}-{digest(identity)[:16]}.jsonl"
+
+    def peek(self, label: str, identity: dict[str, Any]) -> EpisodeFile | None:
+        """Return the file of a cell if it is there; a fresh store has only what was stored since.
+
+        Unlike `cell`, this leaves an earlier file where it is. Arguments and errors as there.
+        """
+        path = self._path(label, identity)
+        if path in self._open:
+            return self._open[path]
+        return EpisodeFile(path, identity) if path.exists() and not self._fresh else None
+
     def cell(self, label: str, identity: dict[str, Any]) -> EpisodeFile:
         """Return the file of a cell, the same object every time.
 
@@ -153,7 +170,7 @@ class ResultStore:
         Raises:
             ResultFileError: if the file exists and cannot be used.
         """
-        path = self.folder / f"{label}-{digest(identity)[:16]}.jsonl"
+        path = self._path(label, identity)
         if path not in self._open:
             if self.first_use(path):
                 set_aside(path)

@@ -13,7 +13,7 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.picture_data import GaitDiagram
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, failure_lines
+from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -156,7 +156,7 @@ class ContactsProtocol(PlannedProtocol[ContactsConfig, ContactsEpisode, Contacts
             rows.append((f"episode {index + 1}", row.agreement, *stance))
         columns = ("contacts as the clock", "left on the ground", "right on the ground")
         table = format_table((f"{result.gait}, part of the time", *columns), rows)
-        falls = f"falls: {result.falls} of {result.episodes} episodes"
+        falls = f"falls: {count_text(result.falls, result.episodes)}"
         return "\n".join([table, "", falls, *failure_lines(result.rows)])
 
     def quick(self) -> list[ContactsConfig]:

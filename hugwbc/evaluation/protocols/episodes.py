@@ -9,8 +9,10 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine import ControllerFactory, EpisodeSettings, Judge, Row, Run, run_episodes
+from hugwbc.evaluation.engine import ControllerFactory, EpisodeSettings, Judge, Row, Run, run_episodes, stored_rows
+from hugwbc.evaluation.intervals import Estimate, wilson_of
 from hugwbc.gait import Gait
+from hugwbc.seeds import seed_class
 
 __all__ = [
     "ControllerFactory",
@@ -18,6 +20,7 @@ __all__ = [
     "CountedSettings",
     "EpisodeSettings",
     "GaitSettings",
+    "GroupedResult",
     "Judge",
     "ProtocolResult",
     "Row",
@@ -25,6 +28,7 @@ __all__ = [
     "known",
     "mean",
     "run_episodes",
+    "stored_rows",
 ]
 
 
@@ -86,16 +90,21 @@ class ProtocolResult(Generic[Row]):
         controller: name of the controller.
         gait: label of the gait; "hopping" for both legs.
         seed, duration, settle, conditions: as in the settings.
+        seed_class: class of the seed, see `hugwbc.seeds`.
         rows: one row for each episode.
     """
 
     controller: str
     gait: str
     seed: int
+    seed_class: str = dataclasses.field(init=False)
     duration: float
     settle: float
     conditions: Conditions
     rows: tuple[Row, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seed_class", seed_class(self.seed))  # the dataclass is frozen
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[Row], **own: Any) -> Self:  # noqa: ANN401
@@ -134,15 +143,41 @@ class CountedResult(ProtocolResult[FallingRow]):
     Attributes:
         episodes: number of episodes.
         falls: number of episodes in which the robot fell.
+        falls_interval: the same as a percentage, with its score interval.
     """
 
     episodes: int
     falls: int
+    falls_interval: Estimate = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "falls_interval", wilson_of(self.falls, self.episodes))
 
     @classmethod
     def of(cls, factory: ControllerFactory, config: GaitSettings, rows: Sequence[FallingRow], **own: Any) -> Self:  # noqa: ANN401
         """Build the result of some episodes; arguments as in `ProtocolResult.of`."""
         return super().of(factory, config, rows, episodes=len(rows), falls=sum(row.fell for row in rows), **own)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GroupedResult(ProtocolResult[Row]):
+    """Result of a protocol that runs several groups of equally many episodes, in addition to `ProtocolResult`.
+
+    Attributes:
+        episodes: number of episodes of each group.
+        falls: number of these in which the robot fell, by group.
+        falls_intervals: the same as percentages, with their score intervals.
+    """
+
+    episodes: int
+    falls: dict[str, int]
+    falls_intervals: dict[str, Estimate] = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        intervals = {group: wilson_of(falls, self.episodes) for group, falls in self.falls.items()}
+        object.__setattr__(self, "falls_intervals", intervals)
 
 
 def known(value: float) -> float | None:

@@ -12,9 +12,9 @@ from typing import Any
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import foot_displacement
-from hugwbc.evaluation.protocols.episodes import ProtocolResult, mean
+from hugwbc.evaluation.protocols.episodes import GroupedResult, mean
 from hugwbc.evaluation.protocols.intervention import (
     ARMS,
     TRAINED,
@@ -25,7 +25,15 @@ from hugwbc.evaluation.protocols.intervention import (
     missing_trainings,
     paper_alone,
 )
-from hugwbc.evaluation.protocols.protocol import Measured, beside_paper, failure_lines, four_decimals
+from hugwbc.evaluation.protocols.protocol import (
+    INTERVAL,
+    INTERVAL_NOTE,
+    Measured,
+    beside_paper,
+    count_text,
+    failure_lines,
+    four_decimals,
+)
 from hugwbc.evaluation.protocols.single_command import sampled_commands
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -53,22 +61,20 @@ class FootDisplacementConfig(InterventionConfig):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class FootDisplacementResult(ProtocolResult[InterventionEpisode]):
+class FootDisplacementResult(GroupedResult[InterventionEpisode]):
     """Result of the foot-displacement protocol; its tables are by intervention, then by command.
 
     Attributes:
         training: training of the paper's policy in `paper`.
-        episodes: number of episodes of each intervention.
-        falls: number of these in which the robot fell.
         displacement: mean summed path length of both feet in the episodes without a fall [m].
+        intervals: the same means with their intervals.
         creep: part of the displacement that is creep of firmly standing feet [m].
         paper: the paper's displacement [m].
     """
 
     training: str
-    episodes: int
-    falls: dict[str, int]
     displacement: dict[str, dict[str, float | None]]
+    intervals: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
     creep: dict[str, dict[str, float | None]]
     paper: dict[str, dict[str, float]]
 
@@ -93,8 +99,18 @@ class FootDisplacementProtocol(MovedArmsProtocol[FootDisplacementConfig, FootDis
             "training": settings.papers_training,
             "episodes": settings.samples,
             "falls": {kind: sum(row.fell for row in part) for kind, part in parts.items()},
-            "displacement": {kind: _means(part, "foot_travel") for kind, part in parts.items()},
-            "creep": {kind: _means(part, "foot_creep") for kind, part in parts.items()},
+            "displacement": {
+                kind: {name: mean(values) for name, values in _upright(part, "foot_travel").items()}
+                for kind, part in parts.items()
+            },
+            "intervals": {
+                kind: {name: bootstrap_mean(values) for name, values in _upright(part, "foot_travel").items()}
+                for kind, part in parts.items()
+            },
+            "creep": {
+                kind: {name: mean(values) for name, values in _upright(part, "foot_creep").items()}
+                for kind, part in parts.items()
+            },
             "paper": {kind: dict(foot_displacement(kind, settings.papers_training)) for kind in parts},
         }
 
@@ -102,16 +118,22 @@ class FootDisplacementProtocol(MovedArmsProtocol[FootDisplacementConfig, FootDis
         """Return the displacement by intervention and command with the paper's, and the falls."""
         rows = [
             (
-                *beside_paper(f"{kind}, {name}", length, result.paper[kind].get(name)),
+                *beside_paper(
+                    f"{kind}, {name}",
+                    length,
+                    result.intervals.get(kind, {}).get(name),
+                    result.paper[kind].get(name),
+                ),
                 four_decimals(result.creep[kind][name]),
             )
             for kind, lengths in result.displacement.items()
             for name, length in lengths.items()
         ]
-        header = ("foot displacement [m]", result.controller, f"paper ({result.training})", "ratio", "of it creep")
-        falls = ", ".join(f"{kind} {count} of {result.episodes}" for kind, count in result.falls.items())
+        paper = f"paper ({result.training})"
+        header = ("foot displacement [m]", result.controller, INTERVAL, paper, "ratio", "of it creep")
+        falls = ", ".join(f"{kind} {count_text(count, result.episodes)}" for kind, count in result.falls.items())
         seconds = result.duration - result.settle
-        lines = [format_table(header, rows), "", f"in {seconds:g} s; falls: {falls} episodes, left out above"]
+        lines = [format_table(header, rows), "", f"in {seconds:g} s; falls: {falls}, left out above", INTERVAL_NOTE]
         return "\n".join(lines + failure_lines(result.rows))
 
     def quick(self) -> list[FootDisplacementConfig]:
@@ -146,10 +168,10 @@ class FootDisplacementProtocol(MovedArmsProtocol[FootDisplacementConfig, FootDis
         return figures
 
 
-def _means(rows: Sequence[InterventionEpisode], field: str) -> dict[str, float | None]:
-    """Average a field over the episodes without a fall, by command."""
+def _upright(rows: Sequence[InterventionEpisode], field: str) -> dict[str, list[float | None]]:
+    """Return a field of the episodes without a fall, by command."""
     return {
-        name: mean(getattr(row, field) for row in rows if row.command == name and not row.fell)
+        name: [getattr(row, field) for row in rows if row.command == name and not row.fell]
         for name in sampled_commands(Gait.STANDING)
     }
 

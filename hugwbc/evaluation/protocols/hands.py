@@ -10,8 +10,9 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, wilson_of
 from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedSettings, ProtocolResult, known, mean
-from hugwbc.evaluation.protocols.protocol import Protocol
+from hugwbc.evaluation.protocols.protocol import INTERVAL, INTERVAL_NOTE, Protocol, count_text, interval_text
 from hugwbc.evaluation.tables import format_table, hand_rows
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
@@ -28,6 +29,7 @@ from hugwbc.upper_ik import ArmIK, IKSolution
 LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
 LEG_TIME, DWELL = 1.2, 0.8  # [s] from target to target, and at each
 REACHED = 0.005  # [m]
+_AVERAGED = ("hand_error_m", "hand_error_all_m", "joint_error_rad")  # means over episodes that get an interval
 SATURATED = 0.99  # of a joint's torque limit
 STANDING_START = 1.0  # [s] before a walk
 
@@ -98,6 +100,9 @@ class HandsResult(ProtocolResult[HandsEpisode]):
         saturated_ticks: number of control steps with an arm joint at its torque limit.
         jitter: mean squared joint jerk of the commanded arms [rad^2/s^6].
         episodes: number of episodes.
+        falls_interval: percentage of episodes in which the robot fell, with its score interval.
+        intervals: means over the episodes of some of the rows' figures, with their intervals. An episode counts as one
+            sample, whatever part of its targets is reachable; so the means may differ a little from those above.
     """
 
     v_x: float
@@ -107,6 +112,14 @@ class HandsResult(ProtocolResult[HandsEpisode]):
     saturated_ticks: int
     jitter: float | None
     episodes: int
+    falls_interval: Estimate = dataclasses.field(init=False)
+    intervals: dict[str, Estimate] = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "falls_interval", wilson_of(self.fell, self.episodes))
+        intervals = {name: bootstrap_mean(getattr(row, name) for row in self.rows) for name in _AVERAGED}
+        object.__setattr__(self, "intervals", intervals)
 
 
 class _Recording:
@@ -255,11 +268,25 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
 
     def describe(self, result: HandsResult) -> str:
         """Return hand errors, joint error, saturation and jitter, and the falls."""
+        bounds = {name: _interval(estimate, name) for name, estimate in result.intervals.items()}
+        intervals = {
+            "hand error mean [cm]": bounds["hand_error_m"],
+            "hand error mean, all targets [cm]": bounds["hand_error_all_m"],
+        }
         rows = [
-            *hand_rows([result.hand_error_m]),
-            ("arm joints' error [rad]", result.joint_error_rad),
-            ("control steps with an arm joint at its torque limit", result.saturated_ticks),
-            ("jitter [rad^2/s^6]", result.jitter),
+            *((*row, intervals.get(row[0])) for row in hand_rows([result.hand_error_m])),
+            ("arm joints' error [rad]", result.joint_error_rad, bounds["joint_error_rad"]),
+            ("control steps with an arm joint at its torque limit", result.saturated_ticks, None),
+            ("jitter [rad^2/s^6]", result.jitter, None),
         ]
-        falls = f"falls: {result.fell} of {result.episodes} episodes"
-        return format_table((result.gait, result.controller), rows) + f"\n\n{falls}"
+        falls = f"falls: {count_text(result.fell, result.episodes)}"
+        table = format_table((result.gait, result.controller, INTERVAL), rows)
+        return f"{table}\n\n{falls}\n{INTERVAL_NOTE}"
+
+
+def _interval(estimate: Estimate, name: str) -> str | None:
+    """Format the bounds of a figure's interval; of hand errors in centimetres."""
+    if estimate.low is None or estimate.high is None:
+        return None
+    scale = 100.0 if name.startswith("hand_error") else 1.0
+    return interval_text(Estimate(None, scale * estimate.low, scale * estimate.high, estimate.samples), 3)

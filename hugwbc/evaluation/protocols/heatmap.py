@@ -20,7 +20,7 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import HeatMaps
 from hugwbc.evaluation.protocols.episodes import CountedResult, GaitSettings, Run, known, mean
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, failure_lines
+from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.protocols.single_command import episode_error, sampled_commands
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -305,7 +305,7 @@ class HeatmapProtocol(PlannedProtocol[HeatmapConfig, HeatmapEpisode, HeatmapResu
             "Ranges of the column's command about its default in which the row's error stays within 1.5 times its "
             "error alone; -: none."
         )
-        falls = f"falls: {result.falls} of {result.episodes} episodes, {result.points} values of each command"
+        falls = f"falls: {count_text(result.falls, result.episodes)}, {result.points} values of each command"
         return "\n".join([table, "", about, falls, *failure_lines(result.rows)])
 
     def quick(self) -> list[HeatmapConfig]:

@@ -15,10 +15,19 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import INTERVENTIONS
 from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors
-from hugwbc.evaluation.protocols.episodes import CountedSettings, GaitSettings, ProtocolResult, Run, mean
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, Result, beside_paper, failure_lines
+from hugwbc.evaluation.protocols.episodes import CountedSettings, GaitSettings, GroupedResult, Run, mean
+from hugwbc.evaluation.protocols.protocol import (
+    INTERVAL,
+    INTERVAL_NOTE,
+    Measured,
+    PlannedProtocol,
+    Result,
+    beside_paper,
+    count_text,
+    failure_lines,
+)
 from hugwbc.evaluation.protocols.single_command import Episode, judged, sampled_commands, stratified_samples
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -79,22 +88,20 @@ class InterventionEpisode(Episode):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class InterventionResult(ProtocolResult[InterventionEpisode]):
+class InterventionResult(GroupedResult[InterventionEpisode]):
     """Result of the intervention protocol; its tables are by intervention, then by the paper's name of the error.
 
     Attributes:
         training: training of the paper's policy in `paper`.
-        episodes: number of episodes of each intervention.
-        falls: number of these in which the robot fell.
         errors: mean of the episodes' errors.
+        intervals: the same means with their intervals.
         arm_error: mean distance of the arm joints to their external targets [rad].
         paper: the paper's errors.
     """
 
     training: str
-    episodes: int
-    falls: dict[str, int]
     errors: dict[str, dict[str, float | None]]
+    intervals: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
     arm_error: dict[str, float | None]
     paper: dict[str, dict[str, float]]
 
@@ -201,16 +208,20 @@ class InterventionProtocol(MovedArmsProtocol[InterventionConfig, InterventionRes
     def summarise(self, settings: InterventionConfig, rows: Sequence[InterventionEpisode]) -> dict[str, Any]:
         """Return falls and mean errors of each intervention, with the paper's."""
         parts = by_intervention(rows)
+        errors = {
+            kind: {
+                ERROR_OF[name]: [row.error for row in part if row.command == name]
+                for name in sampled_commands(settings.gait)
+            }
+            for kind, part in parts.items()
+        }
         return {
             "training": settings.papers_training,
             "episodes": settings.samples,
             "falls": {kind: sum(row.fell for row in part) for kind, part in parts.items()},
-            "errors": {
-                kind: {
-                    ERROR_OF[name]: mean(row.error for row in part if row.command == name)
-                    for name in sampled_commands(settings.gait)
-                }
-                for kind, part in parts.items()
+            "errors": {kind: {name: mean(values) for name, values in part.items()} for kind, part in errors.items()},
+            "intervals": {
+                kind: {name: bootstrap_mean(values) for name, values in part.items()} for kind, part in errors.items()
             },
             "arm_error": {kind: mean(row.arm_error for row in part) for kind, part in parts.items()},
             "paper": {kind: dict(intervention_errors(settings.gait, kind, settings.papers_training)) for kind in parts},
@@ -220,12 +231,14 @@ class InterventionProtocol(MovedArmsProtocol[InterventionConfig, InterventionRes
         """Return a table for each intervention with the paper's errors, and the falls."""
         parts = []
         for kind, errors in result.errors.items():
-            rows = [beside_paper(name, error, result.paper[kind].get(name)) for name, error in errors.items()]
-            header = (f"arms: {kind}", result.controller, f"paper ({result.training})", "ratio")
-            parts.append(format_table(header, rows) + f"\n\nfalls: {result.falls[kind]} of {result.episodes} episodes")
+            intervals, paper = result.intervals.get(kind, {}), result.paper[kind]
+            rows = [beside_paper(name, error, intervals.get(name), paper.get(name)) for name, error in errors.items()]
+            header = (f"arms: {kind}", result.controller, INTERVAL, f"paper ({result.training})", "ratio")
+            falls = f"falls: {count_text(result.falls[kind], result.episodes)}"
+            parts.append(f"{format_table(header, rows)}\n\n{falls}")
             if result.arm_error[kind] is not None:
                 parts[-1] += f"; arm joints {result.arm_error[kind]:.3f} rad from their targets on average"
-        return "\n\n".join(["\n\n".join(parts), *failure_lines(result.rows)])
+        return "\n\n".join([*parts, INTERVAL_NOTE, *failure_lines(result.rows)])
 
     def quick(self) -> list[InterventionConfig]:
         """Return few episodes of the gaits for which the paper has figures."""

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from hugwbc.evaluation.engine import ControllerFactory, EpisodePlan, Judge, Row
 from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import Estimate, wilson_of
 from hugwbc.evaluation.picture_data import Picture
 from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, run_episodes
 
@@ -80,6 +81,14 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
         """Return figures that stand in the same tables as the measured ones but were not measured here."""
         return []
 
+    def across(self, results: Mapping[str, Sequence[Measured]]) -> list[Figure]:
+        """Return figures that take the results of other protocols as well, for the tables of `figures`.
+
+        Args:
+            results: results of all protocols by their names.
+        """
+        return []
+
     def pictures(self, measured: Sequence[Measured], controllers: Sequence[str]) -> Sequence[Picture]:
         """Return the report's pictures of all results.
 
@@ -119,13 +128,32 @@ class PlannedProtocol(Protocol[Settings, Row, Result]):
         return self.result.of(factory, settings, rows, **self.summarise(settings, rows))
 
 
-def beside_paper(name: str, value: float | None, paper: float | None) -> tuple[object, ...]:
-    """Return a table row: name, measured value, the paper's value, and their ratio.
+INTERVAL = "95 % interval"
+INTERVAL_NOTE = "95 % intervals: of means by bootstrap over episodes; of falls, in brackets, Wilson's score interval"
 
-    Both values have four decimals; with the paper's three some of them would print as zero.
+
+def beside_paper(name: str, value: float | None, estimate: Estimate | None, paper: float | None) -> tuple[object, ...]:
+    """Return a table row: name, measured value, its interval, the paper's value, and the ratio of the two values.
+
+    The values have four decimals; with the paper's three some of them would print as zero.
     """
     ratio = value / paper if value is not None and paper else None
-    return name, four_decimals(value), four_decimals(paper), ratio
+    return name, four_decimals(value), interval_text(estimate), four_decimals(paper), ratio
+
+
+def interval_text(estimate: Estimate | None, decimals: int = 4) -> str | None:
+    """Format the bounds of an interval; None without bounds."""
+    if estimate is None or estimate.low is None or estimate.high is None:
+        return None
+    return f"{estimate.low:.{decimals}f} to {estimate.high:.{decimals}f}"
+
+
+def count_text(times: int, count: int, noun: str = "episodes") -> str:
+    """Say in how many episodes something happened, with its percentage and score interval."""
+    share = wilson_of(times, count)
+    if share.value is None:
+        return f"{times} of {count} {noun}"
+    return f"{times} of {count} {noun} ({share.value:.1f} %) [{share.low:.1f}, {share.high:.1f}]"
 
 
 def four_decimals(value: float | None) -> str | None:

@@ -14,12 +14,19 @@ from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.engine import EpisodePlan, Knot, Schedule
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.picture_data import XY, Curves
-from hugwbc.evaluation.protocols.episodes import CountedSettings, ProtocolResult, Run, known, mean
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, beside_paper
+from hugwbc.evaluation.protocols.episodes import CountedSettings, GroupedResult, Run, known, mean
+from hugwbc.evaluation.protocols.protocol import (
+    INTERVAL,
+    INTERVAL_NOTE,
+    Measured,
+    PlannedProtocol,
+    beside_paper,
+    count_text,
+)
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
@@ -76,19 +83,17 @@ class RampEpisode:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RampResult(ProtocolResult[RampEpisode]):
-    """Result of the ramp protocol, in addition to `ProtocolResult`.
+class RampResult(GroupedResult[RampEpisode]):
+    """Result of the ramp protocol, whose groups are the commands, in addition to `GroupedResult`.
 
     Attributes:
-        episodes: number of runs of each command.
-        falls: number of runs in which the robot fell, by command.
         errors: mean of the runs' errors, E_p and E_w [rad].
+        intervals: the same means with their intervals.
         paper: the paper's errors on the real robot [rad].
     """
 
-    episodes: int
-    falls: dict[str, int]
     errors: dict[str, float | None]
+    intervals: dict[str, Estimate] = dataclasses.field(default_factory=dict)
     paper: dict[str, float]
 
 
@@ -177,15 +182,19 @@ class RampProtocol(PlannedProtocol[RampConfig, RampEpisode, RampResult]):
             "episodes": settings.episodes,
             "falls": {name: sum(row.fell for row in part) for name, part in parts.items()},
             "errors": {f"E_{name}": mean(row.error for row in part) for name, part in parts.items()},
+            "intervals": {f"E_{name}": bootstrap_mean(row.error for row in part) for name, part in parts.items()},
             "paper": dict(real_robot_errors(settings.gait)),
         }
 
     def describe(self, result: RampResult) -> str:
         """Return the errors during the ramps with the paper's on the real robot, and the falls."""
-        rows = [beside_paper(name, error, result.paper.get(name)) for name, error in result.errors.items()]
-        table = format_table((f"{result.gait}, ramp [rad]", result.controller, "paper (real robot)", "ratio"), rows)
-        falls = ", ".join(f"{name} {count} of {result.episodes}" for name, count in result.falls.items())
-        return f"{table}\n\nfalls: {falls} runs"
+        rows = [
+            beside_paper(name, error, result.intervals.get(name), result.paper.get(name))
+            for name, error in result.errors.items()
+        ]
+        header = (f"{result.gait}, ramp [rad]", result.controller, INTERVAL, "paper (real robot)", "ratio")
+        falls = ", ".join(f"{name} {count_text(n, result.episodes, 'runs')}" for name, n in result.falls.items())
+        return f"{format_table(header, rows)}\n\nfalls: {falls}\n{INTERVAL_NOTE}"
 
     def quick(self) -> list[RampConfig]:
         """Return two short runs of each command."""

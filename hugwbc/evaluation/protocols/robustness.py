@@ -19,7 +19,7 @@ from hugwbc.evaluation.intervals import Estimate, wilson_percentage
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.picture_data import XY, Curves
 from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, Run, mean
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, failure_lines
+from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.protocols.single_command import Episode, judged, sampled_commands, stratified_samples
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -202,7 +202,7 @@ class RobustnessProtocol(PlannedProtocol[RobustnessConfig, RobustnessEpisode, Ro
         for level in result.levels:
             value = "" if level.factor == NOMINAL else f" {level.level:g} {GRID_UNITS.get(level.factor, '')}".rstrip()
             name = level.factor.replace("terrain_roughness", "roughness")
-            rows.append((f"{name}{value}", f"{level.falls} of {level.episodes}", level.ratio))
+            rows.append((f"{name}{value}", count_text(level.falls, level.episodes), level.ratio))
         table = format_table((f"{result.gait}, {result.controller}", "falls", "errors over nominal"), rows)
         return "\n".join([table, *failure_lines(result.rows)])
 

@@ -6,7 +6,7 @@ one uniform sample, so that even few episodes cover the whole range.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,14 +15,31 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_comm
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, GaitSettings, Run, known, mean
-from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, failure_lines, four_decimals
+from hugwbc.evaluation.protocols.protocol import (
+    INTERVAL,
+    INTERVAL_NOTE,
+    Measured,
+    PlannedProtocol,
+    count_text,
+    failure_lines,
+    four_decimals,
+    interval_text,
+)
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import Trace
 
+# Figures of `metrics.Impact` that are summarised, with their names and units.
+IMPACTS = {
+    "speed_median": ("touch-down speed, median", "m/s"),
+    "speed_p95": ("touch-down speed, 95th percentile", "m/s"),
+    "total_speed_median": ("touch-down speed with its horizontal part, median", "m/s"),
+    "peak_mean": ("peak foot force, mean of stances", "body weights"),
+    "peak_max": ("peak foot force, maximum", "body weights"),
+}
 SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted separately
 
 
@@ -34,7 +51,7 @@ class SingleCommandConfig(CountedSettings):
         episodes: number of episodes in all, split evenly over the commands of the gait.
     """
 
-    episodes: int = 32
+    episodes: int = 128  # 16 for each of the eight commands of walking
 
     @property
     def least(self) -> tuple[int, str]:
@@ -58,6 +75,7 @@ class Episode:
         foot_travel: summed path length of both feet after the settling time [m]; standing only.
         foot_creep: part of `foot_travel` that is MuJoCo's creep of firmly standing feet [m].
         held_foot_contact: fraction of the time in which the held leg touched the ground; hopping only.
+        impact: `metrics.Impact` of the episode; None without a touch-down.
         failures: number of exceptions of the controller that the safety filter caught.
     """
 
@@ -72,6 +90,7 @@ class Episode:
     foot_travel: float | None
     foot_creep: float | None
     held_foot_contact: float | None
+    impact: dict[str, float] | None
     failures: int
 
 
@@ -84,6 +103,9 @@ class SingleCommandResult(CountedResult[Episode]):
         falls_slow: number of these in which the robot fell.
         fall_rate_slow: falls_slow / episodes_slow.
         errors: mean error of the episodes by the paper's names; None where the gait has no such command.
+        intervals: the same means with their intervals.
+        impact: means over the episodes of the figures in `IMPACTS`, with their intervals, but the maximum over all
+            episodes of the largest peak, without an interval. Empty if no foot ever came down.
         arm_error: mean over the episodes with external control of the arms [rad].
         foot_travel: mean over the episodes without a fall, whose paths would be short [m]; standing only.
         held_foot_contact: mean over the episodes; hopping only.
@@ -94,6 +116,8 @@ class SingleCommandResult(CountedResult[Episode]):
     falls_slow: int
     fall_rate_slow: float
     errors: dict[str, float | None]
+    intervals: dict[str, Estimate] = dataclasses.field(default_factory=dict)
+    impact: dict[str, Estimate] = dataclasses.field(default_factory=dict)
     arm_error: float | None
     foot_travel: float | None
     held_foot_contact: float | None
@@ -152,6 +176,7 @@ def judged(run: Run, name: str, settle: float) -> Episode:
     command, trace = run.command, run.trace
     value = float(command.array()[COMMAND_NAMES.index(name)])
     standing = command.gait is Gait.STANDING
+    impact = metrics.impact(trace, settle)
     return Episode(
         gait=command.gait.label,
         command=name,
@@ -164,6 +189,7 @@ def judged(run: Run, name: str, settle: float) -> Episode:
         foot_travel=known(metrics.foot_travel(trace, settle)) if standing else None,
         foot_creep=known(metrics.foot_creep(trace, settle)) if standing else None,
         held_foot_contact=known(metrics.held_foot_contact(trace, settle)),
+        impact=None if impact is None else dataclasses.asdict(impact),
         failures=trace.safety.failures,
     )
 
@@ -177,6 +203,21 @@ def episode_error(trace: Trace, command: str, settle: float) -> float:
     return metrics.tracking_errors(trace, settle)[command]
 
 
+def impact_estimates(impacts: Iterable[Mapping[str, float] | None]) -> dict[str, Estimate]:
+    """Return the figures of `IMPACTS` over all episodes; nothing if no foot ever came down.
+
+    Args:
+        impacts: `Episode.impact` of each episode.
+    """
+    known_impacts = [impact for impact in impacts if impact is not None]
+    if not known_impacts:
+        return {}
+    found = {name: bootstrap_mean(impact[name] for impact in known_impacts) for name in IMPACTS}
+    # The maximum grows with the number of episodes, so that a mean or its interval would say nothing about it.
+    found["peak_max"] = Estimate(max(i["peak_max"] for i in known_impacts), None, None, len(known_impacts))
+    return found
+
+
 class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, SingleCommandResult]):
     """The paper's tracking errors of single commands."""
 
@@ -187,8 +228,10 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
     report_title = "Single commands"
     report_text = (
         "One command is sampled over its range while the others stay at their defaults. Foot commands (f, l) are "
-        "judged over complete gait cycles, the others over control steps. The figures of HOVER and ExBody are the "
-        "paper's; they were not run here."
+        "judged over complete gait cycles, the others over control steps. The impact of a "
+        "foot after a swing is the sole's vertical speed in the physics step before the touch-down, and the largest "
+        "vertical force on the foot in the stance after it. The figures of HOVER and ExBody are the paper's; they were "
+        "not run here."
     )
 
     def plans(self, settings: SingleCommandConfig) -> list[EpisodePlan]:
@@ -202,13 +245,16 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
 
     def summarise(self, settings: SingleCommandConfig, rows: Sequence[Episode]) -> dict[str, Any]:
         """Return mean errors by the paper's names, and the falls at low speeds."""
+        errors = {error: [row.error for row in rows if row.error_name == error] for error in ERROR_NAMES}
         slow = [row for row in rows if row.command not in ("v_x", "v_y") or abs(row.value) <= SLOW_SPEED]
         falls_slow = sum(row.fell for row in slow)
         return {
             "episodes_slow": len(slow),
             "falls_slow": falls_slow,
             "fall_rate_slow": falls_slow / len(slow) if slow else 0.0,
-            "errors": {error: mean(row.error for row in rows if row.error_name == error) for error in ERROR_NAMES},
+            "errors": {error: mean(values) for error, values in errors.items()},
+            "intervals": {error: bootstrap_mean(values) for error, values in errors.items()},
+            "impact": impact_estimates(row.impact for row in rows),
             "arm_error": mean(row.arm_error for row in rows),
             "foot_travel": mean(row.foot_travel for row in rows if not row.fell),
             "held_foot_contact": mean(row.held_foot_contact for row in rows),
@@ -216,17 +262,23 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
         }
 
     def describe(self, result: SingleCommandResult) -> str:
-        """Return the errors as a table with the paper's, and the falls."""
+        """Return the errors as a table with the paper's, the impacts of the feet, and the falls."""
         rows = []
         for name, unit in ERROR_UNITS.items():
             error, paper = result.errors[name], result.paper.get(name)
             if error is None and paper is None:
                 continue
             ratio = error / paper if error is not None and paper is not None else None
-            rows.append((name, unit, four_decimals(error), paper, ratio))
-        lines = [format_table(("error", "unit", result.controller, "paper", "ratio"), rows), ""]
-        lines.append(f"falls: {result.falls} of {result.episodes} episodes; ")
-        lines[-1] += f"at |v| <= 0.6 m/s {result.falls_slow} of {result.episodes_slow}"
+            interval = interval_text(result.intervals.get(name))
+            rows.append((name, unit, four_decimals(error), interval, paper, ratio))
+        lines = [format_table(("error", "unit", result.controller, INTERVAL, "paper", "ratio"), rows), ""]
+        if result.impact:
+            impacts = [
+                (*IMPACTS[name], f"{found.value:.3f}", interval_text(found, 3)) for name, found in result.impact.items()
+            ]
+            lines += [format_table(("impact", "unit", result.controller, INTERVAL), impacts), ""]
+        lines.append(f"falls: {count_text(result.falls, result.episodes)}; ")
+        lines[-1] += f"at |v| <= 0.6 m/s {count_text(result.falls_slow, result.episodes_slow)}"
         if result.foot_travel is not None:
             seconds = result.duration - result.settle
             lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
@@ -234,7 +286,7 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
             lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
         if result.arm_error is not None:
             lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
-        return "\n".join(lines + failure_lines(result.rows))
+        return "\n".join([*lines, INTERVAL_NOTE, *failure_lines(result.rows)])
 
     def quick(self) -> list[SingleCommandConfig]:
         """Return few episodes of every gait."""
@@ -247,13 +299,16 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
         return [SingleCommandConfig(gait, gait.hops, episodes=256, duration=21.0) for gait in gaits]
 
     def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
-        """Return the tracking errors by the paper's names, and the falls."""
+        """Return the tracking errors by the paper's names, the impacts of the feet, and the falls."""
         table, figures = _table(result["gait"]), []
         for error in ERROR_NAMES:
             errors = [row["error"] for row in result["rows"] if row["error_name"] == error]
             paper = result["paper"].get(error)
             if errors or paper is not None:
                 figures.append(Figure(table, error, ERROR_UNITS[error], controller, bootstrap_mean(errors), paper))
+        for name, estimate in impact_estimates(row.get("impact") for row in result["rows"]).items():
+            quantity, unit = IMPACTS[name]
+            figures.append(Figure(table, quantity, unit, controller, estimate))
         return [*figures, falls_figure(table, controller, result["rows"])]
 
     def published(self, measured: Sequence[Measured]) -> list[Figure]:

@@ -14,8 +14,16 @@ import numpy as np
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, known, mean
-from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
+from hugwbc.evaluation.protocols.protocol import (
+    INTERVAL,
+    INTERVAL_NOTE,
+    PlannedProtocol,
+    count_text,
+    failure_lines,
+    interval_text,
+)
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
@@ -73,9 +81,11 @@ class SmallVelocitiesResult(CountedResult[SmallVelocityEpisode]):
 
     Attributes:
         executed: mean executed fraction by direction, over the episodes without a fall: 1 followed, 0 ignored.
+        intervals: the same means with their intervals.
     """
 
     executed: dict[str, float | None]
+    intervals: dict[str, Estimate] = dataclasses.field(default_factory=dict)
 
 
 def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
@@ -136,10 +146,15 @@ class SmallVelocitiesProtocol(PlannedProtocol[SmallVelocitiesConfig, SmallVeloci
     def summarise(self, settings: SmallVelocitiesConfig, rows: Sequence[SmallVelocityEpisode]) -> dict[str, Any]:
         """Return the mean executed fraction of each direction."""
         upright = [row for row in rows if not row.fell]
-        return {"executed": {name: mean(r.executed for r in upright if r.direction == name) for name in DIRECTIONS}}
+        executed = {name: [row.executed for row in upright if row.direction == name] for name in DIRECTIONS}
+        return {
+            "executed": {name: mean(parts) for name, parts in executed.items()},
+            "intervals": {name: bootstrap_mean(parts) for name, parts in executed.items()},
+        }
 
     def describe(self, result: SmallVelocitiesResult) -> str:
         """Return the executed fraction by direction, and the falls."""
-        table = format_table(("0.1 to 0.3 m/s", "executed part"), list(result.executed.items()))
-        falls = f"falls: {result.falls} of {result.episodes} episodes"
-        return "\n".join([table, "", falls, *failure_lines(result.rows)])
+        rows = [(name, part, interval_text(result.intervals.get(name), 3)) for name, part in result.executed.items()]
+        table = format_table(("0.1 to 0.3 m/s", "executed part", INTERVAL), rows)
+        falls = f"falls: {count_text(result.falls, result.episodes)}"
+        return "\n".join([table, "", falls, INTERVAL_NOTE, *failure_lines(result.rows)])

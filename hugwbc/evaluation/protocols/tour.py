@@ -8,7 +8,7 @@ Robot and waypoints differ from that comparison: these figures compare controlle
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from hugwbc.evaluation.engine import EpisodePlan, Tour, Waypoint
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, mean
-from hugwbc.evaluation.protocols.protocol import PlannedProtocol, failure_lines
+from hugwbc.evaluation.protocols.protocol import INTERVAL, PlannedProtocol, failure_lines, interval_text
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
@@ -213,17 +213,22 @@ class TourProtocol(PlannedProtocol[TourConfig, TourEpisode, TourResult]):
     def describe(self, result: TourResult) -> str:
         """Return completion, blows and errors at the waypoints."""
         blows = [up for row in result.rows for up in blow_outcomes(row.blows, row.felled)]
+        reached = [100.0 * row.reached / WAYPOINTS for row in result.rows]
         rows = [
-            ("tours completed [%]", _share([not row.fell for row in result.rows])),
-            (f"of {result.blows} blows survived [%]", _share(blows)),
-            ("waypoints reached [%]", f"{100.0 * result.reached:.0f}"),
-            ("position error [m]", result.position_error),
-            ("yaw error [rad]", result.yaw_error),
-            ("survived [s]", f"{result.survived_s:.1f} of {result.duration:g}"),
+            ("tours completed [%]", *_share([not row.fell for row in result.rows])),
+            (f"of {result.blows} blows survived [%]", *_share(blows)),
+            ("waypoints reached [%]", f"{100.0 * result.reached:.0f}", _bounds(reached, 0)),
+            ("position error [m]", result.position_error, _bounds((r.position_error for r in result.rows), 3)),
+            ("yaw error [rad]", result.yaw_error, _bounds((r.yaw_error for r in result.rows), 3)),
+            (
+                "survived [s]",
+                f"{result.survived_s:.1f} of {result.duration:g}",
+                _bounds((r.survived_s for r in result.rows), 1),
+            ),
         ]
-        table = format_table((f"{result.gait}, {result.episodes} tours", result.controller), rows)
+        table = format_table((f"{result.gait}, {result.episodes} tours", result.controller, INTERVAL), rows)
         blow = f"blows of up to {result.strongest_blow:.0f} N for 0.08 s: those on a G1, scaled by mass"
-        blow += "; in brackets the 95 % score interval"
+        blow += "; intervals: of completion and of blows Wilson's, of the others by bootstrap"
         return "\n".join([table, "", blow, *failure_lines(result.rows)])
 
     def quick(self) -> list[TourConfig]:
@@ -251,7 +256,11 @@ class TourProtocol(PlannedProtocol[TourConfig, TourEpisode, TourResult]):
         ]
 
 
-def _share(happened: list[bool]) -> str | None:
-    """Return the percentage of cases in which something happened, with its score interval."""
+def _share(happened: list[bool]) -> tuple[str | None, str | None]:
+    """Return the percentage of cases in which something happened, and its score interval."""
     share = wilson_percentage(happened)
-    return None if share.value is None else f"{share.value:.0f} [{share.low:.0f}, {share.high:.0f}]"
+    return None if share.value is None else f"{share.value:.0f}", interval_text(share, 0)
+
+
+def _bounds(samples: Iterable[float | None], decimals: int) -> str | None:
+    return interval_text(bootstrap_mean(samples), decimals)

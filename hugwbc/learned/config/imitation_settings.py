@@ -7,6 +7,7 @@ import pathlib
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config.checks import require, require_seed, require_speed
 from hugwbc.learned.config.environment import CommandConfig, EnvConfig
+from hugwbc.seeds import TRAINING_SEED
 
 # In the order in which they are asked: catching blends into the label that standing gave.
 TEACHERS = ("standing", "catching", "walking", "jumping", "hopping")
@@ -27,7 +28,7 @@ class ImitationConfig:
     """Folder of the policy and of the snapshot for `hugwbc train --start-from`."""
     samples: float = 3e5
     """Labels to collect; each is one call of the teacher."""
-    seed: int = 1
+    seed: int = TRAINING_SEED
     """Seed of all random numbers."""
     threads: int = 1
     """Threads of the simulation and of torch."""
@@ -110,7 +111,7 @@ class DistillationConfig:
     """Labels to collect."""
     memory: int = 400_000
     """Number of labels that are kept; the oldest are dropped."""
-    seed: int = 1
+    seed: int = TRAINING_SEED
     """Seed of all random numbers."""
     threads: int = 1
     """Threads of the simulation and of torch."""

@@ -7,6 +7,7 @@ from typing import Literal
 
 from hugwbc.learned.config.checks import require, require_finite, require_seed
 from hugwbc.learned.config.environment import EnvConfig
+from hugwbc.seeds import TRAINING_SEED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +101,7 @@ class TrainConfig:
     """Environment steps, over all sessions of the run, after which it stops."""
     hours: float = 24.0
     """Wall-clock time after which the session stops [h]."""
-    seed: int = 1
+    seed: int = TRAINING_SEED
     """Seed of all random numbers."""
     threads: int = 2
     """Threads of the simulation and of torch; with 1, other cores stay free."""

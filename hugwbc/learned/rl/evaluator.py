@@ -11,6 +11,7 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, tracked
 from hugwbc.learned.policy.networks import Actor
+from hugwbc.seeds import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
@@ -19,7 +20,6 @@ SETTLE = 1.0  # [s] at the start that do not count in the errors
 SCORE = "evaluation/score"
 _FALLS = "evaluation/falls"
 _NEVER = 2**30  # control steps
-_SEED = 0
 _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 
@@ -51,7 +51,7 @@ class Evaluator:
             terrain=every_level,
             command=dataclasses.replace(config.command, resample_steps=_NEVER),
         )
-        self._env = HumanoidEnv(settings, seed=_SEED, threads=threads)
+        self._env = HumanoidEnv(settings, seed=SELECTION_SEED, threads=threads)
         self._env.age.zero_()
         self._start = {name: tensor.clone() for name, tensor in self._env.state_dict().items()}
         self._steps = math.ceil(seconds / self._env.dt)

@@ -5,6 +5,7 @@ from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.protocols.episodes import EpisodeSettings, run_episodes
 from hugwbc.evaluation.protocols.foot_displacement import (
     FootDisplacementConfig,
@@ -61,14 +62,15 @@ def test_foot_displacement_says_what_is_creep(lines, standing):
         episodes=2,
         falls=dict.fromkeys(KINDS, 1),
         displacement=table,
+        intervals={kind: {"h": Estimate(0.02, 0.018, 0.023, 4)} for kind in KINDS},
         creep={kind: {"h": 0.015, "p": None} for kind in KINDS},
         paper={kind: {"h": 0.01, "p": 0.1} for kind in KINDS},
         **standing,
     )
     text = FootDisplacementProtocol().describe(result)
-    assert lines(text)["noise, h"] == ["0.0200", "0.0100", "2.000", "0.0150"]
-    assert lines(text)["noise, p"] == ["-", "0.1000", "-", "-"], "nobody was upright to creep"
-    assert "in 9 s; falls: none 1 of 2, noise 1 of 2" in text
+    assert lines(text)["noise, h"] == ["0.0200", "0.0180 to 0.0230", "0.0100", "2.000", "0.0150"]
+    assert lines(text)["noise, p"] == ["-", "-", "0.1000", "-", "-"], "nobody was upright to creep"
+    assert "in 9 s; falls: none 1 of 2 episodes (50.0 %) [9.5, 90.5], noise 1 of 2 episodes" in text
 
 
 def measured_under(training: str) -> dict:

@@ -7,6 +7,7 @@ from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import EpisodePlan
+from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.intervention import (
     InterventionConfig,
@@ -72,14 +73,16 @@ def test_interventions_stand_beside_the_paper(lines, standing):
         episodes=3,
         falls={"none": 0, "noise": 1, "motion": 0},
         errors={kind: {"E_h": 0.05, "E_p": None} for kind in KINDS},
+        intervals={"none": {"E_h": Estimate(0.05, 0.04, 0.07, 3)}},
         arm_error={"none": None, "noise": 0.125, "motion": 0.2},
         paper={"none": {"E_h": 0.1, "E_p": 0.2}, "noise": {"E_h": 0.025}, "motion": {}},
         **standing,
     )
     none, noise, motion = InterventionProtocol().describe(result).split("arms: ")[1:]
-    assert lines(none)["E_h"] == ["0.0500", "0.1000", "0.500"] and lines(none)["E_p"] == ["-", "0.2000", "-"]
-    assert lines(noise)["E_h"][-1] == "2.000" and lines(motion)["E_h"] == ["0.0500", "-", "-"]
-    assert "falls: 1 of 3 episodes; arm joints 0.125 rad" in noise and "arm joints" not in none
+    assert lines(none)["E_h"] == ["0.0500", "0.0400 to 0.0700", "0.1000", "0.500"]
+    assert lines(none)["E_p"] == ["-", "-", "0.2000", "-"]
+    assert lines(noise)["E_h"][-1] == "2.000" and lines(motion)["E_h"] == ["0.0500", "-", "-", "-"]
+    assert "falls: 1 of 3 episodes (33.3 %) [6.1, 79.2]; arm joints 0.125 rad" in noise and "arm joints" not in none
 
 
 def measured_under(training: str, gait: str = "walking") -> dict:

@@ -7,6 +7,7 @@ from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import FALLS
+from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.protocols.episodes import Run
 from hugwbc.evaluation.protocols.ramp import RampConfig, RampJudge, RampProtocol, RampResult, ramp_schedule
 from hugwbc.kinematics import MEASURED_NAMES
@@ -66,10 +67,12 @@ def test_bad_settings_are_refused():
 
 def test_errors_stand_beside_the_paper(lines, walking):
     errors, paper = {"E_p": 0.05, "E_w": None}, {"E_p": 0.1, "E_w": 0.2}
+    intervals = {"E_p": Estimate(0.05, 0.04, 0.07, 5)}
     text = RampProtocol().describe(
-        RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, paper=paper, **walking)
+        RampResult(episodes=5, falls={"p": 1, "w": 0}, errors=errors, intervals=intervals, paper=paper, **walking)
     )
-    assert lines(text)["E_p"] == ["0.0500", "0.1000", "0.500"] and "falls: p 1 of 5, w 0 of 5 runs" in text
+    assert lines(text)["E_p"] == ["0.0500", "0.0400 to 0.0700", "0.1000", "0.500"]
+    assert "falls: p 1 of 5 runs (20.0 %) [3.6, 62.4], w 0 of 5 runs (0.0 %) [0.0, 43.4]" in text
 
 
 def test_the_reports_figures_of_ramps():

@@ -43,7 +43,7 @@ def test_every_value_has_the_same_commands_and_its_own_conditions(monkeypatch):
 
 def episode(error_name: str, error: float | None, fell: bool = False) -> RobustnessEpisode:
     return RobustnessEpisode(
-        "walking", "h", 0.0, error_name, error, fell, 10.0, None, None, None, None, 0, factor="gain", level=0.9
+        "walking", "h", 0.0, error_name, error, fell, 10.0, None, None, None, None, None, 0, factor="gain", level=0.9
     )
 
 
@@ -72,8 +72,11 @@ def test_robustness_names_factor_value_and_unit(lines, walking):
         samples=8, levels=tuple(RobustnessLevel(f, v, 1, 8, {}, ratio) for f, v, ratio in levels), **walking
     )
     found = lines(RobustnessProtocol().describe(result))
-    assert found["nominal"] == ["1 of 8", "1.000"]
-    assert found["roughness 0.02 m"] == ["1 of 8", "1.500"] and found["gain 0.9"] == ["1 of 8", "-"]
+    assert found["nominal"] == ["1 of 8 episodes (12.5 %) [2.2, 47.1]", "1.000"]
+    assert found["roughness 0.02 m"] == ["1 of 8 episodes (12.5 %) [2.2, 47.1]", "1.500"] and found["gain 0.9"] == [
+        "1 of 8 episodes (12.5 %) [2.2, 47.1]",
+        "-",
+    ]
 
 
 def row(**fields):

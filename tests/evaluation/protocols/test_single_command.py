@@ -182,3 +182,42 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     hover = _by_quantity(figures, "HOVER")
     assert hover["E_h"].published == 0.27 and hover["E_h"].estimate is None and hover["E_h"].table == mine["E_h"].table
     assert "E_f" not in hover
+
+
+def test_every_figure_has_its_interval_and_the_json_says_the_class_of_the_seed():
+    config = SingleCommandConfig(Gait.STANDING, episodes=6, seed=3, duration=0.3, settle=0.1)
+    result = RUN(HoldController, config)
+    content = json.loads(json.dumps(dataclasses.asdict(result)))
+    assert content["seed_class"] == "selection" and set(content["intervals"]) == set(content["errors"])
+    assert (
+        content["intervals"]["E_h"]["value"] == content["errors"]["E_h"] and content["intervals"]["E_h"]["samples"] == 2
+    )
+    assert content["intervals"]["E_h"]["low"] <= content["errors"]["E_h"] <= content["intervals"]["E_h"]["high"]
+    assert content["falls_interval"]["low"] == 0.0 and content["falls_interval"]["high"] == pytest.approx(
+        39.03, abs=0.01
+    )
+    assert "95 % interval" in SingleCommandProtocol().describe(
+        result
+    ) and "[0.0, 39.0]" in SingleCommandProtocol().describe(result)
+
+
+IMPACT = {"touch_downs": 9, "speed_median": 0.4, "speed_p95": 0.6, "total_speed_median": 0.5, "total_speed_p95": 0.7}
+
+
+def test_impacts_are_means_over_the_episodes_but_for_the_maximum():
+    rows = [
+        row(error_name="E_h", error=0.1, impact=IMPACT | {"peak_mean": 1.2, "peak_max": 2.0}),
+        row(error_name="E_h", error=0.1, impact=IMPACT | {"peak_mean": 1.4, "peak_max": 3.0, "speed_median": 0.6}),
+        row(error_name="E_h", error=0.1, impact=None),
+    ]
+    figures = _by_quantity(SingleCommandProtocol().figures("qp", SINGLE | {"rows": rows}), "qp")
+    assert figures["touch-down speed, median"].value == pytest.approx(0.5)
+    assert figures["peak foot force, mean of stances"].value == pytest.approx(1.3)
+    highest = figures["peak foot force, maximum"].estimate
+    assert highest.value == 3.0 and highest.low is None and highest.samples == 2
+
+
+def test_a_default_run_has_16_episodes_of_each_command_of_walking():
+    config = SingleCommandConfig()
+    names = [name for name, _ in stratified_samples(config, config.episodes)]
+    assert {names.count(name) for name in WALKING_NAMES} == {16}
