@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
-from hugwbc.sim import Arena
+from hugwbc.sim import ArenaChoice
 
 if TYPE_CHECKING:
     from hugwbc.runtime.controllers import ControllerSpec
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class CompareOptions:
+class CompareOptions(ArenaChoice):
     """Play one command script with each controller, hand targets solved by IK, and compare the results."""
 
     script: str = "loco_manipulation"
@@ -30,13 +30,6 @@ class CompareOptions:
     """Name of a shipped policy, or path of a policy file, for the learned controller."""
     seed: int = 0
     """Seed of the sensor noise."""
-    robot: str = Arena.robot
-    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
-    drives: str = Arena.drives
-    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal."""
-    sensing: str = Arena.sensing
-    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (true
-    state)."""
     out: pathlib.Path = pathlib.Path("out/compare")
     """Folder for summary.json, report.html, replay.html and the video."""
     video: bool = True
@@ -57,7 +50,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers))
-    arena = Arena(options.robot, options.drives, options.sensing)
+    arena = options.chosen
     script = load_script(options.script)
     if options.walk is not None:
         script = while_walking(script, options.walk)

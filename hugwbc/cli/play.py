@@ -12,12 +12,12 @@ from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import Arena
+from hugwbc.sim import ArenaChoice
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import open_view, run_live
 
@@ -26,7 +26,7 @@ LAST_PORT = 65535  # of TCP
 
 
 @dataclasses.dataclass(frozen=True)
-class PlayOptions:
+class PlayOptions(ArenaChoice):
     """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
 
     controller: str = "learned"
@@ -58,13 +58,6 @@ class PlayOptions:
     """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
-    robot: str = Arena.robot
-    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
-    drives: str = Arena.drives
-    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal."""
-    sensing: str = Arena.sensing
-    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (true
-    state)."""
     duration: float | None = None
     """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
     headless: bool = False
@@ -91,16 +84,12 @@ def run(words: Sequence[str]) -> int:
     _refuse_options_of_the_page(options)
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
-    arena = _arena(options)
-    estimator = StateEstimator() if arena.estimates else None
+    arena = options.chosen
+    estimator = estimator_for(arena)
     loop = ControlLoop(controller, source, arena.simulation(), upper_body_source(controller), estimator)
     draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
     run_live(loop, duration, draw, tell=say)
     return 0
-
-
-def _arena(options: PlayOptions) -> Arena:
-    return Arena(options.robot, options.drives, options.sensing)
 
 
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
@@ -134,10 +123,10 @@ def _run_live(options: PlayOptions) -> int:
     except ImportError as error:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
     controller = ControllerSpec(options.controller, options.policy).build()
-    arena = _arena(options)
+    arena = options.chosen
     simulation = arena.simulation()
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
-    estimator = StateEstimator() if arena.estimates else None
+    estimator = estimator_for(arena)
     loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller), estimator)
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:

@@ -9,12 +9,12 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table, hand_rows
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
-from hugwbc.sim import ARENA_VERSION, Arena
+from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,7 @@ def compare(
         ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
-    arena = arena or Arena()
+    arena = arena or ARENAS[DEFAULT_ARENA]
     traces = []
     for index, controller in enumerate(controllers):
         simulation = arena.simulation(seed=seed)
@@ -107,7 +107,7 @@ def compare(
                 simulation,
                 upper_body_source(controller),
                 duration=script.duration,
-                estimator=StateEstimator() if arena.estimates else None,
+                estimator=estimator_for(arena),
                 on_progress=advance,
             )
         )
@@ -129,7 +129,7 @@ def comparison_summary(
         "script": script.name,
         "duration": script.duration,
         "seed": seed,
-        "arena": {"version": ARENA_VERSION, **dataclasses.asdict(arena or Arena())},
+        "arena": dataclasses.asdict(arena or ARENAS[DEFAULT_ARENA]),
         "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
     }
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
-from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.sim import ARENA_VERSION, Arena, Simulation, Variation, rough_terrain
+from hugwbc.runtime.estimation import StateEstimator, estimator_for
+from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Simulation, Variation, rough_terrain
 from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
@@ -35,10 +35,14 @@ class Conditions:
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
-        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
-        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal.
+        arena: arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
+            weighed, with real drives, firm ground and only the sensors that it has).
+        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
+        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
+            the arena's.
         sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
-            exact (the true state).
+            exact (the true state); by default the arena's.
+        ground: ground: firm, or soft; by default the arena's.
         intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
             (motion files).
         motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
@@ -56,9 +60,11 @@ class Conditions:
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
     slope: float = 0.0
-    robot: str = Arena.robot
-    drives: str = Arena.drives
-    sensing: str = Arena.sensing
+    arena: int = DEFAULT_ARENA
+    robot: str | None = None
+    drives: str | None = None
+    sensing: str | None = None
+    ground: str | None = None
     intervention: str = "none"
     motions: str | None = None
     payload: float = 0.0
@@ -78,21 +84,22 @@ class Conditions:
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
-        _ = self.arena
+        _ = self.chosen_arena
 
     @property
-    def arena(self) -> Arena:
-        """Robot, drives and sensors.
+    def chosen_arena(self) -> Arena:
+        """Robot, drives, sensors and ground.
 
         Raises:
+            ConfigError: if there is no arena of that number.
             UnknownNameError: if one of the names is unknown.
         """
-        return Arena(self.robot, self.drives, self.sensing)
+        return ArenaChoice(self.arena, self.robot, self.drives, self.sensing, self.ground).chosen
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        fields["arena"] = ARENA_VERSION
+        fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
         if self.motions is not None:
             fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
         return fields
@@ -141,7 +148,7 @@ class Conditions:
             seed: seed of the ground and of the sensor noise.
         """
         make = functools.partial(
-            self.arena.simulation,
+            self.chosen_arena.simulation,
             timestep=self.timestep,
             variation=self.variation(),
             latency=self.latency,
@@ -156,7 +163,7 @@ class Conditions:
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
-        return StateEstimator() if self.arena.estimates else None
+        return estimator_for(self.chosen_arena)
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode; None leaves them to the controller.

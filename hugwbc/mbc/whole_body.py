@@ -286,12 +286,18 @@ class WholeBodyController:
         """
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
+        dq = state.dq + half * acceleration
         return JointCommand(
             q=state.q + half * state.dq,
-            dq=state.dq + half * acceleration,
+            dq=dq,
             kp=self._kp,
             kd=self._kd,
-            tau=np.minimum(np.maximum(solution.torque, self._lowest_torque), self._highest_torque),
+            tau=np.minimum(
+                np.maximum(
+                    solution.torque + self.params.drive_friction * self._robot.friction_torque(dq), self._lowest_torque
+                ),
+                self._highest_torque,
+            ),
         )
 
     def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:

@@ -33,6 +33,9 @@ class ContactParams:
     """Normal force above which a foot that was in the air stands [N]."""
     lift: float = 60.0
     """Normal force below which a foot that stood is in the air [N]; the gap to `touch` keeps noise from chattering."""
+    friction: float = 0.0
+    """Share of the friction in the robot's table that the drives have; 0 for ideal drives. Motors measure their own
+    torque, of which friction takes a part before it reaches the link."""
     base_weight: float = 0.3
     """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
     pelvis is less certain than the joints'."""
@@ -53,6 +56,7 @@ class ContactObserver:
         self._kinematics = Kinematics(robot)
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = self._kinematics.columns
+        self._robot = robot
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._columns[robot.legs]
         self._rows = np.concatenate((np.arange(6), legs))
@@ -93,7 +97,7 @@ class ContactObserver:
         momentum = inertia @ v
         coriolis = pin.computeCoriolisMatrix(model, data, q, v)
         gravity = pin.computeGeneralizedGravity(model, data, q)
-        self._tau[self._columns] = torque
+        self._tau[self._columns] = torque - params.friction * self._robot.friction_torque(state.dq)
         if self._start is None:
             # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at the residual of the reset.
             self._start, self._integral = momentum, -self.residual / params.rate

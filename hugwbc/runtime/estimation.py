@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import ContactObserver, ContactParams
+from hugwbc.sim.arena import Arena
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
@@ -353,3 +354,10 @@ class StateEstimator:
 
 
 _GRAVITY_CROSS = pin.skew(_DOWN)
+
+
+def estimator_for(arena: Arena) -> StateEstimator | None:
+    """Return an estimator that knows the drives of an arena; None where the sensors tell the whole state."""
+    if not arena.estimates:
+        return None
+    return StateEstimator(EstimatorParams(contact=ContactParams(friction=arena.actuators.friction)))

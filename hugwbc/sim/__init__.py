@@ -1,7 +1,7 @@
 """Simulation of the H1 in MuJoCo, on a plane or a height field."""
 
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.arena import ARENA_VERSION, Arena
+from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, Arena, ArenaChoice
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.scene import Ground
@@ -11,9 +11,11 @@ from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_te
 from hugwbc.sim.variation import Variation
 
 __all__ = [
-    "ARENA_VERSION",
+    "ARENAS",
+    "DEFAULT_ARENA",
     "Actuators",
     "Arena",
+    "ArenaChoice",
     "Disturber",
     "Engine",
     "Force",

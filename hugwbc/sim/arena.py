@@ -1,51 +1,52 @@
-"""The arena: which robot, with which drives and sensors, on which ground, every comparison uses by default.
+"""The arena: which robot, with which drives and sensors, on which ground, a controller is evaluated.
 
-Results carry the arena in their identity, so results of different arenas never mix. A change of what a default robot
-meets raises `ARENA_VERSION`:
+Results carry the arena in their identity, so results of different arenas never mix. There are two (docs/arena.md):
 
 1. The maker's earlier description of the H1 (51.65 kg), ideal drives, soft ground, the true state.
 2. The corrected description (59.34 kg), drives with a torque-speed limit, friction and delay, firm ground, and only the
-   sensors that an H1 has (docs/arena.md).
+   sensors that an H1 has.
 """
 
 import dataclasses
 
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.scene import SIMULATION_TIMESTEP
+from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground
 from hugwbc.sim.sensors import SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 
-ARENA_VERSION = 2
 DRIVES = {"real": Actuators(), "ideal": Actuators.ideal()}
 
 
 @dataclasses.dataclass(frozen=True)
 class Arena:
-    """Robot, drives and sensors of a simulation, by name.
+    """Robot, drives, sensors and ground of a simulation, by name.
 
     Attributes:
         robot: robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
         drives: real (torque-speed limit, friction and delay), or ideal.
         sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state).
+        ground: firm (soles sink by millimetres), or soft (by centimetres).
 
     Raises:
-        UnknownNameError: if there is no robot, are no drives or no sensors of that name.
+        UnknownNameError: if there is no robot, are no drives, sensors or ground of that name.
     """
 
-    robot: str = "h1"
-    drives: str = "real"
-    sensing: str = "robot"
+    robot: str
+    drives: str
+    sensing: str
+    ground: str
 
     def __post_init__(self) -> None:
         load_robot(self.robot)
         if self.drives not in DRIVES:
             raise UnknownNameError("drives", self.drives, DRIVES)
         sensor_profile(self.sensing)
+        Ground.named(self.ground)
 
     @property
     def profile(self) -> SensorProfile:
@@ -56,6 +57,11 @@ class Arena:
     def estimates(self) -> bool:
         """Whether a controller needs the state estimated: the sensors do not tell the pelvis's position."""
         return not self.profile.position
+
+    @property
+    def actuators(self) -> Actuators:
+        """The drives."""
+        return DRIVES[self.drives]
 
     def simulation(
         self,
@@ -83,5 +89,45 @@ class Arena:
             seed=seed,
             variation=variation,
             robot=load_robot(self.robot),
-            actuators=DRIVES[self.drives],
+            actuators=self.actuators,
+            ground=Ground.named(self.ground),
         )
+
+
+ARENAS = {1: Arena("h1-2023", "ideal", "exact", "soft"), 2: Arena("h1", "real", "robot", "firm")}
+DEFAULT_ARENA = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class ArenaChoice:
+    """An arena by its number, and what differs from it.
+
+    Raises:
+        ConfigError: if there is no arena of that number.
+        UnknownNameError: if one of the names is unknown.
+    """
+
+    arena: int = DEFAULT_ARENA
+    """Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is weighed, with
+    real drives, firm ground and only the sensors that it has)."""
+    robot: str | None = None
+    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's."""
+    drives: str | None = None
+    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default the arena's."""
+    sensing: str | None = None
+    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (the
+    true state); by default the arena's."""
+    ground: str | None = None
+    """Ground: firm, or soft; by default the arena's."""
+
+    def __post_init__(self) -> None:
+        if self.arena not in ARENAS:
+            raise ConfigError(f"there is no arena {self.arena}; give one of {', '.join(map(str, ARENAS))}")
+        _ = self.chosen
+
+    @property
+    def chosen(self) -> Arena:
+        """The arena with the differences."""
+        names = [field.name for field in dataclasses.fields(Arena)]
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return dataclasses.replace(ARENAS[self.arena], **given)

@@ -15,6 +15,7 @@ TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
 
 
+GROUNDS = ("firm", "soft")
 CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
 
 
@@ -30,7 +31,7 @@ class Ground:
         iterations: largest number of iterations of the solver.
     """
 
-    time_constant: float = 0.005
+    time_constant: float = 0.02
     cone: str = "pyramidal"
     impratio: float = 1.0
     iterations: int = 8
@@ -44,6 +45,17 @@ class Ground:
             raise ConfigError(f"impratio of the ground is {self.impratio}; give a finite number above 0")
         if self.iterations < 1:
             raise ConfigError(f"the ground's solver has {self.iterations} iterations; give at least 1")
+
+    @classmethod
+    def named(cls, name: str) -> "Ground":
+        """Return the firm ground of docs/arena.md, or the soft one of MuJoCo's default contacts.
+
+        Raises:
+            UnknownNameError: if the name is neither firm nor soft.
+        """
+        if name not in GROUNDS:
+            raise UnknownNameError("ground", name, GROUNDS)
+        return cls(time_constant=0.005) if name == "firm" else cls()
 
     def apply_to(self, model: mujoco.MjModel) -> None:
         """Set the contacts and the solver of a newly compiled model."""

@@ -17,10 +17,9 @@ from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
-from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
-from hugwbc.sim.scene import link_names
+from hugwbc.sim.scene import Ground, link_names
 from hugwbc.state import RobotState
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class BatchMember:
 
 def fits(controller: object, conditions: Conditions) -> bool:
     """Return whether rollouts under some conditions can share a batch: a policy, exact sensors and a plane."""
-    exact = not conditions.arena.estimates and not conditions.latency
+    exact = not conditions.chosen_arena.estimates and not conditions.latency
     return isinstance(controller, HasBatch) and conditions.is_level and exact
 
 
@@ -105,7 +104,7 @@ class _BatchRun:
 
     def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
         self.members, self.duration, self.period = members, duration, controller.period
-        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.arena
+        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.chosen_arena
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)
@@ -121,7 +120,8 @@ class _BatchRun:
             timestep=self.timestep,
             threads=threads,
             robot=self.robot,
-            actuators=DRIVES[self.arena.drives],
+            actuators=self.arena.actuators,
+            ground=Ground.named(self.arena.ground),
         )
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite

@@ -95,7 +95,7 @@ def test_teachers_start_anew_with_their_robots_and_arms_under_intervention_do_no
     imitator.env.intervention.active[1] = True
     _, weight = imitator._labels()
     assert torch.all(weight[1, ROBOT.arms] == 0.0) and torch.all(weight[0] > 0.0)
-    imitator.env.simulation.qpos[2, 2] = 0.2
+    imitator.env.simulation.qpos[2, 3:7] = [0.5**0.5, 0.5**0.5, 0.0, 0.0]  # lies on its side
     imitator.env.simulation.forward(np.array([2]))
     assert imitator.collect() == 1
     assert [teacher.resets for teacher in teachers] == [1, 1, 2, 1]
