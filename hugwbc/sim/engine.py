@@ -145,6 +145,11 @@ class Engine(abc.ABC):
     def pressure_centres(self) -> np.ndarray:
         """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
 
+    @property
+    @abc.abstractmethod
+    def sole_velocity(self) -> np.ndarray:
+        """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
+
     @abc.abstractmethod
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""

@@ -413,6 +413,12 @@ class PhysxSimulation(Engine):
         """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
         return self._centres.copy()
 
+    @property
+    def sole_velocity(self) -> np.ndarray:
+        """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
+        centre = np.array([self.robot.sole_middle, 0.0, -self.robot.sole_depth])
+        return np.stack([self._motion(self._links[f"{side}_ankle_link"], centre)[3] for side in SIDES])
+
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""
         pose = self._links[f"{side}_elbow_link"].entity_pose

@@ -18,7 +18,7 @@ from hugwbc.mbc.reach import (
 )
 
 # The limits are fitted to the lighter robot; the heavier legs of the other one leave a centimetre more.
-FITTED, HEAVIER = load_robot("h1-2023"), load_robot()
+FITTED, HEAVIER = load_robot("h1-2023"), load_robot("h1")
 PARAMS = ControllerParams()
 
 

@@ -10,7 +10,7 @@ from hugwbc.cli import main
 from hugwbc.controller import CarriesArms, Controller, HasBatch, HasFootholds, HasPhase, HasPlannedAcceleration
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy.policy import policy_dir
-from hugwbc.robot import load_robot
+from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
 from hugwbc.runtime import controllers
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
 
@@ -63,12 +63,14 @@ def test_a_plugin_is_found_by_name_and_gets_the_policy(third_party, monkeypatch)
 
 def test_a_controller_is_told_a_robot_by_name():
     for name in ("qp", "hold"):
-        told = load_controller(name, robot="h1-2023")
-        assert told.robot is load_robot("h1-2023") and load_controller(name).robot is load_robot()
-    assert load_controller("qp", robot="h1-2023").dynamics.mass == pytest.approx(load_robot("h1-2023").mass)
-    spec = ControllerSpec("qp", robot="h1-2023")
+        for robot in robot_names():
+            assert load_controller(name, robot=robot).robot is load_robot(robot)
+        assert load_controller(name).robot is load_robot()
+    assert load_controller("qp", robot="h1").dynamics.mass == pytest.approx(load_robot("h1").mass)
+    spec, twin = ControllerSpec("qp", robot="h1-2023"), ControllerSpec("qp", robot="h1")
     assert spec.label == "qp h1-2023" and ControllerSpec("qp").told("h1-2023") == spec
-    assert spec.identity() != ControllerSpec("qp").identity() == ControllerSpec("qp", robot="h1").identity()
+    assert spec.identity() != twin.identity()
+    assert ControllerSpec("qp").identity() == ControllerSpec("qp", robot=DEFAULT_ROBOT).identity()
     with pytest.raises(UnknownNameError, match="robot"):
         ControllerSpec("qp", robot="g1")
 
@@ -125,7 +127,7 @@ def test_identity_is_that_of_the_files(tmp_path):
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
         "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
-        "policy": None, "robot": "h1",
+        "policy": None, "robot": DEFAULT_ROBOT,
     }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
     network.write_bytes(b"a")

@@ -56,4 +56,4 @@ def test_joints_in_another_order_are_refused():
         if actuator.name == "left_elbow_joint":
             actuator.target = "left_elbow_joint"
     with pytest.raises(ModelError, match=r"does not hold h1 in one piece"):
-        robot_layout(spec.compile(), load_robot())
+        robot_layout(spec.compile(), load_robot("h1"))
