@@ -219,21 +219,13 @@ def test_standing_under_motions_shows_arms_and_feet(capsys):
     assert "foot travel" in printed and "rad from their external targets" in printed
 
 
+THREE_STANDS = (
+    "evaluate --controller hold --gait standing --episodes 3 --duration 0.2 --settle 0".split()  # noqa: SIM905
+)
+
+
 def test_json_without_a_path_goes_to_standard_output(capsys):
-    words = [
-        "evaluate",
-        "--controller",
-        "hold",
-        "--gait",
-        "standing",
-        "--episodes",
-        "3",
-        "--duration",
-        "0.2",
-        "--settle",
-        "0",
-    ]
-    assert main([*words, "--json"]) == 0
+    assert main([*THREE_STANDS, "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["controller"] == "hold"
     assert "paper" in printed.err
@@ -241,20 +233,7 @@ def test_json_without_a_path_goes_to_standard_output(capsys):
 
 def test_json_that_cannot_be_written_is_an_error(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    words = [
-        "evaluate",
-        "--controller",
-        "hold",
-        "--gait",
-        "standing",
-        "--episodes",
-        "3",
-        "--duration",
-        "0.2",
-        "--settle",
-        "0",
-    ]
-    assert main([*words, "--json", str(tmp_path / "file" / "out.json")]) == 2
+    assert main([*THREE_STANDS, "--json", str(tmp_path / "file" / "out.json")]) == 2
     assert "give a path that can be written" in capsys.readouterr().err
 
 
