@@ -171,7 +171,7 @@ def test_it_follows_the_walking_robot(exact, speed_error):
             tilt = [f(estimate.orientation) - f(state.orientation) for f in (rotations.pitch_of, rotations.roll_of)]
             errors.append([*(estimate.velocity - state.velocity), *tilt])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/log/mbc.md has it
+    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/log/qp.md has it
     assert np.all(rms[:3] < speed_error)
     assert np.all(rms[3:] < 0.01)
     assert np.linalg.norm((estimate.position - state.position)[:2]) < 0.1  # 1.5 m walked, one turn of 50 degrees
