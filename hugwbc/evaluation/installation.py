@@ -115,7 +115,7 @@ def check_standing() -> str:
 
 def check_policies() -> str:
     """Check that every shipped policy can be read."""
-    from hugwbc.learned.policy.policy import load_policy, shipped_policies
+    from hugwbc.learned.policy import load_policy, shipped_policies
 
     names = shipped_policies()
     if not names:

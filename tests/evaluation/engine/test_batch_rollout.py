@@ -11,9 +11,9 @@ from hugwbc.evaluation.engine.batch_rollout import BatchMember, BatchRecord, bat
 from hugwbc.evaluation.engine.plans import Navigator
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts import Constant
 from hugwbc.sim import Force, Simulation, Variation
 from hugwbc.sim.lockstep import LockstepSimulation
 
