@@ -93,7 +93,7 @@ class SwingTrajectory:
         if to_apex > 0.0:
             height, speed, until = ground + apex, 0.0, to_apex
         else:
-            # Ends a little below the ground and still moving down, so that it touches. Overdue, it goes on searching.
+            # Ends a little below the ground and moving down, so that it touches. When overdue, it keeps searching.
             searching = self._params.search_speed if overdue > 0.0 else self._params.landing_speed
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining

@@ -66,7 +66,9 @@ def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
             rows.append(
                 (table, ", ".join(wins) or None, ", ".join(losses) or None, len(pairs) - len(wins) - len(losses))
             )
-    return Table(f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "not told apart"), rows)
+    return Table(
+        f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "too close to call"), rows
+    )
 
 
 def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
@@ -77,5 +79,5 @@ def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]
     unclear = counts[Verdict.UNCLEAR_BETTER] + counts[Verdict.UNCLEAR_WORSE]
     return [
         f"In all {total} figures that both have, {first} is better in {counts[Verdict.BETTER]}, {second} in "
-        f"{counts[Verdict.WORSE]}; {unclear} are not told apart."
+        f"{counts[Verdict.WORSE]}; {unclear} are too close to call."
     ]

@@ -69,7 +69,7 @@ def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
 def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return where to look, and from how far, so that all robots stay in the picture.
 
-    Both paths are smoothed. A run that has ended is left behind while another one goes on.
+    Both paths are smoothed. A run that has ended is left behind while another continues.
 
     Args:
         traces: the runs, in the order of their lanes.

@@ -191,7 +191,7 @@ def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
     assert path.read_bytes() == stored and len(list(path.parent.iterdir())) == 2
     path.write_text("something else\n")
     assert main(words) == 2
-    assert "is no file of evaluated episodes" in capsys.readouterr().err
+    assert "is not a file of evaluated episodes" in capsys.readouterr().err
     assert path.read_text() == "something else\n"
 
 

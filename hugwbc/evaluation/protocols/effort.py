@@ -186,8 +186,8 @@ class EffortProtocol(PlannedProtocol[EffortConfig, EffortEpisode, EffortResult])
     result = EffortResult
     report_title = "Effort"
     report_text = (
-        "What the motion costs. For a robot that fell there are only times. These are of the machine that made this "
-        "report, with whatever else ran on it."
+        "What the motion costs. A robot that fell has computing times only. Times depend on the machine that made this "
+        "report, and on its load."
     )
 
     def plans(self, settings: EffortConfig) -> list[EpisodePlan]:

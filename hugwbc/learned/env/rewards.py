@@ -142,7 +142,7 @@ def termination(t: Transition, body: Body) -> torch.Tensor:
 # Terms of our own ----------------------------------------------------------------------------------------------------
 #
 # A squared exponential is flat near zero error and again far from it. exp(-|e| / s) ("precision") keeps its slope near
-# zero, where small errors are to vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
+# zero, so that small errors vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
 # Errors are bounded so that a single stumble does not outweigh the rest of an episode.
 
 
