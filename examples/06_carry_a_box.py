@@ -10,7 +10,7 @@ import numpy as np
 from hugwbc import RobotState
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime import Trace, load_controller, upper_body_source
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts import load_script
 from hugwbc.viz.show import fate, run_script, watch
 
 

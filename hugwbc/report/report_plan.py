@@ -42,7 +42,7 @@ class ReportPlan:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_count(len(self.controllers))
+        check_count(len(self.controllers), "controllers")
         labels = [spec.label for spec in (*self.specs, *self.further)]
         if len(set(labels)) < len(labels):
             raise ConfigError(f"controllers are {labels}; give at least one, each once")

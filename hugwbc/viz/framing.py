@@ -25,14 +25,18 @@ def moment(trace: Trace, sample: int) -> Moment:
     return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
-def check_count(runs: int) -> None:
+def check_count(count: int, what: str = "runs to draw") -> None:
     """Refuse a number of runs, or of controllers, that a picture cannot show in different colours.
+
+    Args:
+        count: how many there are.
+        what: what is counted, for the message.
 
     Raises:
         ConfigError: if there are none, or more than there are colours.
     """
-    if not 1 <= runs <= len(LABEL_COLOURS):
-        raise ConfigError(f"{runs} runs to draw; give 1 to {len(LABEL_COLOURS)}")
+    if not 1 <= count <= len(LABEL_COLOURS):
+        raise ConfigError(f"{count} {what}; give 1 to {len(LABEL_COLOURS)}")
 
 
 def check_traces(traces: Sequence[Trace]) -> None:

@@ -89,7 +89,7 @@ def test_the_shipped_contract_is_unitrees():
         ("{h_in: h_out}", "h_in", 13, "as in state: {h_in: h_out}"),
         ("- gravity", "- gravty", 15, "unknown observation term 'gravty'. Did you mean 'gravity'"),
         ("[h, v_x]", "[h, vx]", 16, "unknown command 'vx'. Did you mean 'v_x'"),
-        ("scale: [2, 1]", "scale: [2, 1, 1]", 16, "give 2, one of the 2 numbers of command"),
+        ("scale: [2, 1]", "scale: [2, 1, 1]", 16, "give 2, one per number of command"),
         ("absolute: true", "absolute: yes", 17, "'yes' is neither true nor false"),
         ("{scale: 0.05}", "{factor: 0.05}", 18, "unknown joint_velocity field 'factor'"),
         ("- constant: {value: [1, 2]}", "- constant", 21, "constant needs value"),
