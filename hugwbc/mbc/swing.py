@@ -24,7 +24,7 @@ def quintic_advance(
         T: duration [s], positive.
         dt: time from now [s]; beyond T it counts as T.
     """
-    # What the constant-acceleration motion lacks at T in position, velocity and acceleration, each in units of length.
+    # How far constant acceleration misses the target at T in position, velocity and acceleration, as lengths.
     position = x_end - (x + v * T + 0.5 * a * T * T)
     velocity = (v_end - (v + a * T)) * T
     acceleration = (a_end - a) * T * T

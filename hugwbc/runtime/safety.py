@@ -33,7 +33,7 @@ class SafetyConfig:
 
 @dataclasses.dataclass(frozen=True)
 class SafetyReport:
-    """What the filter changed since `reset`. Counters count calls of `act`.
+    """Counts of what the filter changed since `reset`, in calls of `act`.
 
     Attributes:
         ticks: calls of `act`.

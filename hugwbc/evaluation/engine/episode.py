@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 ControllerFactory = Callable[[], Controller]
 """Builds the controller of an episode."""
 Row = TypeVar("Row")
-"""What is kept of an episode: a dataclass of plain numbers."""
+"""The row that is kept of an episode: a dataclass of plain numbers."""
 Judge = Callable[[int, "Run"], Row]
 """Makes the row of an episode from its index and its run."""
 _WORTHWHILE = 64  # robots in a batch; with more, the time for each hardly falls

@@ -1,4 +1,4 @@
-"""What a controller's motion costs at several speeds, and how long the controller takes to compute it.
+"""Cost of a controller's motion at several speeds, and the time that the controller takes to compute it.
 
 Measured are the cost of transport from the joints' mechanical power, the use of torque and speed limits, the roughness,
 and the time of a call. The times depend on this machine and its load; the other figures do not.

@@ -1,4 +1,4 @@
-"""What a protocol is: one object that runs an experiment, describes its result and gives the report its figures.
+"""The interface of a protocol: one object that runs an experiment, describes its result and gives its figures.
 
 A new protocol is a subclass in a file of this folder and an entry in `hugwbc.evaluation.protocols.PROTOCOLS`. The
 command line takes its options from `settings`, and the report its sections, tables and pictures from the object.

@@ -242,7 +242,7 @@ EXTRA_TERMS: dict[str, Term] = {
         unequal_support,
     )
 }
-# What the penalty curriculum scales. Termination is not part of it: a fall must cost as much early in the training.
+# Terms that the penalty curriculum scales. Termination is not one of them: a fall must cost as much in early training.
 REGULARISATION = frozenset(PAPER_TERMS) - {
     "linear_velocity_tracking",
     "angular_velocity_tracking",
