@@ -1,4 +1,4 @@
-"""Parts that all pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
+"""Parts that pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
 
 from collections.abc import Sequence
 
