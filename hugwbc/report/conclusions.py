@@ -33,7 +33,7 @@ def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
     worse = [figure for figure in compared if figure.verdict not in _GOOD]
     line = (
         f"Against the paper, {controller} is as good or better in {better} of {len(compared)} figures, worse in "
-        f"{len(worse)}, of which {counts[Verdict.UNCLEAR_WORSE]} by less than the uncertainty."
+        f"{len(worse)} ({counts[Verdict.UNCLEAR_WORSE]} of them by less than the uncertainty)."
     )
     if worse:
         worst = sorted(worse, key=lambda figure: -_ratio(figure))[:_MOST_NAMED]
@@ -79,5 +79,5 @@ def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]
     unclear = counts[Verdict.UNCLEAR_BETTER] + counts[Verdict.UNCLEAR_WORSE]
     return [
         f"In all {total} figures that both have, {first} is better in {counts[Verdict.BETTER]}, {second} in "
-        f"{counts[Verdict.WORSE]}; {unclear} are too close to call."
+        f"{counts[Verdict.WORSE]}; {unclear} too close to call."
     ]

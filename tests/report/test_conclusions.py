@@ -14,11 +14,11 @@ def test_conclusions_follow_from_the_figures():
         figure("learned", "E_w", 1.0), figure("qp", "E_w", 2.0),
     ]  # fmt: skip
     assert conclusions(figures, "learned", "qp") == [
-        "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
-        "uncertainty. Furthest behind: E_p (Walking) × 3.",
-        "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
-        "uncertainty. Furthest behind: E_p (Walking) × 3.1.",
-        "In all 3 figures that both have, learned is better in 1, qp in 1; 1 are too close to call.",
+        "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
+        "uncertainty). Furthest behind: E_p (Walking) × 3.",
+        "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
+        "uncertainty). Furthest behind: E_p (Walking) × 3.1.",
+        "In all 3 figures that both have, learned is better in 1, qp in 1; 1 too close to call.",
     ]
 
 
@@ -38,4 +38,4 @@ def test_nothing_follows_from_nothing():
     assert conclusions([], "learned", "qp") == []
     equal = [figure(name, "falls", 0.0) for name in ("learned", "qp")]
     assert conclusions(equal[:1], "learned", "learned") == []
-    assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 are too close to call.")
+    assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 too close to call.")
