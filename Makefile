@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Options for the target's command, such as ARGS="--episodes 64".
 ARGS ?=
-# The computations are many and small: more threads than one a process only get in each other's way.
+# The computations are many and small: a second thread per process only slows them down.
 export OMP_NUM_THREADS ?= 1
 
 .PHONY: help install compare play evaluate bench train check test lint test-slow docs models picture curve clean
@@ -67,7 +67,7 @@ picture: compare
 	$(BIN)/python docs/picture.py
 
 curve: $(STAMP)
-	$(BIN)/python docs/training_curve.py $(RUN)
+	$(BIN)/python docs/draw_curve.py $(RUN)
 
 clean:
 	rm -rf $(VENV) out site build dist .pytest_cache .ruff_cache .hypothesis *.egg-info

@@ -1,6 +1,6 @@
 """Extension of griffe, which reads the docstrings for the API reference: one entry for several names.
 
-The docstrings write `v_x, v_y: velocity of the pelvis` where Google's convention knows one name an entry only.
+The docstrings write `v_x, v_y: velocity of the pelvis` where Google's convention allows only one name per entry.
 """
 
 import re

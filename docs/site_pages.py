@@ -120,7 +120,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Point links at pages of the site; a link to a file that is none of them becomes its text."""
+    """Point links at pages of the site; a link to any other file becomes its text."""
     uri = page.file.src_uri
     places = {place: source for source, place in OUTSIDE.items()}
     here = posixpath.dirname(places.get(uri, f"{DOCS}/{uri}"))

@@ -22,7 +22,7 @@ def main(v_x: float = 0.5, duration: float = 6.0, show: bool = False) -> None:
     speed = trace.measured[len(trace.time) // 2 :, 0].mean()
     steps = sum(len(times) for times in trace.touch_downs)
     print(f"commanded {v_x:.2f} m/s, walked {speed:.2f} m/s, pelvis at {trace.qpos[-1, 2]:.2f} m")
-    print(f"The robot took {steps} steps, came {trace.qpos[-1, 0]:.2f} m ahead and {fate(trace)}.")
+    print(f"The robot took {steps} steps, moved {trace.qpos[-1, 0]:.2f} m ahead and {fate(trace)}.")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,7 @@ import numpy as np
 
 from hugwbc import Gait
 from hugwbc.runtime import load_controller, upper_body_source
-from hugwbc.scripts.hand_paths import Swing
-from hugwbc.scripts.script import HandMotion, Script, Segment
+from hugwbc.scripts import HandMotion, Script, Segment, Swing
 from hugwbc.viz.show import fate, run_script, watch
 
 LEFT = Swing(centre=(0.3, 0.25, 0.2), amplitude=(0.05, 0.0, 0.08), phase=(0.0, 0.0, 0.25), period=3.0)

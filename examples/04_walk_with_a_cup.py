@@ -7,8 +7,7 @@ import numpy as np
 
 from hugwbc import Gait
 from hugwbc.runtime import load_controller, upper_body_source
-from hugwbc.scripts.hand_paths import Hold
-from hugwbc.scripts.script import HandMotion, Script, Segment
+from hugwbc.scripts import HandMotion, Hold, Script, Segment
 from hugwbc.viz.show import fate, run_script, watch
 
 CUP = HandMotion(None, Hold((0.35, -0.2, 0.2)), frame="heading", right_direction=(1.0, 0.0, 0.0))

@@ -29,9 +29,9 @@ def main(height: float = 0.55, duration: float = 5.0, show: bool = False) -> Non
         hands = upper_body_source(controller)
         trace = watch(controller, Constant(Command(), targets), upper_body=hands, duration=duration, show=show)
         traces.append(dataclasses.replace(trace, name=name))
-        left = 100 * trace.hand_error[-1].max()
+        short = 100 * trace.hand_error[-1].max()
         h, p, w = trace.command[-1, 5:]
-        print(f"{name}: {left:.1f} cm left, commanded h {h:.2f} m, p {p:.2f} rad, w {w:.2f} rad, {fate(trace)}")
+        print(f"{name}: {short:.1f} cm short, commanded h {h:.2f} m, p {p:.2f} rad, w {w:.2f} rad, {fate(trace)}")
     keep_replay("out/05.html", traces)
     gain = 100 * (traces[0].hand_error[-1].max() - traces[1].hand_error[-1].max())
     print(f"Crouching and leaning brought the hands {gain:.1f} cm nearer to their targets.")

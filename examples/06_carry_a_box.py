@@ -10,7 +10,7 @@ import numpy as np
 from hugwbc import RobotState
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime import Trace, load_controller, upper_body_source
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts import load_script
 from hugwbc.viz.show import fate, run_script, watch
 
 
@@ -39,11 +39,11 @@ def main(controller: str = "qp", duration: float | None = None, show: bool = Fal
     targets = [script.hands_at(t) for t in trace.time]
     gaps = 100 * hand_distances(trace)[[target is not None and target.together for target in targets]]
     if gaps.size:
-        print(f"{gaps.size} looks at the box, 32 cm wide: hands {gaps.mean():.1f} cm apart on average, ", end="")
+        print(f"{gaps.size} samples with the box, 32 cm wide: hands {gaps.mean():.1f} cm apart on average, ", end="")
         print(f"{gaps.max():.1f} cm before the grasp, {gaps.min():.1f} cm at the closest")
         print(f"The robot carried the box over {np.linalg.norm(trace.qpos[-1, :2]):.2f} m and {fate(trace)}.")
     else:
-        print(f"So early in the script there is no box yet; the robot {fate(trace)}.")
+        print(f"The script ended before the box; the robot {fate(trace)}.")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ python examples/07_compare_controllers.py --script wave --show
 
 from hugwbc.evaluation.comparison import summarise
 from hugwbc.runtime import load_controller, upper_body_source
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts import load_script
 from hugwbc.viz.show import fate, keep_replay, run_script, watch
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from hugwbc import load_robot
 from hugwbc.runtime import load_controller, upper_body_source
-from hugwbc.scripts.motion import generate_motions, load_motion
-from hugwbc.scripts.script import Script, Segment
+from hugwbc.scripts import Script, Segment, generate_motions, load_motion
 from hugwbc.viz.show import fate, run_script, watch
 
 

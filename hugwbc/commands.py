@@ -58,7 +58,7 @@ def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
 
 @dataclasses.dataclass(frozen=True)
 class Command:
-    """What a controller is asked to do: eight numbers and a gait.
+    """A request to a controller: eight numbers and a gait.
 
     Attributes:
         v_x, v_y: velocity of the pelvis in the heading frame (yaw only) [m/s].

@@ -79,12 +79,6 @@ def rotation_z(angle: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def rotation_y(angle: float) -> np.ndarray:
-    """Return the matrix of a rotation about y [rad], shape (3, 3)."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 def rotation_zy(yaw: float, pitch: float) -> np.ndarray:
     """Return the matrix of a rotation about z, then the new y [rad], shape (3, 3)."""
     cz, sz, cy, sy = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)

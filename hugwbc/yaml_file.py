@@ -73,7 +73,7 @@ class YamlReader:
             required: keys that must be there.
         """
         if not isinstance(node, yaml.MappingNode):
-            self.fail(node, f"here should be a {kind} with fields: {', '.join(readers)}")
+            self.fail(node, f"expected a {kind} with fields: {', '.join(readers)}")
         values: dict[str, Any] = {}
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else ""
@@ -97,7 +97,7 @@ class YamlReader:
     def text(self, node: yaml.Node) -> str:
         """Return a node's text."""
         if not isinstance(node, yaml.ScalarNode):
-            self.fail(node, "here should be a text")
+            self.fail(node, "expected text")
         return node.value
 
     def number(self, node: yaml.Node) -> float:
@@ -124,5 +124,5 @@ class YamlReader:
     def nodes(self, node: yaml.Node) -> list[yaml.Node]:
         """Return the entries of a list with at least one entry."""
         if not isinstance(node, yaml.SequenceNode) or not node.value:
-            self.fail(node, "here should be a list with at least one entry")
+            self.fail(node, "expected a list with at least one entry")
         return node.value

@@ -56,7 +56,7 @@ def _imports(path: pathlib.Path) -> set[str]:
 def _import_graph(root: pathlib.Path) -> dict[str, set[str]]:
     """Modules of a package by dotted name, and which of them each one imports.
 
-    A name that is no module is looked for in the package that holds it: `from a.b import c` imports a.b.c where that
+    A name that is not a module is looked for in the package that holds it: `from a.b import c` imports a.b.c where that
     is a module, else a.b.
     """
     modules = {".".join(path.relative_to(root.parent).with_suffix("").parts): path for path in root.rglob("*.py")}

@@ -25,7 +25,7 @@ def test_scalars(reader, method, text, value):
 @pytest.mark.parametrize(
     ("method", "text", "message"),
     [
-        ("text", "[a]", "here should be a text"),
+        ("text", "[a]", "expected text"),
         ("number", "a", "'a' is not a number"),
         ("integer", "2.5", "2.5 is not a whole number"),
         ("integer", "inf", "inf is not a whole number"),
@@ -45,7 +45,7 @@ def test_fields_are_read_by_their_readers(reader):
         ("{m: 1}", "unknown thing field 'm'"),
         ("{n: 1, n: 2}", "thing field 'n' is given twice"),
         ("{n: 1}", "thing field 't' is missing; every thing needs t"),
-        ("[n]", "here should be a thing with fields: n, t"),
+        ("[n]", "expected a thing with fields: n, t"),
     ):
         with pytest.raises(MotionFileError, match=message):
             reader.fields(node(text), "thing", readers, required=("t",))

@@ -110,7 +110,7 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     # Loads torch and the controllers.
     from hugwbc.benchmarks import speed
     from hugwbc.benchmarks.hand_ik import compare_solvers
-    from hugwbc.learned.policy.policy import load_policy
+    from hugwbc.learned.policy import load_policy
     from hugwbc.upper_ik.workspace import measure_workspace
 
     advance = on_progress or (lambda fraction: None)

@@ -50,7 +50,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.scripts.script_file import load_script
     from hugwbc.viz.framing import check_count
 
-    check_count(len(options.controllers))
+    check_count(len(options.controllers), "controllers")
     arena = options.chosen
     script = load_script(options.script)
     if options.walk is not None:

@@ -129,7 +129,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _protocol(words: Sequence[str]) -> tuple[AnyProtocol, list[str]]:
-    """Take the protocol from the words; returns the remaining ones.
+    """Return the protocol that the words name, and the remaining words.
 
     Raises:
         UnknownNameError: if there is no such protocol.

@@ -10,7 +10,7 @@ _LINE_SAMPLES = 10_000
 
 def run(words: Sequence[str]) -> int:
     """Parse, imitate, report."""
-    description = "Imitate the controller qp on the student's own states; 'hugwbc train --start-from' goes on from it."
+    description = "Imitate the controller qp on the student's states; 'hugwbc train --start-from' continues from it."
     config = parse(ImitationConfig, words, "imitate", description)
     check_folder(config.out)
     from hugwbc.learned.imitation import Imitator

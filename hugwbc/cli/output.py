@@ -1,4 +1,4 @@
-"""What the verbs share: options from a dataclass, JSON files and progress."""
+"""Helpers that the verbs share: options from a dataclass, JSON files and progress."""
 
 import contextlib
 import json

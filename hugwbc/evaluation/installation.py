@@ -109,13 +109,13 @@ def check_standing() -> str:
 
     trace = rollout(ControllerSpec("qp").build(), Constant(Command(h=-0.1)), Simulation(), duration=2.0)
     if trace.fell or trace.safety.failures:
-        raise CheckError(f"the QP controller fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
-    return f"the QP controller stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
+        raise CheckError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
+    return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
 
 
 def check_policies() -> str:
     """Check that every shipped policy can be read."""
-    from hugwbc.learned.policy.policy import load_policy, shipped_policies
+    from hugwbc.learned.policy import load_policy, shipped_policies
 
     names = shipped_policies()
     if not names:
@@ -154,7 +154,7 @@ CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
     "masses": check_masses,
     "models": check_agreement,
-    "QP controller": check_standing,
+    "controller qp": check_standing,
     "policies": check_policies,
     "training environment": check_environment,
 }

@@ -56,7 +56,7 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
     With few samples the interval is too narrow, as it cannot contain values that were not drawn.
 
     Args:
-        samples: the values; None is left out.
+        samples: the values; None values are left out.
     """
     known = np.array([sample for sample in samples if sample is not None], dtype=float)
     if known.size == 0:

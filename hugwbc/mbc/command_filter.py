@@ -49,7 +49,7 @@ class SmoothCommand(NamedTuple):
 
 
 class GaitState(NamedTuple):
-    """What the legs are doing, which decides how much of a command can be followed now.
+    """The state of the legs, which decides how much of a command can be followed now.
 
     Attributes:
         stepping: whether the robot still steps, whatever the command. The limits of walking hold until it stands.

@@ -82,7 +82,7 @@ def swing_pitch(dynamics: Dynamics, foot: int, to_heading: np.ndarray, slope: fl
 
 
 class Ground:
-    """What the feet tell about the ground. It counts as level where the state has no foot forces.
+    """The ground as the feet find it. It counts as level where the state has no foot forces.
 
     Attributes:
         gradient: dz/dx and dz/dy of the plane through the last stances, world axes, shape (2,).

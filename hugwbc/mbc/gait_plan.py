@@ -8,7 +8,7 @@ from hugwbc.gait import Gait, advance_phase, foot_phases
 
 
 class Mode(enum.Enum):
-    """What the plan is doing."""
+    """The modes of the plan."""
 
     STANDING = "standing"
     SHIFTING = "shifting weight"

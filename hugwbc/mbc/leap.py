@@ -247,7 +247,7 @@ class Leap:
         moving, stance = dynamics.com_velocity[:2], plan.step_time
         height = dynamics.com[2] + dynamics.com_velocity[2] * plan.remaining - 0.5 * GRAVITY * plan.remaining**2
         lever = height - self._references.ground - GRAVITY * stance**2 / 6.0
-        # The legs will swing in the next flight: their momentum must be there at take-off, so it is no excess.
+        # The legs will swing in the next flight: their momentum must be there at take-off, so it does not count.
         excess = (dynamics.momentum - self._swing_momentum)[:2]
         turning = np.array([-excess[1], excess[0]]) / dynamics.mass
         distance = (turning - lever * (moving - wanted)) / (2.0 * GRAVITY * stance)

@@ -171,7 +171,7 @@ class Locomotion:
 
     @property
     def state(self) -> GaitState:
-        """What the legs are doing, for the command filter."""
+        """The state of the legs, for the command filter."""
         walks = self.plan.mode is Mode.WALKING
         return GaitState(
             stepping=not self._standing.settled,

@@ -4,7 +4,7 @@ ProxSuite comes in builds for wide vector instructions and loads the widest one 
 builds sum the first elements of a vector one by one until an address is aligned. Two solvers with the same problem
 therefore differ by 1e-11, and sometimes by an iteration, depending on what the process did before. A walk amplifies
 that, so that a run could not be repeated in another process or after an interruption. The build for any processor needs
-no more alignment than memory always has. On problems as small as these it is as fast: 98 to 103 microseconds a solve
+no more alignment than memory always has. On problems as small as these it is as fast: 98 to 103 microseconds per solve
 with each of the three builds.
 """
 

@@ -1,4 +1,4 @@
-"""What the joint ranges of the legs allow, found by inverse kinematics of the squatting robot with level soles."""
+"""Limits from the joint ranges of the legs, found by inverse kinematics of the squatting robot with level soles."""
 
 import bisect
 

@@ -1,4 +1,4 @@
-"""What all gaits refer to: heading, ground height and balance point, and with them the pelvis's targets."""
+"""Quantities that all gaits refer to: heading, ground height and balance point, and with them the pelvis's targets."""
 
 import math
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _HIPS = tuple(f"{side}_hip_pitch_link" for side in SIDES)
 
 
 class Tick(NamedTuple):
-    """What a gait works with in one tick of the controller.
+    """The inputs of a gait in one tick of the controller.
 
     Attributes:
         dynamics: robot model at the current state.

@@ -24,7 +24,7 @@ def quintic_advance(
         T: duration [s], positive.
         dt: time from now [s]; beyond T it counts as T.
     """
-    # What the constant-acceleration motion lacks at T in position, velocity and acceleration, each in units of length.
+    # How far constant acceleration misses the target at T in position, velocity and acceleration, as lengths.
     position = x_end - (x + v * T + 0.5 * a * T * T)
     velocity = (v_end - (v + a * T)) * T
     acceleration = (a_end - a) * T * T
@@ -93,7 +93,7 @@ class SwingTrajectory:
         if to_apex > 0.0:
             height, speed, until = ground + apex, 0.0, to_apex
         else:
-            # Ends a little below the ground and still moving down, so that it touches. Overdue, it goes on searching.
+            # Ends a little below the ground and moving down, so that it touches. When overdue, it keeps searching.
             searching = self._params.search_speed if overdue > 0.0 else self._params.landing_speed
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining

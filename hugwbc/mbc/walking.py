@@ -131,7 +131,7 @@ class Walking:
         plan, params = self._plan, self._params
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        # Early in the step the foot is still near the ground that it left: touching it then is no landing.
+        # Early in the step the foot is still near the ground that it left: touching it then is not a landing.
         early = plan.duration - plan.remaining <= params.early_contact_phase * plan.duration
         if early or (self.landed and self.loaded):
             return

@@ -316,7 +316,7 @@ class WholeBodyController:
 
     @property
     def diagnostics(self) -> Diagnostics:
-        """What the last tick did; assembled when it is read."""
+        """State after the last tick, assembled when it is read."""
         if self._outcome is None:
             return Diagnostics()
         output, solution, report, tasks, terms = self._outcome
@@ -341,7 +341,7 @@ class WholeBodyController:
 
 
 class _Outcome(NamedTuple):
-    """What a tick leaves for `diagnostics`, which few callers read, to assemble."""
+    """Results of a tick, from which `diagnostics` is assembled only when it is read."""
 
     output: Output
     solution: QpSolution | None

@@ -51,7 +51,7 @@ def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
     worse = [figure for figure in compared if figure.verdict not in _GOOD]
     line = (
         f"Against the paper, {controller} is as good or better in {better} of {len(compared)} figures, worse in "
-        f"{len(worse)}, of which {counts[Verdict.UNCLEAR_WORSE]} by less than the uncertainty."
+        f"{len(worse)} ({counts[Verdict.UNCLEAR_WORSE]} of them by less than the uncertainty)."
     )
     if worse:
         worst = sorted(worse, key=lambda figure: -_ratio(figure))[:_MOST_NAMED]
@@ -84,7 +84,9 @@ def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
             rows.append(
                 (table, ", ".join(wins) or None, ", ".join(losses) or None, len(pairs) - len(wins) - len(losses))
             )
-    return Table(f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "not told apart"), rows)
+    return Table(
+        f"{first} against {second}", ("", f"{first} is better", f"{second} is better", "too close to call"), rows
+    )
 
 
 def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]:
@@ -95,5 +97,5 @@ def _total_duel(figures: Sequence[Figure], first: str, second: str) -> list[str]
     unclear = counts[Verdict.UNCLEAR_BETTER] + counts[Verdict.UNCLEAR_WORSE]
     return [
         f"In all {total} figures that both have, {first} is better in {counts[Verdict.BETTER]}, {second} in "
-        f"{counts[Verdict.WORSE]}; {unclear} are not told apart."
+        f"{counts[Verdict.WORSE]}; {unclear} too close to call."
     ]

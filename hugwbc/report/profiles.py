@@ -1,4 +1,4 @@
-"""What a report runs: every protocol's quick runs, or those of the paper's size.
+"""The runs of a report: every protocol's quick runs, or those of the paper's size.
 
 The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), but
 not how many episodes its tables average over; the full profile takes 256 for each gait.

@@ -20,7 +20,7 @@ from hugwbc.report.training_curve import read_training, smoothed
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
 
-TITLE = "Whole-body control of the Unitree H1: learned and model-based controllers"
+TITLE = "Whole-body control of the Unitree H1: the learned policy and qp"
 LEGEND = (
     "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
     "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "

@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.engine import Cell, CellResult
 from hugwbc.evaluation.protocols import PROTOCOLS
 from hugwbc.evaluation.protocols.intervention import TRAINED
-from hugwbc.learned.policy.policy import shipped_policies
+from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.policy_contract import versions
 from hugwbc.report.profiles import profile_cells
 from hugwbc.report.report_page import Report, all_figures
@@ -43,7 +43,7 @@ class ReportPlan:
     seed: int = REPORT_SEED
 
     def __post_init__(self) -> None:
-        check_count(len(self.controllers))
+        check_count(len(self.controllers), "controllers")
         labels = [spec.label for spec in (*self.specs, *self.further)]
         if len(set(labels)) < len(labels):
             raise ConfigError(f"controllers are {labels}; give at least one, each once")

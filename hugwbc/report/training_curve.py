@@ -29,7 +29,7 @@ def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
     try:
         return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
     except (ValueError, TypeError) as error:  # no number, or more cells than columns
-        raise ConfigError(f"{path} is no training record: {error}; repair it or move it away") from error
+        raise ConfigError(f"{path} is not a training record: {error}; repair it or move it away") from error
 
 
 def smoothed(values: np.ndarray, window: int = 9) -> np.ndarray:

@@ -65,7 +65,7 @@ def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
     Raises:
         PolicyFileError: if the policy file is missing, truncated or foreign.
     """
-    from hugwbc.learned.policy.policy import load_policy
+    from hugwbc.learned.policy import load_policy
 
     return load_policy() if policy is None else load_policy(policy)
 
@@ -216,7 +216,7 @@ class ControllerSpec:
         """
         if self._is_foreign or (self.name in plugins() and self.name != "learned"):
             return None
-        from hugwbc.learned.policy.policy import trained_with
+        from hugwbc.learned.policy import trained_with
 
         (path,) = self.files()
         return trained_with(path)
@@ -258,7 +258,7 @@ class ControllerSpec:
             contract = contract_path(self.name)
             network = given or load_contract(contract).policy
             return [contract, *([] if network is None else [network])]
-        from hugwbc.learned.policy.policy import DEFAULT_POLICY, policy_file
+        from hugwbc.learned.policy import DEFAULT_POLICY, policy_file
 
         if self.name not in plugins():
             return [policy_file(self.name)]

@@ -56,7 +56,7 @@ def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple
     reaction = math.inf if command.gait.hops else limits.swing_reaction / f**2
     l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol
     reasons = {
-        "v_y": (v_y, f"beside v_x = {v_x:g} m/s"),
+        "v_y": (v_y, f"together with v_x = {v_x:g} m/s"),
         "omega": (omega, f"at {speed:.2g} m/s"),
         "f": (f, f"at {speed:.2g} m/s, whose steps would be too long"),
         "l": (l, f"with h = {command.h:g} m and f = {f:.3g} Hz"),

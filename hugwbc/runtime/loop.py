@@ -15,7 +15,6 @@ from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
-from hugwbc.scripts.command_source import Constant as Constant
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -74,8 +73,8 @@ def substeps_of(period: float, timestep: float, name: str) -> int:
     substeps = round(period / timestep)
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
         raise ConfigError(
-            f"the period of controller '{name}' is {period:g} s, no multiple of the physics time step {timestep:g} s; "
-            "choose a time step that divides it, such as 0.002 s"
+            f"the period of controller '{name}' is {period:g} s, not a multiple of the physics time step "
+            f"{timestep:g} s; choose a time step that divides it, such as 0.002 s"
         )
     return substeps
 

@@ -1,4 +1,4 @@
-"""What a picture of a robot shows at one time, the same whether it is drawn live or replayed from a record."""
+"""The contents of a picture of a robot at one time, the same whether it is drawn live or replayed from a record."""
 
 import dataclasses
 

@@ -33,7 +33,7 @@ class SafetyConfig:
 
 @dataclasses.dataclass(frozen=True)
 class SafetyReport:
-    """What the filter changed since `reset`. Counters count calls of `act`.
+    """Counts of what the filter changed since `reset`, in calls of `act`.
 
     Attributes:
         ticks: calls of `act`.
@@ -184,7 +184,7 @@ class SafetyFilter:
             filtered = self._fallback(state)
         else:
             self._missing_s = 0.0
-            # What a fallback repeats is the controller's own command; the fade below goes on on top of it.
+            # What a fallback repeats is the controller's own command; the fade below is added to it.
             filtered = self._last = self.limited(output)
         smooth = self._hand_back(filtered, upper_body, self.period)
         # The sum of a command and a difference may exceed limits that each of them keeps.

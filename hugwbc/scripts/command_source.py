@@ -1,4 +1,4 @@
-"""What a control loop asks for commands and hand targets: the interface, and the simplest source."""
+"""Sources of commands and hand targets for a control loop: the interface, and the simplest one."""
 
 import dataclasses
 from typing import Protocol, runtime_checkable

@@ -42,7 +42,7 @@ class Mirrored(HandPath):
     path: HandPath
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         return self.path.at(t) * [1.0, -1.0, 1.0]
 
 
@@ -86,7 +86,7 @@ class Line(HandPath):
             raise TargetError(f"line's dwell is {self.dwell}; give a finite number of seconds from 0")
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         legs = len(self.points) - 1
         leg, within = divmod(max(t, 0.0), self.leg_time + self.dwell)
         way = leg + smooth_step((within - self.dwell) / self.leg_time)
@@ -144,7 +144,7 @@ class Grid(HandPath):
         return self._line.points
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         return self._line.at(t)
 
 
@@ -177,7 +177,7 @@ class Circle(HandPath):
             raise UnknownNameError("axis", self.axis, AXES)
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         angle = 2.0 * math.pi * (t / self.period + self.phase)
         normal = AXES.index(self.axis)
         point = np.array(self.centre, dtype=float)
@@ -208,7 +208,7 @@ class Swing(HandPath):
         _check_times("swing", period=self.period)
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         angle = 2.0 * math.pi * (t / self.period + np.asarray(self.phase))
         return np.asarray(self.centre) + np.asarray(self.amplitude) * np.sin(angle)
 
@@ -237,7 +237,7 @@ class Wander(HandPath):
             raise TargetError(f"wander's seed is {self.seed}; give a whole number from 0")
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         leg, within = divmod(max(t, 0.0), self.leg_time)
         before, after = self._corner(int(leg)), self._corner(int(leg) + 1)
         return before + smooth_step(within / self.leg_time) * (after - before)

@@ -40,7 +40,7 @@ class Recorded(HandPath):
         return np.array(self.time, dtype=float), np.array(self.points, dtype=float)
 
     def at(self, t: float) -> np.ndarray:
-        """Return the position at time `t` [s] [m], shape (3,)."""
+        """Return the position [m] at time `t` [s], shape (3,)."""
         time, points = self._arrays
         return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
 

@@ -162,7 +162,7 @@ class _Reader(YamlReader):
         kinds = dict.fromkeys((*_PATHS, "file"), lambda reader, value: value)
         found = self.fields(node, "path", kinds)
         if len(found) != 1:
-            self.fail(node, f"a hand has one path, here are {len(found)}; give one of {', '.join(kinds)}, or mirror")
+            self.fail(node, f"a hand has one path, found {len(found)}; give one of {', '.join(kinds)}, or mirror")
         ((kind, value),) = found.items()
         if kind == "file":
             return self.checked(value, read_path, self.path.parent / self.text(value))
@@ -175,7 +175,7 @@ class _Reader(YamlReader):
 
     def point(self, node: yaml.Node) -> tuple[float, ...]:
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != 3:
-            self.fail(node, "here should be three numbers [x, y, z]")
+            self.fail(node, "expected three numbers [x, y, z]")
         return tuple(self.number(entry) for entry in node.value)
 
     def points(self, node: yaml.Node) -> tuple[tuple[float, ...], ...]:

@@ -19,7 +19,7 @@ from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
 
 @dataclasses.dataclass(frozen=True)
 class TargetCounts:
-    """What arrived in addition to good targets, since `TargetWatch.reset`.
+    """Counts of arrivals other than good targets, since `TargetWatch.reset`.
 
     Attributes:
         bad: targets with a number that is not finite, including their stamp, or with a shape that is not a point.

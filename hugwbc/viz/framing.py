@@ -1,4 +1,4 @@
-"""What all pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
+"""Parts that pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
 
 from collections.abc import Sequence
 
@@ -25,14 +25,18 @@ def moment(trace: Trace, sample: int) -> Moment:
     return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
 
 
-def check_count(runs: int) -> None:
+def check_count(count: int, what: str = "runs to draw") -> None:
     """Refuse a number of runs, or of controllers, that a picture cannot show in different colours.
+
+    Args:
+        count: how many there are.
+        what: what is counted, for the message.
 
     Raises:
         ConfigError: if there are none, or more than there are colours.
     """
-    if not 1 <= runs <= len(LABEL_COLOURS):
-        raise ConfigError(f"{runs} runs to draw; give 1 to {len(LABEL_COLOURS)}")
+    if not 1 <= count <= len(LABEL_COLOURS):
+        raise ConfigError(f"{count} {what}; give 1 to {len(LABEL_COLOURS)}")
 
 
 def check_traces(traces: Sequence[Trace]) -> None:
@@ -69,7 +73,7 @@ def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
 def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return where to look, and from how far, so that all robots stay in the picture.
 
-    Both paths are smoothed. A run that has ended is left behind while another one goes on.
+    Both paths are smoothed. A run that has ended is left behind while another continues.
 
     Args:
         traces: the runs, in the order of their lanes.

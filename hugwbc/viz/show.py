@@ -107,13 +107,13 @@ def watch(
         live: another way to show the run live, called every `FRAME_PERIOD`.
         replay: path of the replay page to write; None for no page.
         forces: forces that disturb the robot.
-        tell: receives the addresses of what there is to see.
+        tell: receives the addresses of the live page and the replay.
 
     Returns:
         The record of the run.
 
     Raises:
-        ConfigError: if the duration is not above 0, or the controller's period is no multiple of the time step.
+        ConfigError: if the duration is not above 0, or the controller's period is not a multiple of the time step.
         HugwbcError: if the live page's server does not start.
     """
     simulation = simulation or Simulation()

@@ -44,7 +44,7 @@ BAD_INPUT = {
     "live page and command": (["play", "--live", "--h", "0"], "--live and h are both given"),
     "host": (["play", "--live", "--host", "no host"], "cannot serve on host 'no host'"),
     "port": (["play", "--live", "--port", "99999"], "give 1 to 65535, or 0 for any that is free"),
-    "seed of the noise": (["compare", "--controllers", "hold", "--noise", "--seed", "-1"], "seed is -1; give 0 or"),
+    "seed of the noise": (["compare", "--controllers", "hold", "--sensing", "robot", "--seed", "-1"], "seed is -1; give 0 or"),
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
     "motions' folder": (["motions", "--out", "/dev/null/m"], "give a folder that can be written"),
     "training field": (["train", "--ppo.gamma", "2"], "ppo.gamma = 2.0; valid: above 0, up to 1"),
@@ -191,7 +191,7 @@ def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
     assert path.read_bytes() == stored and len(list(path.parent.iterdir())) == 2
     path.write_text("something else\n")
     assert main(words) == 2
-    assert "is no file of evaluated episodes" in capsys.readouterr().err
+    assert "is not a file of evaluated episodes" in capsys.readouterr().err
     assert path.read_text() == "something else\n"
 
 
@@ -219,21 +219,13 @@ def test_standing_under_motions_shows_arms_and_feet(capsys):
     assert "foot travel" in printed and "rad from their external targets" in printed
 
 
+THREE_STANDS = (
+    "evaluate --controller hold --gait standing --episodes 3 --duration 0.2 --settle 0".split()  # noqa: SIM905
+)
+
+
 def test_json_without_a_path_goes_to_standard_output(capsys):
-    words = [
-        "evaluate",
-        "--controller",
-        "hold",
-        "--gait",
-        "standing",
-        "--episodes",
-        "3",
-        "--duration",
-        "0.2",
-        "--settle",
-        "0",
-    ]
-    assert main([*words, "--json"]) == 0
+    assert main([*THREE_STANDS, "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["controller"] == "hold"
     assert "paper" in printed.err
@@ -241,20 +233,7 @@ def test_json_without_a_path_goes_to_standard_output(capsys):
 
 def test_json_that_cannot_be_written_is_an_error(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    words = [
-        "evaluate",
-        "--controller",
-        "hold",
-        "--gait",
-        "standing",
-        "--episodes",
-        "3",
-        "--duration",
-        "0.2",
-        "--settle",
-        "0",
-    ]
-    assert main([*words, "--json", str(tmp_path / "file" / "out.json")]) == 2
+    assert main([*THREE_STANDS, "--json", str(tmp_path / "file" / "out.json")]) == 2
     assert "give a path that can be written" in capsys.readouterr().err
 
 

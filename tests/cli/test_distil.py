@@ -3,7 +3,7 @@ import pathlib
 import pytest
 
 from hugwbc.cli import main
-from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.policy import load_policy
 
 SNAPSHOT = "models/h1/policies/h1/snapshot.safetensors"
 

@@ -3,7 +3,7 @@ import pathlib
 import pytest
 
 from hugwbc.cli import main
-from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.policy import load_policy
 
 
 def test_a_policy_is_made_from_the_qp(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:

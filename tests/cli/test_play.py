@@ -44,6 +44,6 @@ def test_hands_are_held_where_they_are_told_to():
 
 
 def test_play_on_the_estimate_of_noisy_sensors(capsys):
-    options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--noise"]
+    options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--sensing", "robot"]
     assert main(options) == 0
     assert "2.0 s simulated, 0 falls" in capsys.readouterr().out

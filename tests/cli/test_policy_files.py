@@ -7,9 +7,8 @@ import torch
 from safetensors.torch import save
 
 from hugwbc.cli import main
-from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy import checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract
 
 PLAY = ["play", "--headless", "--duration", "0.1", "--policy"]

@@ -9,7 +9,7 @@ import pytest
 
 from hugwbc.cli import main
 from hugwbc.gait import Gait
-from hugwbc.learned.policy.policy import policy_dir
+from hugwbc.learned.policy import policy_dir
 from hugwbc.report.report_page import SECTIONS
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
@@ -39,7 +39,7 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     assert all(word in page for word in ("level 0.25", "Curricula", "standing, hold", "standing, learned"))
     assert "few and short episodes" in page and "--controllers hold learned" in text and "ablation" not in text
     assert "src=" not in page and "<script" not in page
-    assert "not told apart" in capsys.readouterr().out
+    assert "too close to call" in capsys.readouterr().out
 
     monkeypatch.setattr("hugwbc.evaluation.engine.episode.rollout", None)
     assert main(words) == 0, "a finished report is only read"
@@ -48,8 +48,7 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
 
 def test_policies_of_the_ablation_stand_beside_the_papers_of_their_training(tmp_path, short, monkeypatch):
     from hugwbc.evaluation.protocols.intervention import InterventionConfig
-    from hugwbc.learned.policy import checkpoint
-    from hugwbc.learned.policy.policy import policy_file
+    from hugwbc.learned.policy import checkpoint, policy_file
     from hugwbc.report import profiles
 
     def cells(settings):
@@ -192,5 +191,5 @@ def test_a_training_record_that_cannot_be_used_is_told_before_anything_runs(tmp_
     (tmp_path / "mine" / "training.csv").write_text("steps,reward\n1,x\n")
     words = ["report", "--controllers", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
     assert main([*words, "--results", str(tmp_path / "results")]) == 2
-    assert "is no training record" in capsys.readouterr().err
+    assert "is not a training record" in capsys.readouterr().err
     assert not (tmp_path / "results").exists()

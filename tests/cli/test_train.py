@@ -20,6 +20,6 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert "iteration 1" in text and "stopped after 2 iterations, 64 steps" in text
     before = (tmp_path / "checkpoint.safetensors").read_bytes()
     assert main(words) == 2
-    assert "holds a run already; --resume goes on with it" in capsys.readouterr().err
+    assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
     assert main(["play", "--headless", "--duration", "0.1", "--policy", str(tmp_path)]) == 0

@@ -70,7 +70,7 @@ def test_robot_and_sensors_vary_as_told():
     hold = JointCommand.position(load_robot(), load_robot().nominal)
     for conditions, age in (
         (Conditions(), 0.0), (Conditions(latency=0.02), 0.02),
-        (Conditions(noise=True), 0.01), (Conditions(noise=True, latency=0.03), 0.03),
+        (Conditions(sensing="robot"), 0.01), (Conditions(sensing="robot", latency=0.03), 0.03),
     ):  # fmt: skip
         simulation = conditions.simulation(1.0, (0,))
         simulation.step(hold, 0.1)

@@ -8,8 +8,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from hugwbc.learned import distributed
-from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.policy import checkpoint, load_policy
 
 # What every process runs: its share of the stored samples, one update, one move of the curricula.
 LEARN = """

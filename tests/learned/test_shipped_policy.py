@@ -8,7 +8,7 @@ from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import held_foot_contact, stepping_feet, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.policy.policy import load_policy, policy_dir, shipped_policies, trained_with
+from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies, trained_with
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import Simulation

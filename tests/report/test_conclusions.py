@@ -14,11 +14,11 @@ def test_conclusions_follow_from_the_figures():
         figure("learned", "E_w", 1.0), figure("qp", "E_w", 2.0),
     ]  # fmt: skip
     assert conclusions(figures, "learned", "qp") == [
-        "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
-        "uncertainty. Furthest behind: E_p (Walking) × 3.",
-        "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1, of which 0 by less than the "
-        "uncertainty. Furthest behind: E_p (Walking) × 3.1.",
-        "In all 3 figures that both have, learned is better in 1, qp in 1; 1 are not told apart.",
+        "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
+        "uncertainty). Furthest behind: E_p (Walking) × 3.",
+        "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
+        "uncertainty). Furthest behind: E_p (Walking) × 3.1.",
+        "In all 3 figures that both have, learned is better in 1, qp in 1; 1 too close to call.",
     ]
 
 
@@ -30,7 +30,7 @@ def test_tables_in_which_they_meet():
         figure("learned", "E_p", 1.0, table="Jumping"),
     ]  # fmt: skip
     table = duel_table(figures, "learned", "qp")
-    assert list(table.columns) == ["", "learned is better", "qp is better", "not told apart"]
+    assert list(table.columns) == ["", "learned is better", "qp is better", "too close to call"]
     assert table.rows == [("Walking", "E_p", "E_h", 0), ("Standing", None, None, 1)]
 
 
@@ -38,7 +38,7 @@ def test_nothing_follows_from_nothing():
     assert conclusions([], "learned", "qp") == []
     equal = [figure(name, "falls", 0.0) for name in ("learned", "qp")]
     assert conclusions(equal[:1], "learned", "learned") == []
-    assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 are not told apart.")
+    assert conclusions(equal, "learned", "qp")[-1].endswith("learned is better in 0, qp in 0; 1 too close to call.")
 
 
 def test_the_conclusions_say_what_the_papers_column_is_and_who_taught_the_policy():

@@ -1,8 +1,8 @@
 import pytest
 
 from hugwbc.errors import UnknownNameError
+from hugwbc.learned.policy import save_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.report.profiles import profile_cells
 from hugwbc.report.report_page import SECTIONS

@@ -17,8 +17,8 @@ def test_other_files_are_refused(tmp_path):
     path = tmp_path / "training.csv"
     for text, message in (
         ("a,b\n1,2\n", "no column 'steps'"),
-        ("steps,r\n1,x\n", "is no training record"),
-        ("steps,r\n1,2,3\n", "is no training record"),
+        ("steps,r\n1,x\n", "is not a training record"),
+        ("steps,r\n1,2,3\n", "is not a training record"),
     ):
         path.write_text(text)
         with pytest.raises(ConfigError, match=message):

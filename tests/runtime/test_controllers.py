@@ -9,7 +9,7 @@ import hugwbc
 from hugwbc.cli import main
 from hugwbc.controller import CarriesArms, Controller, HasBatch, HasFootholds, HasPhase, HasPlannedAcceleration
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
-from hugwbc.learned.policy.policy import policy_dir
+from hugwbc.learned.policy import policy_dir
 from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
 from hugwbc.runtime import controllers
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins

@@ -11,7 +11,7 @@ from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.estimation import EstimatorParams, JointFilter, StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import SensorNoise, Simulation, noisy_simulation
+from hugwbc.sim import Simulation
 
 ROBOT = load_robot()
 
@@ -157,7 +157,7 @@ def test_readings_that_are_incomplete_or_broken_are_passed_on():
 @pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.02), (False, 0.03)])
 def test_it_follows_the_walking_robot(exact, speed_error):
     """The controller reads the truth, so that the estimator's errors do not feed back."""
-    simulation = Simulation(noise=None if exact else SensorNoise.robot(), seed=2)
+    simulation = Simulation(sensing="exact" if exact else "robot", seed=2)
     controller, estimator = WholeBodyController(), StateEstimator()
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
     controller.reset(state)
@@ -171,7 +171,7 @@ def test_it_follows_the_walking_robot(exact, speed_error):
             tilt = [f(estimate.orientation) - f(state.orientation) for f in (rotations.pitch_of, rotations.roll_of)]
             errors.append([*(estimate.velocity - state.velocity), *tilt])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/log/mbc.md has it
+    print(f"velocity {rms[:3].max():.4f} m/s, tilt {rms[3:].max():.4f} rad")  # docs/log/qp.md has it
     assert np.all(rms[:3] < speed_error)
     assert np.all(rms[3:] < 0.01)
     assert np.linalg.norm((estimate.position - state.position)[:2]) < 0.1  # 1.5 m walked, one turn of 50 degrees
@@ -180,7 +180,11 @@ def test_it_follows_the_walking_robot(exact, speed_error):
 def test_qp_walks_on_the_estimate():
     command = Command(v_x=0.5, gait=Gait.WALKING)
     trace = rollout(
-        WholeBodyController(), Constant(command), noisy_simulation(seed=1), duration=4.0, estimator=StateEstimator()
+        WholeBodyController(),
+        Constant(command),
+        Simulation(sensing="robot", seed=1),
+        duration=4.0,
+        estimator=StateEstimator(),
     )
     assert not trace.fell
     assert trace.measured[75:, 0].mean() == pytest.approx(0.5, abs=0.05)
@@ -196,7 +200,7 @@ def test_the_loop_tells_the_estimator_what_the_controller_plans():
             return super().update(state, planned)
 
     controller = WholeBodyController()
-    loop = ControlLoop(controller, Constant(Command()), noisy_simulation(seed=0), estimator=Listening())
+    loop = ControlLoop(controller, Constant(Command()), Simulation(sensing="robot", seed=0), estimator=Listening())
     loop.reset()
     loop.step(loop.decide(0.0), loop.period)
     np.testing.assert_array_equal(told[-1], controller.planned_acceleration)

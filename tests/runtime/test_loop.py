@@ -121,7 +121,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     low = HandTargets.of((0.45, 0.2, 0.5), (0.45, -0.2, 0.5), "world", whole_body=True)
 
     class Stream:
-        """Made anew in every tick, until the sender falls silent."""
+        """Sends new targets in every tick of the first second, then none."""
 
         hands = low
 
@@ -145,7 +145,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     second = round(1.0 / loop.period)
     assert heights[second] < -0.1
     assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
-    assert heights[-1] == 0.0, "nobody asks for it any more"
+    assert heights[-1] == 0.0, "the request has ended"
 
 
 def test_position_driven_controllers_get_gravity_compensation():

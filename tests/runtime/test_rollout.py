@@ -143,7 +143,7 @@ def test_a_bad_duration_is_refused(simulation, duration):
 
 
 def test_a_time_step_that_does_not_divide_the_period_is_refused():
-    with pytest.raises(ConfigError, match="no multiple of the physics time step"):
+    with pytest.raises(ConfigError, match="not a multiple of the physics time step"):
         rollout(HoldController(), Constant(Command()), Simulation(timestep=0.003), duration=0.1)
 
 

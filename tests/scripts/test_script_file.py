@@ -104,14 +104,14 @@ def test_paths_by_kind(tmp_path):
         ("circle:", "circel:", "10:14", "unknown path field 'circel'. Did you mean 'circle'?"),
         ("radius: 0.05, ", "", "10:22", "circle field 'radius' is missing"),
         ("radius: 0.05", "radius: -1", "10:22", "circle's radius is -1.0"),
-        ("[0.3, 0.2, 0.1], radius", "[0.3, 0.2], radius", "10:31", "here should be three numbers [x, y, z]"),
+        ("[0.3, 0.2, 0.1], radius", "[0.3, 0.2], radius", "10:31", "expected three numbers [x, y, z]"),
         ("axis: z", "axis: up", "10:22", "unknown axis 'up'"),
-        ("{circle:", "{hold: [0, 0, 0], circle:", "10:13", "a hand has one path, here are 2"),
+        ("{circle:", "{hold: [0, 0, 0], circle:", "10:13", "a hand has one path, found 2"),
         ("right: mirror", "right: {file: gone.csv}", "11:21", "cannot read the hand path"),
         ("left: {circle", "# left: {circle", "9:7", "there is no path to mirror"),
         ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),
         ("segments:", "segment:", "2:1", "unknown script field 'segment'. Did you mean 'segments'?"),
-        ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:15", "here should be a command with fields: v_x"),
+        ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:15", "expected a command with fields: v_x"),
         ("ramp: 0.5", "ramp: [", "9:12", "not valid YAML"),
     ],
 )  # fmt: skip
@@ -135,7 +135,7 @@ def test_nested_anchors_cannot_make_the_reader_work_for_ever():
     bomb = "a: &a [x, x]\n" + "".join(f"{n}: &{n} [*{p}, *{p}]\n" for p, n in zip("abcdefgh", "bcdefghi", strict=True))
     with pytest.raises(ScriptError, match="unknown script field 'a'"):
         parse(bomb)
-    with pytest.raises(ScriptError, match="here should be a segment"):
+    with pytest.raises(ScriptError, match="expected a segment"):
         parse("segments: &s [*s]")
 
 

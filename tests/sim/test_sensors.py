@@ -6,64 +6,97 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
-from hugwbc.errors import ConfigError
-from hugwbc.sim import SensorNoise, Simulation, noisy_simulation
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.sim import SensorProfile, Simulation
+from hugwbc.sim.sensors import EXACT, ROBOT
 
-ROBOT = load_robot()
-HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
-
-
-@pytest.mark.parametrize("width", [-0.1, float("nan"), float("inf")])
-def test_noise_that_is_no_width_is_refused(width: float) -> None:
-    with pytest.raises(ConfigError, match="noise of dq is"):
-        SensorNoise(dq=width)
+H1 = load_robot()
+HOLD = JointCommand.position(H1, H1.nominal)
 
 
-def test_sense_without_noise_is_the_truth() -> None:
+@pytest.mark.parametrize("deviation", [-0.1, float("nan"), float("inf")])
+def test_noise_that_is_no_deviation_is_refused(deviation: float) -> None:
+    with pytest.raises(ConfigError, match="sensing: gyro is"):
+        SensorProfile("mine", gyro=deviation)
+
+
+def test_unknown_profiles_and_long_latencies_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="robot"):
+        Simulation(sensing="robbot")
+    with pytest.raises(ConfigError, match="latency is 2.0 s"):
+        Simulation(latency=2.0)
+
+
+def test_exact_sensors_tell_the_truth() -> None:
     rng, simulation = np.random.default_rng(1), Simulation()
     simulation.reset(yaw=1.0)
     simulation.push(np.array([0.3, 0.2, 0.0, 0.2, 0.4, -0.3]))
-    simulation.step(dataclasses.replace(HOLD, q=ROBOT.nominal + rng.uniform(-0.2, 0.2, 19)), 0.1)
+    simulation.step(dataclasses.replace(HOLD, q=H1.nominal + rng.uniform(-0.2, 0.2, 19)), 0.1)
     truth, sensed = simulation.state(), simulation.sense()
     assert abs(sensed.orientation @ truth.orientation) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(sensed.angular_velocity, truth.angular_velocity, atol=1e-9)
-    for name in ("q", "dq", "position", "velocity", "foot_force"):
+    for name in ("q", "dq", "position", "velocity", "foot_force", "torque"):
         np.testing.assert_array_equal(getattr(sensed, name), getattr(truth, name))
+    np.testing.assert_array_equal(truth.torque, simulation.torque)
 
 
-def test_noise_stays_within_its_bounds_and_uses_them() -> None:
-    noise = SensorNoise(angular_velocity=0.2, orientation=0.05, q=0.01, dq=1.5, position=0.02, velocity=0.1)
-    simulation = Simulation(noise=noise, seed=3)
-    truth = simulation.reset(yaw=0.4)
-    readings = [simulation.sense() for _ in range(400)]
-    for name in ("angular_velocity", "q", "dq", "position", "velocity"):
-        error = np.array([getattr(r, name) for r in readings]) - getattr(truth, name)
-        bound = getattr(noise, name)
-        assert 0.95 * bound < np.abs(error).max() <= bound + 1e-9, name
-        assert abs(error.mean()) < 0.1 * bound, name
-    difference = [rotations.multiply(rotations.conjugate(truth.orientation), r.orientation) for r in readings]
-    angles = 2 * np.arcsin(np.clip(np.linalg.norm(np.array(difference)[:, 1:], axis=1), 0, 1))
-    assert 0.05 < angles.max() <= 0.05 * np.sqrt(3) + 1e-6
-    np.testing.assert_allclose([np.linalg.norm(r.orientation) for r in readings], 1.0, atol=1e-12)
+def test_a_robot_has_neither_foot_sensors_nor_a_position() -> None:
+    simulation = Simulation(sensing="robot")
+    simulation.step(HOLD, 0.05)
+    sensed = simulation.sense()
+    assert sensed.position is None and sensed.velocity is None and sensed.foot_force is None
+    assert sensed.age == pytest.approx(ROBOT.latency)
+    assert sensed.is_usable
+
+
+def test_noise_biases_and_offsets_have_the_stated_deviations() -> None:
+    simulation = Simulation(sensing=dataclasses.replace(ROBOT, latency=0.0, gyro_walk=0.0, accelerometer_walk=0.0))
+    means: dict[str, list[np.ndarray]] = {}
+    for _ in range(40):
+        truth = simulation.reset()
+        reference = {
+            "q": truth.q,
+            "dq": truth.dq,
+            "imu_gyro": simulation.data.sensor("imu_gyro").data.copy(),
+            "imu_accelerometer": simulation.data.sensor("imu_accelerometer").data.copy(),
+        }
+        readings = [simulation.sense() for _ in range(100)]
+        for name, value in reference.items():
+            errors = np.array([getattr(reading, name) for reading in readings]) - value
+            means.setdefault(name, []).append(errors.mean(axis=0))
+            noise = {"q": ROBOT.encoder, "dq": ROBOT.joint_velocity, "imu_gyro": ROBOT.gyro}.get(
+                name, ROBOT.accelerometer
+            )
+            assert errors.std(axis=0).mean() == pytest.approx(noise, rel=0.2), name
+    for name, bias in (
+        ("q", ROBOT.encoder_offset),
+        ("imu_gyro", ROBOT.gyro_bias),
+        ("imu_accelerometer", ROBOT.accelerometer_bias),
+    ):
+        assert np.std(means[name]) == pytest.approx(bias, rel=0.25), name
+    assert np.abs(means["dq"]).max() < 0.5 * ROBOT.joint_velocity, "velocities have no bias"
+
+
+def test_a_bias_walks_with_the_square_root_of_time() -> None:
+    profile = dataclasses.replace(EXACT, gyro_walk=0.1)
+    ends = []
+    for seed in range(30):
+        simulation = Simulation(sensing=profile, seed=seed)
+        simulation.sense()
+        simulation.step(HOLD, 0.04)
+        ends.append(simulation.sense().imu_gyro - simulation.data.sensor("imu_gyro").data)
+    assert np.std(ends) == pytest.approx(0.1 * np.sqrt(0.04), rel=0.25)
+
+
+def test_the_attitude_errs_about_level_axes() -> None:
+    simulation = Simulation(sensing=dataclasses.replace(EXACT, attitude_bias=0.02), seed=4)
+    truth = simulation.reset(yaw=1.2)
+    error = rotations.multiply(simulation.sense().orientation, rotations.conjugate(truth.orientation))
+    assert 0.005 < np.linalg.norm(error[1:3]) < 0.04
+    assert error[3] == pytest.approx(0.0, abs=1e-9), "no error of yaw"
 
 
 def test_noise_repeats_with_its_seed() -> None:
-    first, again, other = (Simulation(noise=SensorNoise(), seed=seed).sense().q for seed in (5, 5, 6))
+    first, again, other = (Simulation(sensing="robot", seed=seed).sense().q for seed in (5, 5, 6))
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 1e-4
-
-
-def test_robot_noise_has_the_stated_standard_deviations() -> None:
-    simulation = noisy_simulation(seed=1)
-    truth = simulation.reset()
-    exact = simulation.data.sensor("imu_accelerometer").data.copy()
-    readings = [simulation.sense() for _ in range(1000)]
-    for name, expected, reference in (
-        ("q", 0.005, truth.q),
-        ("dq", 0.3, truth.dq),
-        ("imu_gyro", 0.02, np.zeros(3)),
-        ("imu_accelerometer", 0.1, exact),
-    ):
-        error = np.array([getattr(reading, name) for reading in readings]) - reference
-        assert error.std() == pytest.approx(expected, rel=0.05), name
-        assert abs(error.mean()) < 0.1 * expected, name

@@ -37,7 +37,7 @@ def test_candidates_put_the_hand_near_the_point_on_a_turned_waist_too(arm):
         q[4 * arm : 4 * arm + 4] = posture
         assert np.linalg.norm(ik.hands(q, waist)[arm] - point) < 0.15
     for first, second in ((0, 1), (0, 2), (1, 2)):
-        assert np.abs(candidates[first] - candidates[second]).max() >= 0.8, "three of another kind each"
+        assert np.abs(candidates[first] - candidates[second]).max() >= 0.8, "three that differ from each other"
 
 
 def test_of_postures_alike_the_nearest_to_the_arm_comes_first():

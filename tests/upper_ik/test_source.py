@@ -74,7 +74,7 @@ def test_a_stamp_that_is_not_finite_is_bad_and_shuts_out_nothing(stamp):
 def test_a_loop_that_stood_still_finds_its_target_stale():
     watch = TargetWatch(0.5)
     assert watch.admit(message(1, 0.0), 0.0, DT) is not None
-    assert watch.admit(message(1, 0.0), math.nan, math.nan) is not None, "a time step that is no number counts as none"
+    assert watch.admit(message(1, 0.0), math.nan, math.nan) is not None, "a step of NaN counts as none"
     assert watch.admit(message(1, 0.0), 0.6, 0.6) is None
 
 

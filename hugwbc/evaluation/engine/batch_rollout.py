@@ -70,7 +70,7 @@ def batch_rollout(
     duration: float,
     threads: int = 1,
 ) -> list[Trace | None]:
-    """Run all members in step; a robot that falls is done, the others go on.
+    """Run all members in step; a robot that falls is done, the others continue.
 
     A trace has everything that the metrics read. Its `pressure_centre` is NaN, and `tick_ms` is each robot's share of
     the computing time.

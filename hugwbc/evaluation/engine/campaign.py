@@ -181,7 +181,7 @@ def read_result(path: pathlib.Path, identity: dict[str, Any] | None = None) -> d
     except (OSError, ValueError) as error:
         raise ResultFileError(f"cannot read {path}: {error}; {remedy}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise ResultFileError(f"{path} is no result of an evaluation; {remedy}")
+        raise ResultFileError(f"{path} is not a result of an evaluation; {remedy}")
     if content.get("version") != VERSION:
         raise ResultFileError(
             f"{path} has format version {content.get('version')}, this hugwbc reads {VERSION}; {remedy}"

@@ -38,8 +38,11 @@ if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention
 
 ControllerFactory = Callable[[], Controller]
+"""Builds the controller of an episode."""
 Row = TypeVar("Row")
-Judge = Callable[[int, "Run"], Row]  # makes the row of an episode from its index and its run
+"""The row that is kept of an episode: a dataclass of plain numbers."""
+Judge = Callable[[int, "Run"], Row]
+"""Makes the row of an episode from its index and its run."""
 _WORTHWHILE = 64  # robots in a batch; with more, the time for each hardly falls
 
 

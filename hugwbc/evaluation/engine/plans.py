@@ -142,7 +142,7 @@ class Navigator:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodePlan:
-    """What happens in one episode.
+    """The plan of one episode.
 
     Attributes:
         commands: one command for the whole episode, a schedule, or a tour, whose commands depend on the robot's pose.

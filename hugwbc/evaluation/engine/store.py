@@ -110,7 +110,7 @@ class EpisodeFile:
             found = None
         if not isinstance(found, dict) or found.get("format") != FORMAT:
             raise ResultFileError(
-                f"{self.path} is no file of evaluated episodes, or its first line is damaged; {remedy}"
+                f"{self.path} is not a file of evaluated episodes, or its first line is damaged; {remedy}"
             )
         if found.get("version") != VERSION:
             raise ResultFileError(

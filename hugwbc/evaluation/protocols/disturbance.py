@@ -209,7 +209,7 @@ class DisturbanceProtocol(Protocol[DisturbanceConfig, DisturbanceEpisode, Distur
         return f"{table}\n\n{about}; {result.episodes} rollouts in all{limit if unbounded else ''}"
 
     def quick(self) -> list[DisturbanceConfig]:
-        """Return one rollout a force: the force with which one robot falls, far from a survival of 98 %."""
+        """Return one rollout per force: the search then finds where a single robot falls, not 98 % survival."""
         return [DisturbanceConfig(rollouts=1, first=80.0, resolution=0.25, duration=4.0)]
 
     def full(self) -> list[DisturbanceConfig]:

@@ -1,4 +1,4 @@
-"""What a controller's motion costs at several speeds, and how long the controller takes to compute it.
+"""Cost of a controller's motion at several speeds, and the time that the controller takes to compute it.
 
 Measured are the cost of transport from the joints' mechanical power, the use of torque and speed limits, the roughness,
 and the time of a call. The times depend on this machine and its load; the other figures do not.
@@ -186,8 +186,8 @@ class EffortProtocol(PlannedProtocol[EffortConfig, EffortEpisode, EffortResult])
     result = EffortResult
     report_title = "Effort"
     report_text = (
-        "What the motion costs. For a robot that fell there are only times. These are of the machine that made this "
-        "report, with whatever else ran on it."
+        "What the motion costs. A robot that fell has computing times only. Times depend on the machine that made this "
+        "report, and on its load."
     )
 
     def plans(self, settings: EffortConfig) -> list[EpisodePlan]:

@@ -1,4 +1,4 @@
-"""What the protocols share: settings and results."""
+"""Settings and results that the protocols share."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""What a protocol is: one object that runs an experiment, describes its result and gives the report its figures.
+"""The interface of a protocol: one object that runs an experiment, describes its result and gives its figures.
 
 A new protocol is a subclass in a file of this folder and an entry in `hugwbc.evaluation.protocols.PROTOCOLS`. The
 command line takes its options from `settings`, and the report its sections, tables and pictures from the object.
@@ -22,14 +22,14 @@ Measured = tuple[str, Mapping[str, Any]]  # a controller's label, and the result
 
 
 class Protocol(abc.ABC, Generic[Settings, Row, Result]):
-    """An experiment for any controller, with what is said and drawn of its result.
+    """An experiment for any controller, with the texts and pictures of its result.
 
     Class attributes:
         name: name on the command line and in reports.
         summary: a line for `hugwbc evaluate --help`.
         settings: dataclass of its settings. Each field is an option of the command line, explained by its entry in the
             docstring, and its default is the option's default.
-        fixed: fields of `Conditions` that the protocol sets itself; they are no options.
+        fixed: fields of `Conditions` that the protocol sets itself; they are not options.
         stores_episodes: whether episodes are stored and shared between workers, as `run_episodes` does.
         ablation: whether the report also runs it with policies of other trainings, as the paper's ablation does.
         report_title: heading of its section in the report; empty for a protocol that the report leaves out.

@@ -131,7 +131,7 @@ class SmallVelocitiesProtocol(PlannedProtocol[SmallVelocitiesConfig, SmallVeloci
     """Small velocities in four directions."""
 
     name = "small-velocities"
-    summary = "which fraction of 0.1 to 0.3 m/s is walked"
+    summary = "executed fraction of commanded speeds of 0.1 to 0.3 m/s"
     settings = SmallVelocitiesConfig
     result = SmallVelocitiesResult
 

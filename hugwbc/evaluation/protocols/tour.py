@@ -184,7 +184,7 @@ class TourProtocol(PlannedProtocol[TourConfig, TourEpisode, TourResult]):
     result = TourResult
     report_title = "Tour with blows"
     report_text = (
-        "60 s over 12 waypoints, the arms moved by noise, one blow of 0.08 s a leg on a random link; the strongest "
+        "60 s over 12 waypoints, the arms moved by noise, one blow of 0.08 s per leg on a random link; the strongest "
         "changes the velocity as much as 600 N do that of a G1: 1.4 m/s. A waypoint is reached within 0.5 m. A blow is "
         "survived if the robot does not fall within 3 s; the intervals of completion and of blows are score intervals."
     )

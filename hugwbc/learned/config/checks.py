@@ -20,7 +20,7 @@ def require(condition: bool, name: str, value: object, valid: str) -> None:
         ConfigError: if the condition does not hold; the message has name, value and valid values.
     """
     if not condition:
-        raise ConfigError(f"{name} = {value}; valid: {valid}. Change the flag or the field of that name")
+        raise ConfigError(f"{name} = {value}; valid: {valid}. Change that option")
 
 
 def require_finite(settings: object, prefix: str = "") -> None:

@@ -30,7 +30,7 @@ GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 _F, _L, _H, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "w"))
 _ALL = slice(None)
-# What of a recorded start lives in the environment, and what in the simulation; `actions` is stored transposed.
+# Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
 _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 _START_SIMULATION = ("qpos", "qvel")
 # Of a checkpoint: tensors of the environment, parts with a state of their own, and arrays of the simulation.

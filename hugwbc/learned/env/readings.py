@@ -1,4 +1,4 @@
-"""What the rewards and observations read: the simulation's state as float32 tensors, and a control step made of it.
+"""Data that rewards and observations read: the simulation's state as float32 tensors, and a control step made of it.
 
 Quantities are in SI units. The heading frame has its origin at the pelvis and turns with the pelvis' yaw only.
 """
@@ -64,7 +64,7 @@ class Readings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transition:
-    """What the rewards read after a control step of n robots.
+    """A control step of n robots, as the rewards read it.
 
     Attributes:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).

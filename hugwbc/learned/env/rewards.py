@@ -142,7 +142,7 @@ def termination(t: Transition, body: Body) -> torch.Tensor:
 # Terms of our own ----------------------------------------------------------------------------------------------------
 #
 # A squared exponential is flat near zero error and again far from it. exp(-|e| / s) ("precision") keeps its slope near
-# zero, where small errors are to vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
+# zero, so that small errors vanish; e^2 ("error") keeps it far away, where noise and oscillation carry the state.
 # Errors are bounded so that a single stumble does not outweigh the rest of an episode.
 
 
@@ -242,7 +242,7 @@ EXTRA_TERMS: dict[str, Term] = {
         unequal_support,
     )
 }
-# What the penalty curriculum scales. Termination is not part of it: a fall must cost as much early in the training.
+# Terms that the penalty curriculum scales. Termination is not one of them: a fall must cost as much in early training.
 REGULARISATION = frozenset(PAPER_TERMS) - {
     "linear_velocity_tracking",
     "angular_velocity_tracking",

@@ -178,7 +178,7 @@ class PPO:
         """Store the outcome of step t.
 
         An episode that only ran out of time would have gone on: the discounted value of its last observation stands
-        for the rewards that it did not collect any more.
+        for the rewards that it no longer collects.
         """
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
         if result.timed_out.numel():

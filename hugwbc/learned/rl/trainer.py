@@ -14,9 +14,8 @@ from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
-from hugwbc.learned.policy.policy import POLICY_FILE, save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract, settings_record, versions
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
@@ -52,7 +51,7 @@ class Trainer:
 
         Raises:
             ConfigError: if the device is cuda and torch finds no GPU.
-            PolicyFileError: if the file to go on from cannot be used.
+            PolicyFileError: if the file to continue from cannot be used.
         """
         if config.device == "cuda":
             _claim_gpu()
@@ -326,7 +325,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
 
 
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
-    """Write a policy, and the snapshot from which a training can go on.
+    """Write a policy, and the snapshot from which a training can continue.
 
     Args:
         folder: folder of both files.
@@ -352,7 +351,7 @@ def train(config: TrainConfig, report: Report) -> Trainer:
         ConfigError: if a new run would overwrite the one in its folder.
     """
     if not config.resume and (config.out / CHECKPOINT_NAME).exists():
-        raise ConfigError(f"{config.out} holds a run already; --resume goes on with it, another --out starts a new one")
+        raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
     with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
 

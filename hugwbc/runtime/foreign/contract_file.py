@@ -78,7 +78,7 @@ class _Reader(YamlReader):
         joints, policy = fields["joints"], fields.pop("policy", None)
         clock, held = fields.pop("clock", "command"), fields.pop("held_pose", None)
         for name in ("default_pose", "kp", "kd", "action_scale"):
-            fields[name] = self.numbers(fields[name], len(joints), f"one of the {len(joints)} joints")
+            fields[name] = self.numbers(fields[name], len(joints), "one per joint")
         terms = tuple(self.term(node, joints) for node in self.nodes(fields["observation"]))
         return PolicyContract(
             **{**fields, "name": fields.get("name", self.path.stem), "observation": terms},
@@ -121,7 +121,7 @@ class _Reader(YamlReader):
         counts = {"last_action": len(joints), "constant": len(fields.get("value", ()))}
         size = _SIZES.get(name, counts.get(name, len(names)))
         scale = fields.pop("scale", None)
-        factors = (1.0,) * size if scale is None else self.numbers(scale, size, f"one of the {size} numbers of {name}")
+        factors = (1.0,) * size if scale is None else self.numbers(scale, size, f"one per number of {name}")
         return Term(kind=name, size=size, scale=factors, **{**fields, "names": tuple(names)})
 
     def finite(self, node: yaml.Node) -> float:
@@ -146,7 +146,7 @@ class _Reader(YamlReader):
             return (self.finite(node),) * count
         entries = self.nodes(node)
         if len(entries) != count:
-            self.fail(node, f"here are {len(entries)} numbers; give {count}, {what}, or a single one for all")
+            self.fail(node, f"found {len(entries)} numbers; give {count}, {what}, or a single one for all")
         return tuple(self.finite(entry) for entry in entries)
 
     def joints(self, node: yaml.Node) -> tuple[str, ...]:
@@ -166,7 +166,7 @@ class _Reader(YamlReader):
 
     def state(self, node: yaml.Node) -> tuple[tuple[str, str], ...]:
         if not isinstance(node, yaml.MappingNode) or not node.value:
-            self.fail(node, "here should be names of state inputs and outputs, as in state: {h_in: h_out}")
+            self.fail(node, "expected names of state inputs and outputs, as in state: {h_in: h_out}")
         return tuple((self.text(key), self.text(value)) for key, value in node.value)
 
     def clock(self, node: yaml.Node) -> float | str:

@@ -11,9 +11,9 @@ from hugwbc.evaluation.engine.batch_rollout import BatchMember, BatchRecord, bat
 from hugwbc.evaluation.engine.plans import Navigator
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts import Constant
 from hugwbc.sim import Force, Simulation, Variation
 from hugwbc.sim.lockstep import LockstepSimulation
 
@@ -117,7 +117,7 @@ def test_what_the_policy_cannot_answer_is_left_to_a_rollout_by_itself(policy, mo
 
 def test_what_a_batch_cannot_express_does_not_fit(policy):
     assert fits(policy, OTHER) and fits(policy, MOVED) and not fits(ControllerSpec("hold").build(), COARSE)
-    for change in ({"terrain_roughness": 0.01}, {"slope": 0.05}, {"noise": True}, {"latency": 0.01}):
+    for change in ({"terrain_roughness": 0.01}, {"slope": 0.05}, {"sensing": "robot"}, {"latency": 0.01}):
         assert not fits(policy, dataclasses.replace(COARSE, **change))
     assert most_robots(1.0) == 2048 > most_robots(60.0) > 50
 

@@ -63,7 +63,7 @@ def test_episodes_that_are_only_read_are_told_from_those_that_are_run(tmp_path, 
     ("text", "message"),
     [
         ("{", "cannot read"),
-        ("[]", "is no result of an evaluation"),
+        ("[]", "is not a result of an evaluation"),
         ('{"format": "hugwbc result", "version": 0}', "has format version 0"),
         ('{"format": "hugwbc result", "version": 1, "identity": {}}', "another cell than its name says"),
     ],

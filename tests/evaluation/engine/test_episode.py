@@ -25,7 +25,7 @@ from hugwbc.evaluation.engine.episode import Job, _batch_size, run_job
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, learned_controller
 
 STAND = EpisodePlan(Command())
-NOISY = Conditions(noise=True)
+NOISY = Conditions(sensing="robot")
 
 
 class _Factory:

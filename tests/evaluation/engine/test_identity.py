@@ -97,7 +97,7 @@ def test_code_counts_where_it_is_imported_and_means_something(monkeypatch, tmp_p
         (tmp_path / "hugwbc" / "table.yaml").write_text("a: 1")
         with_table = code()
         (tmp_path / "hugwbc" / "table.yaml").write_text("a: 2")
-        assert len({before, with_table, code()}) == 3, "tables that stand beside the code count with it"
+        assert len({before, with_table, code()}) == 3, "tables next to the code count as well"
     finally:
         for cached in (identity._imported, identity._tree, identity._meaning):
             cached.cache_clear()

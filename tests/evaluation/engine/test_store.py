@@ -53,9 +53,9 @@ def test_a_changed_number_is_noticed(path):
 @pytest.mark.parametrize(
     ("head", "message"),
     [
-        ("hello", "is no file of evaluated episodes"),
-        ("", "is no file of evaluated episodes"),
-        ('{"format": "something else"}', "is no file of evaluated episodes"),
+        ("hello", "is not a file of evaluated episodes"),
+        ("", "is not a file of evaluated episodes"),
+        ('{"format": "something else"}', "is not a file of evaluated episodes"),
         (json.dumps({"format": "hugwbc episodes", "version": VERSION + 1}), f"has format version {VERSION + 1}"),
         (json.dumps({"format": "hugwbc episodes", "version": VERSION, "identity": {}}), "another cell than its name"),
     ],

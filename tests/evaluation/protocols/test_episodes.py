@@ -32,11 +32,13 @@ class Counted(CountedResult[Fallen]):
 
 
 def test_a_result_says_what_its_settings_were_and_counts_falls():
-    config = GaitSettings(Gait.HOPPING_LEFT, True, seed=3, duration=5.0, settle=2.0, conditions=Conditions(noise=True))
+    config = GaitSettings(
+        Gait.HOPPING_LEFT, True, seed=3, duration=5.0, settle=2.0, conditions=Conditions(sensing="robot")
+    )
     rows = [Fallen(True), Fallen(False), Fallen(True)]
     assert Counted.of(FACTORY, config, rows, own=7) == Counted(
         **{"controller": "hold", "gait": "hopping", "seed": 3, "duration": 5.0, "settle": 2.0},
-        **{"conditions": Conditions(noise=True), "rows": tuple(rows), "episodes": 3, "falls": 2, "own": 7},
+        **{"conditions": Conditions(sensing="robot"), "rows": tuple(rows), "episodes": 3, "falls": 2, "own": 7},
     )
     assert ProtocolResult.of(FACTORY, config, [1, 2]).rows == (1, 2)
 

@@ -55,7 +55,7 @@ def test_the_command_writes_the_figures(tmp_path, capsys):
     assert main([*words, "--episodes", "1", "--duration", "0.6", "--settle", "0.1", "--json", str(path)]) == 0
     figures = json.loads(path.read_text())
     assert {"hand_error_m", "fell", "saturated_ticks", "jitter", "joint_error_rad"} <= set(figures)
-    assert figures["settle"] == 0.1 and figures["conditions"]["noise"] is False
+    assert figures["settle"] == 0.1 and figures["conditions"]["sensing"] is None
     assert {"all_mean", "all_p95", "reachable_fraction"} <= set(figures["hand_error_m"])
     out = capsys.readouterr().out
     assert "hand error p95 [cm]" in out and "hand error mean, all targets [cm]" in out

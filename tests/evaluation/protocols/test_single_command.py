@@ -150,7 +150,7 @@ class Yielding(HoldController):
 
 def test_noisy_episodes_do_not_depend_on_who_runs_them():
     config = SingleCommandConfig(
-        Gait.STANDING, episodes=3, seed=1, duration=0.3, settle=0.1, conditions=Conditions(noise=True)
+        Gait.STANDING, episodes=3, seed=1, duration=0.3, settle=0.1, conditions=Conditions(sensing="robot")
     )
     alone = RUN(Yielding, config)
     assert RUN(Yielding, dataclasses.replace(config, execution=Execution(2))).rows == alone.rows

@@ -151,7 +151,7 @@ def test_an_answer_that_saturates_is_undone_up_to_its_end() -> None:
     command, asked = pairs[2]
     assert asked == pytest.approx((command - 0.1) / 0.25, abs=0.05)
     command, asked = pairs[-1]
-    assert 0.8 < asked <= command + 0.8 + 1e-4  # where nothing more is to be had, no more is asked for
+    assert 0.8 < asked <= command + 0.8 + 1e-4  # no more is asked for once nothing more is gained
 
 
 def test_a_command_that_is_not_to_be_calibrated_is_left_alone() -> None:

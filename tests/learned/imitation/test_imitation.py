@@ -13,7 +13,7 @@ from hugwbc.learned.config import CommandConfig, EnvConfig, ImitationConfig, Tra
 from hugwbc.learned.env.starts import STARTS_FILE, RecordedStarts
 from hugwbc.learned.imitation import imitation
 from hugwbc.learned.imitation.imitation import Imitator, equivalent_targets
-from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState

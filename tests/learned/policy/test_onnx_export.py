@@ -6,10 +6,9 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
-from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, policy_dir
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
-from hugwbc.learned.policy.policy import LearnedController, load_policy, policy_dir
 from hugwbc.learned.policy.policy_contract import policy_contract
 
 onnxruntime = pytest.importorskip("onnxruntime")

@@ -13,9 +13,8 @@ from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import LearnedController, load_policy, save_policy
 from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.learned.rl.trainer import contract_of
 from hugwbc.robot import load_robot

@@ -2,8 +2,8 @@ import numpy as np
 import torch
 
 from hugwbc import COMMAND_NAMES, Command, Gait, RobotState, UpperBody, command_ranges, load_robot
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import load_policy
 from hugwbc.learned.policy.policy_rows import row_by_row
 
 N = 37

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc.learned.policy import self_test
+from hugwbc.learned.policy import LearnedController, self_test
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import LearnedController
 from hugwbc.learned.policy.policy_contract import policy_contract
 
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from hugwbc.learned.config import CommandConfig, EnvConfig, TerrainConfig
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy import load_policy
 from hugwbc.learned.rl.evaluator import FALL_COST, Evaluator
 
 

@@ -18,8 +18,7 @@ from hugwbc.learned.config import (
     TrainConfig,
 )
 from hugwbc.learned.env.humanoid_env import StepResult
-from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy.policy import load_policy
+from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.run_log import LOG_NAME
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train

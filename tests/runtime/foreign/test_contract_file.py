@@ -78,7 +78,7 @@ def test_the_shipped_contract_is_unitrees():
         ("period: 0.01\n", "", 1, "contract field 'period' is missing"),
         ("torso_joint]\ndef", "torso]\ndef", 3, "unknown joint 'torso'. Did you mean 'torso_joint'"),
         ("torso_joint]\ndef", "left_knee_joint]\ndef", 3, "joint 'left_knee_joint' is listed twice"),
-        ("[0.3, 0]", "[0.3, 0, 0]", 4, "here are 3 numbers; give 2, one of the 2 joints, or a single one for all"),
+        ("[0.3, 0]", "[0.3, 0, 0]", 4, "found 3 numbers; give 2, one per joint, or a single one for all"),
         ("kp: 100", "kp: .nan", 5, "'.nan' is not a number"),
         ("kd: [2, 3]", "kd: [2, inf]", 6, "inf is not valid; give a finite number"),
         ("action_clip: 10", "action_clip: 0", 8, "0 is not above 0"),
@@ -89,11 +89,11 @@ def test_the_shipped_contract_is_unitrees():
         ("{h_in: h_out}", "h_in", 13, "as in state: {h_in: h_out}"),
         ("- gravity", "- gravty", 15, "unknown observation term 'gravty'. Did you mean 'gravity'"),
         ("[h, v_x]", "[h, vx]", 16, "unknown command 'vx'. Did you mean 'v_x'"),
-        ("scale: [2, 1]", "scale: [2, 1, 1]", 16, "give 2, one of the 2 numbers of command"),
+        ("scale: [2, 1]", "scale: [2, 1, 1]", 16, "give 2, one per number of command"),
         ("absolute: true", "absolute: yes", 17, "'yes' is neither true nor false"),
         ("{scale: 0.05}", "{factor: 0.05}", 18, "unknown joint_velocity field 'factor'"),
         ("- constant: {value: [1, 2]}", "- constant", 21, "constant needs value"),
-        ("- gravity", "- gravity: [1]", 15, "here should be a gravity with fields: scale"),
+        ("- gravity", "- gravity: [1]", 15, "expected a gravity with fields: scale"),
     ],
 )
 def test_a_malformed_contract_is_refused_with_its_line(tmp_path, old, new, place, message):

@@ -1,4 +1,4 @@
-"""Draw the training curve of the README from the record of a run; `make curve RUN=runs/mine` draws yours.
+"""Draw the training curve of docs/results.md from the record of a run; `make curve RUN=runs/mine` draws yours.
 
 The record of a run is its `metrics.csv`. What is drawn is kept in `docs/images/training.csv`: means of 20 iterations.
 """

@@ -240,7 +240,7 @@ _SPEEDS = (0.7, 0.9, 1.1, 1.3, 1.5)
 
 @pytest.mark.slow
 def test_stepping_in_time_and_crouching_outlast_more_pushes():
-    """Out of five in each direction; one push less is no safe one, since it depends on how the steps fall.
+    """Out of five in each direction; a weaker push is not always survived, since it depends on how the steps fall.
 
     With -s the numbers are printed.
     """
