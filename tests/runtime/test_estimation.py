@@ -3,11 +3,13 @@
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
+from hugwbc.robot import SIDES
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.estimation import EstimatorParams, JointFilter, StateEstimator
 from hugwbc.runtime.loop import ControlLoop
@@ -16,8 +18,23 @@ from hugwbc.sim import Simulation
 ROBOT = load_robot()
 
 
+def _standing_torque(q, orientation):
+    """Joint torques of a robot at rest whose feet carry half of its weight each."""
+    kinematics = Kinematics()
+    state = RobotState(q=q, dq=np.zeros(19), orientation=orientation, angular_velocity=np.zeros(3))
+    kinematics.update(state)
+    model, data = kinematics.model, kinematics.data
+    torque = pin.computeGeneralizedGravity(model, data, kinematics.q)
+    pin.computeJointJacobians(model, data, kinematics.q)
+    for side in SIDES:
+        sole = kinematics.frame_id(f"{side}_sole")
+        jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED)
+        torque = torque - jacobian[:3].T @ np.array([0.0, 0.0, 0.5 * 9.81 * ROBOT.mass])
+    return torque[kinematics.columns]
+
+
 def _at_rest(orientation, waist=0.0):
-    """Readings of a robot that stands still: gravity in the torso's frame, both feet loaded."""
+    """Readings of a robot that stands still: gravity in the torso's frame, joint torques that carry the weight."""
     q = ROBOT.nominal.copy()
     q[ROBOT.waist] = waist
     torso = rotations.multiply(orientation, rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), waist))
@@ -26,7 +43,7 @@ def _at_rest(orientation, waist=0.0):
         dq=np.zeros(19),
         orientation=orientation,
         angular_velocity=np.zeros(3),
-        foot_force=np.tile([0.0, 0.0, 250.0], (2, 1)),
+        torque=_standing_torque(q, orientation),
         imu_gyro=np.zeros(3),
         imu_accelerometer=rotations.rotate_inverse(torso, np.array([0.0, 0.0, 9.81])),
     )
@@ -104,8 +121,9 @@ def test_gravity_and_still_feet_correct_a_wrong_tilt_but_not_the_heading():
     estimator.reset(dataclasses.replace(reading, orientation=tilted))
     for k in range(1, 1000):
         estimate = estimator.update(dataclasses.replace(reading, orientation=tilted, time=0.002 * k))
-    assert abs(rotations.pitch_of(estimate.orientation)) < 2e-3
-    assert abs(rotations.roll_of(estimate.orientation)) < 2e-3
+    # The accelerometer's bias, which a tilt looks like, takes its share.
+    assert abs(rotations.pitch_of(estimate.orientation)) < 5e-3
+    assert abs(rotations.roll_of(estimate.orientation)) < 5e-3
     assert estimate.yaw == pytest.approx(1.2, abs=0.01)
 
 
@@ -123,12 +141,13 @@ def test_a_foot_in_the_air_is_not_observed_and_enters_where_it_lands():
     reading = _at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0))
     estimator = StateEstimator()
     start = estimator.reset(reading)
-    falling = dataclasses.replace(reading, foot_force=np.zeros((2, 3)), imu_accelerometer=np.zeros(3))
+    falling = dataclasses.replace(reading, torque=np.zeros(19), imu_accelerometer=np.zeros(3))
     for k in range(1, 51):
         estimate = estimator.update(dataclasses.replace(falling, time=0.002 * k))
     assert not estimator.contact.any()
-    assert estimate.position - start.position == pytest.approx([0.0, 0.0, -0.5 * 9.81 * 0.1**2], abs=1e-6)
-    assert estimate.velocity == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
+    # The torques tell a few milliseconds late that the feet have left the ground.
+    assert estimate.position - start.position == pytest.approx([0.0, 0.0, -0.5 * 9.81 * 0.1**2], abs=2e-3)
+    assert estimate.velocity == pytest.approx([0.0, 0.0, -0.981], abs=0.03)
     landing = dataclasses.replace(reading, imu_accelerometer=np.array([0.0, 0.0, 9.81 + 0.981 / 0.002]))
     estimator.update(dataclasses.replace(landing, time=0.002 * 51))
     for k in range(52, 200):
@@ -143,7 +162,7 @@ def test_readings_that_are_incomplete_or_broken_are_passed_on():
     estimator.reset(reading)
     for broken in (
         dataclasses.replace(reading, imu_gyro=None),
-        dataclasses.replace(reading, foot_force=None),
+        dataclasses.replace(reading, torque=None),
         dataclasses.replace(reading, q=np.full(19, np.nan)),
         dataclasses.replace(reading, dq=np.full(19, 1e200), time=0.002),
         dataclasses.replace(reading, imu_gyro=np.full(3, -1e300), time=0.002),
@@ -154,14 +173,14 @@ def test_readings_that_are_incomplete_or_broken_are_passed_on():
     assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-6), "none of them leaves anything behind"
 
 
-@pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.02), (False, 0.03)])
+@pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.03), (False, 0.03)])
 def test_it_follows_the_walking_robot(exact, speed_error):
     """The controller reads the truth, so that the estimator's errors do not feed back."""
     simulation = Simulation(sensing="exact" if exact else "robot", seed=2)
     controller, estimator = WholeBodyController(), StateEstimator()
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
     controller.reset(state)
-    estimator.reset(simulation.sense())
+    estimator.reset(dataclasses.replace(simulation.sense(), position=state.position))
     errors = []
     for tick in range(1500):
         command = Command(v_x=0.5, omega=0.3, gait=Gait.WALKING)

@@ -23,7 +23,7 @@ def test_noise_that_is_no_deviation_is_refused(deviation: float) -> None:
 def test_unknown_profiles_and_long_latencies_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="robot"):
         Simulation(sensing="robbot")
-    with pytest.raises(ConfigError, match="latency is 2.0 s"):
+    with pytest.raises(ConfigError, match="latency is 2"):
         Simulation(latency=2.0)
 
 
@@ -37,7 +37,6 @@ def test_exact_sensors_tell_the_truth() -> None:
     np.testing.assert_allclose(sensed.angular_velocity, truth.angular_velocity, atol=1e-9)
     for name in ("q", "dq", "position", "velocity", "foot_force", "torque"):
         np.testing.assert_array_equal(getattr(sensed, name), getattr(truth, name))
-    np.testing.assert_array_equal(truth.torque, simulation.torque)
 
 
 def test_a_robot_has_neither_foot_sensors_nor_a_position() -> None:
