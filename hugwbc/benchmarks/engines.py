@@ -21,8 +21,8 @@ from hugwbc.gait import Gait
 from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Arena, Force
 from hugwbc.sim.arena import ENGINES
 

@@ -120,7 +120,8 @@ def run(words: Sequence[str]) -> int:
             read = 0 if execution.store is None else execution.store.restored
             advance(*(min(count / settings.episodes, 1.0) for count in (done, min(done, read))))
 
-        result = protocol.run(spec.build, settings, on_episode)
+        told = spec.told(settings.conditions.chosen_arena.robot)
+        result = protocol.run(told.build, settings, on_episode)
     say(protocol.describe(result), options["json"])
     content = dataclasses.asdict(result)
     rows = content.pop("rows")

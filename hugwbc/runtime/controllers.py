@@ -175,8 +175,9 @@ class ControllerSpec:
         return self.name in plugins() and _takes(_loaded(plugins()[self.name]), "robot")
 
     def told(self, robot: str) -> "ControllerSpec":
-        """Return the controller told a robot, or unchanged if it takes none."""
-        return dataclasses.replace(self, robot=robot) if self.takes_robot else self
+        """Return the controller told a robot, or unchanged if it takes none or knows it already."""
+        known = robot == DEFAULT_ROBOT and self.robot is None
+        return dataclasses.replace(self, robot=robot) if self.takes_robot and not known else self
 
     @property
     def label(self) -> str:

@@ -168,6 +168,11 @@ class ControlLoop:
             self._estimate = self.estimator.update(self.simulation.sense(), planned)
         return self.simulation.state()
 
+    @property
+    def estimate(self) -> RobotState:
+        """What the controller knows of the robot: the last estimate, or the last reading without an estimator."""
+        return self._estimate
+
     def moment(self) -> Moment:
         """Return what a picture shows now."""
         state, simulation = self.simulation.state(), self.simulation

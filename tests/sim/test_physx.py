@@ -12,8 +12,8 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import Constant
 from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Actuators, Engine, Force, Ground, HeightField, Simulation, Variation
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.state import pelvis_from_torso_imu

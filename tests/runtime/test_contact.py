@@ -1,0 +1,73 @@
+"""Contacts from joint torques: standing, walking against the true contacts, and the filter's consistency."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.contact import ContactObserver
+from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.scripts.command_source import Constant
+from hugwbc.sim import Simulation
+from hugwbc.sim.sensors import ROBOT
+
+TOUCHING = 1.0  # [N]
+
+
+def test_a_stand_at_rest_is_known_from_the_start():
+    simulation, observer = Simulation(), ContactObserver()
+    state = simulation.reset()
+    observer.reset(state)
+    weight = 9.81 * load_robot().mass
+    assert observer.contact.all()
+    assert observer.force[:, 2].sum() == pytest.approx(weight, rel=0.01)
+
+
+def _walk(seed, duration, v_x=0.5, omega=0.0, settle=1.0, biases=None):
+    """Walk on the estimate; errors of tilt and velocity, the filter's covariance, inferred and true contacts."""
+    profile = ROBOT if biases is None else dataclasses.replace(ROBOT, gyro_bias=biases[0], accelerometer_bias=biases[1])
+    simulation, estimator = Simulation(sensing=profile, seed=seed), StateEstimator()
+    command = Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
+    loop = ControlLoop(WholeBodyController(), Constant(command), simulation, None, estimator)
+    loop.reset()
+    delay = round(profile.latency / simulation.timestep)
+    errors, contacts, covariances, truths = [], [], [], []
+    while simulation.time < duration:
+        joint_command = loop.decide(simulation.time)
+        for _ in range(loop.substeps):
+            truths.append(loop.step(joint_command, simulation.timestep))
+            if simulation.time < settle or len(truths) <= delay:
+                continue
+            truth, estimate = truths[-1 - delay], loop.estimate  # the estimate is of the reading's time
+            turn = rotations.to_matrix(estimate.orientation) @ rotations.to_matrix(truth.orientation).T
+            tilt = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]])
+            errors.append(np.concatenate((tilt, estimate.velocity - truth.velocity)))
+            contacts.append((estimator.contact, truth.foot_force[:, 2] > TOUCHING))
+            covariances.append(estimator.covariance())
+    assert not simulation.fallen
+    return np.array(errors), np.array(contacts), np.array(covariances)
+
+
+def test_contacts_and_velocity_of_a_walk_without_foot_sensors():
+    errors, contacts, _ = _walk(seed=11, duration=4.0)
+    inferred, true = contacts[:, 0], contacts[:, 1]
+    assert (inferred & ~true).mean() < 0.05, "false contacts"
+    assert (true & ~inferred).mean() < 0.05, "missed contacts"
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    assert rms[:2].max() < np.radians(1.0) and rms[2:].max() < 0.05
+
+
+@pytest.mark.slow
+def test_the_filter_is_as_exact_as_it_believes_over_fifty_walks():
+    """Normalised estimation error squared of tilt and velocity: 1 on average for a consistent filter."""
+    rng, ratios = np.random.default_rng(1000), []
+    for seed in range(50):
+        errors, _, covariances = _walk(seed, 4.0, v_x=rng.uniform(-0.3, 1.0), omega=rng.uniform(-0.5, 0.5))
+        rows = np.ix_(range(len(errors)), [0, 1, 3, 4, 5], [0, 1, 3, 4, 5])
+        squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances[rows]), errors)
+        ratios.append(squares.mean() / 5.0)
+    assert 0.1 < np.median(ratios) < 1.5
+    assert np.mean(ratios) < 3.0
