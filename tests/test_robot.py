@@ -64,13 +64,13 @@ def test_missing_table_field_is_named(tmp_path, monkeypatch) -> None:
     (tmp_path / "h1.yaml").write_text("joints: []\narmature: 0.01\n")
     monkeypatch.setattr(robot_module, "model_dir", lambda: tmp_path)
     with pytest.raises(ModelError, match=r"h1.yaml lacks the field 'drives'; restore it"):
-        load_robot.__wrapped__()
+        load_robot.__wrapped__("h1")
 
 
 def test_robots_by_name() -> None:
     """Masses: the maker's corrected description, and the earlier one of the paper."""
     assert robot_names() == ("h1", "h1-2023")
-    new, earlier = load_robot(), load_robot("h1-2023")
+    new, earlier = load_robot("h1"), load_robot("h1-2023")
     assert (new.name, earlier.name) == ("h1", "h1-2023")
     assert load_robot("h1-2023") is earlier
     assert (new.mass, earlier.mass) == (pytest.approx(59.338), pytest.approx(51.649896))
@@ -81,8 +81,8 @@ def test_robots_by_name() -> None:
 
 
 def test_a_table_is_a_copy_and_has_the_differences_applied() -> None:
-    robot_table()["links"][0]["mass"] = 0.0
-    assert (robot_table()["links"][0]["mass"], robot_table("h1-2023")["links"][0]["mass"]) == (5.983, 5.39)
+    robot_table("h1")["links"][0]["mass"] = 0.0
+    assert (robot_table("h1")["links"][0]["mass"], robot_table("h1-2023")["links"][0]["mass"]) == (5.983, 5.39)
     assert "robots" not in robot_table()
 
 

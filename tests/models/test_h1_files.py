@@ -11,7 +11,7 @@ import pytest
 from hugwbc import load_robot
 from hugwbc.robot import model_dir, robot_names, robot_table
 
-MODEL = mujoco.MjModel.from_xml_path(str(load_robot().xml_path))
+MODEL = mujoco.MjModel.from_xml_path(str(load_robot("h1").xml_path))
 
 
 def _build() -> types.ModuleType:

@@ -68,7 +68,8 @@ def test_a_controller_is_told_a_robot_by_name():
         assert load_controller(name).robot is load_robot()
     assert load_controller("qp", robot="h1").dynamics.mass == pytest.approx(load_robot("h1").mass)
     spec, twin = ControllerSpec("qp", robot="h1-2023"), ControllerSpec("qp", robot="h1")
-    assert spec.label == "qp h1-2023" and ControllerSpec("qp").told("h1-2023") == spec
+    assert twin.label == "qp h1" and ControllerSpec("qp").told("h1") == twin
+    assert ControllerSpec("qp").told(DEFAULT_ROBOT) == ControllerSpec("qp"), "it knows the default already"
     assert spec.identity() != twin.identity()
     assert ControllerSpec("qp").identity() == ControllerSpec("qp", robot=DEFAULT_ROBOT).identity()
     with pytest.raises(UnknownNameError, match="robot"):

@@ -13,7 +13,7 @@ from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.scene import load_model
 
-ROBOT = load_robot()
+ROBOT = load_robot("h1")  # whose drives have the inertia that the limit needs
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 ZERO = np.zeros(19)
 NO_DELAY = Actuators(delay=0.0)
@@ -25,7 +25,7 @@ def torque(tau: np.ndarray) -> JointCommand:
 
 def floating(actuators: Actuators) -> Simulation:
     """Robot in free space: no gravity, no ground within reach."""
-    simulation = Simulation(actuators=actuators)
+    simulation = Simulation(robot=ROBOT, actuators=actuators)
     simulation.model.opt.gravity[:] = 0.0
     simulation.reset()
     simulation.data.qpos[2] = 5.0
@@ -111,7 +111,7 @@ def test_friction_holds_a_joint_against_a_smaller_torque() -> None:
 def test_reflected_inertia_adds_to_the_mass_matrix() -> None:
     diagonals = []
     for factor in (0.5, 1.0, 2.0):
-        model = load_model(0.002, actuators=Actuators(armature=factor))
+        model = load_model(0.002, robot=ROBOT, actuators=Actuators(armature=factor))
         data, matrix = mujoco.MjData(model), np.zeros((25, 25))
         mujoco.mj_resetDataKeyframe(model, data, 0)
         mujoco.mj_forward(model, data)
@@ -134,7 +134,7 @@ def test_a_command_acts_after_the_delay(delay: float | None, steps: int) -> None
 
 
 def test_the_first_command_after_a_reset_acts_at_once() -> None:
-    simulation = Simulation(actuators=Actuators())
+    simulation = Simulation(robot=ROBOT, actuators=Actuators())
     for _ in range(2):
         simulation.reset()
         simulation.step(torque(np.ones(19)), 0.002)

@@ -6,6 +6,7 @@ from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.protocols.effort import EffortConfig, EffortProtocol
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 
 
@@ -27,7 +28,7 @@ def test_every_speed_of_the_gait_has_a_row():
     left, right = Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
     assert controller.commanded == {(0.0, left), (0.25, right), (0.5, left)} and result.gait == "hopping"
     assert [row.v_x for row in result.rows] == [0.0, 0.25, 0.5] and result.falls < result.episodes == 3
-    assert result.mass == pytest.approx(59.338 + 2.0, abs=0.01)
+    assert result.mass == pytest.approx(load_robot().mass + 2.0, abs=0.01)
     for row in result.rows:
         assert row.power is not None and row.power > 0.0 and row.cost_of_transport is None
         assert 0.0 < row.torque_rms < row.torque_peak <= 1.0  # type: ignore[operator]

@@ -20,6 +20,7 @@ from hugwbc.evaluation.protocols.tour import (
     strongest_blow,
     tour_plan,
 )
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Disturber, Simulation
 
@@ -34,7 +35,7 @@ def test_a_tour_has_twelve_waypoints_and_a_blow_on_each_leg():
     places = np.array([(0.0, 0.0), *((goal.x, goal.y) for goal in plan.commands.waypoints)])
     lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert lengths.min() >= 0.8 and lengths.max() <= 1.5
-    assert strongest_blow(CONFIG) == pytest.approx(600.0 * 59.338 / 35.0, rel=1e-3)
+    assert strongest_blow(CONFIG) == pytest.approx(600.0 * load_robot().mass / 35.0, rel=1e-3)
     for index, force in enumerate(plan.forces):
         assert 5.0 * index <= force.start and force.start + 0.08 < 5.0 * (index + 1)
         assert math.hypot(*force.vector) <= strongest_blow(CONFIG) and force.duration == 0.08
