@@ -26,8 +26,8 @@ SPEEDS = (0.5, 1.0)  # [m/s]
 WALK_TIME, STAND_TIME, LOAD_TIME, FLIGHT_TIME = 6.0, 2.0, 2.0, 0.6  # [s]
 LOAD = 40.0  # [N], sideways at the pelvis
 _SETTLING = 1.0  # [s], at the start of a stand
-FORMER_GROUND = Ground(time_constant=0.02)
-"""The ground of all results before the arena of docs/arena.md: MuJoCo's default contacts."""
+FIRM_GROUND, FORMER_GROUND = Ground.named("firm"), Ground.named("soft")
+"""The grounds of arenas 2 and 1 (docs/arena.md)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Physics:
     """
 
     timestep: float = SIMULATION_TIMESTEP
-    ground: Ground = dataclasses.field(default_factory=Ground)
+    ground: Ground = dataclasses.field(default_factory=lambda: FIRM_GROUND)
     robot: str = "h1"
     actuators: Actuators = dataclasses.field(default_factory=Actuators.ideal)
 
@@ -214,19 +214,19 @@ def batch_times(count: int, control_steps: int, threads: int, repeats: int = 5) 
     Returns:
         Processor time of a control step of all robots by name of the physics [ms].
     """
-    earlier, robot = load_robot("h1-2023"), load_robot()
+    earlier, robot = load_robot("h1-2023"), load_robot("h1")
     real = Actuators()
+
+    def firm(of: Robot, actuators: Actuators | None = None) -> BatchSimulation:
+        return BatchSimulation(count, threads=threads, robot=of, actuators=actuators, ground=FIRM_GROUND)
+
     batches = {
         "former: h1-2023, soft ground": BatchSimulation(count, threads=threads, robot=earlier, ground=FORMER_GROUND),
-        "h1-2023, firm ground": BatchSimulation(count, threads=threads, robot=earlier),
-        "h1, firm ground": BatchSimulation(count, threads=threads, robot=robot),
-        "h1, firm ground, friction": BatchSimulation(
-            count, threads=threads, robot=robot, actuators=dataclasses.replace(real, torque_speed=False)
-        ),
-        "h1, firm ground, torque-speed limit": BatchSimulation(
-            count, threads=threads, robot=robot, actuators=dataclasses.replace(real, friction=0.0)
-        ),
-        "h1, firm ground, real drives": BatchSimulation(count, threads=threads, robot=robot, actuators=real),
+        "h1-2023, firm ground": firm(earlier),
+        "h1, firm ground": firm(robot),
+        "h1, firm ground, friction": firm(robot, dataclasses.replace(real, torque_speed=False)),
+        "h1, firm ground, torque-speed limit": firm(robot, dataclasses.replace(real, friction=0.0)),
+        "h1, firm ground, real drives": firm(robot, real),
     }
     best = dict.fromkeys(batches, np.inf)
     substeps = round(0.02 / TRAINING_TIMESTEP)

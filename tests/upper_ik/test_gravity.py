@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import rotations
+from hugwbc import load_robot, rotations
 from hugwbc.controller import JointCommand
 from hugwbc.upper_ik import ArmDamping, GravityCompensation
 
@@ -14,7 +14,7 @@ REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 
 def test_torque_of_the_elbow_by_hand(nominal_state):
     # Nominal arms: forearms level, centre of mass 0.164862 m ahead of the elbow's axis, 0.745 kg (h1.yaml).
-    torque = GravityCompensation().torque(np.zeros(8), nominal_state)
+    torque = GravityCompensation(robot=load_robot("h1")).torque(np.zeros(8), nominal_state)
     assert torque[[3, 7]] == pytest.approx([-0.745 * 9.81 * 0.164862] * 2, rel=1e-6)
     # Shoulder roll: the arm hangs below its axis, offset sideways by the parts' centres of mass only.
     sideways = 0.852 * 0.00115 + 0.862 * 0.002767 + 0.745 * 0.000118
