@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.controller import CarriesArms, Controller, JointCommand, UpperBody
+from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
@@ -55,9 +55,8 @@ class ArmSource(Protocol):
 
 
 def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Return the hand IK for a controller, with gravity compensation unless the controller carries the arms itself."""
-    carries = isinstance(controller, CarriesArms) and controller.carries_arms
-    return UpperBodySource(gravity_compensation=not carries)
+    """Return the hand IK for a controller."""
+    return UpperBodySource()
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:

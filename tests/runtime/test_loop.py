@@ -134,7 +134,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
             lost = dataclasses.replace(low, left=np.full(3, np.nan))
             return lost if 0.7 < t < 0.8 else self.hands
 
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     loop = ControlLoop(HoldController(), Stream(), Simulation(), source)
     loop.reset()
     heights = []
