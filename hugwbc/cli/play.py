@@ -13,12 +13,13 @@ from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import ControlLoop, upper_body_source
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation, noisy_simulation
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
@@ -87,7 +88,7 @@ def run(words: Sequence[str]) -> int:
     source, duration = _source(options)
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation, estimator = (noisy_simulation(), StateEstimator()) if options.noise else (Simulation(), None)
-    loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
+    loop = ControlLoop(controller, source, simulation, UpperBodySource(), estimator)
     draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
     run_live(loop, duration, draw, tell=say)
     return 0
@@ -126,7 +127,7 @@ def _run_live(options: PlayOptions) -> int:
     controller = ControllerSpec(options.controller, options.policy).build()
     simulation = Simulation()
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
-    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller))
+    loop = ControlLoop(controller, page.source, simulation, UpperBodySource())
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)

@@ -7,7 +7,15 @@ from hugwbc.errors import ConfigError
 
 # Divisors and bounds, which have no meaning at 0 or below.
 _POSITIVE = (
-    *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon", "speed_horizon"),
+    *(
+        "friction",
+        "torque_fraction",
+        "max_normal_force",
+        "speed_fraction",
+        "joint_brake",
+        "joint_horizon",
+        "speed_horizon",
+    ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *("leg_length", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
     # Pairs of the largest rate and the largest acceleration,

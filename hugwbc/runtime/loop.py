@@ -17,7 +17,7 @@ from hugwbc.scripts.command_source import Constant as Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import IKSolution, UpperBodySource
+from hugwbc.upper_ik import IKSolution
 
 CONTACT_FORCE = 1.0  # [N]; a foot with a larger normal force counts as on the ground
 
@@ -52,11 +52,6 @@ class ArmSource(Protocol):
             commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
         """
         ...
-
-
-def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Return the hand IK for a controller."""
-    return UpperBodySource()
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:

@@ -267,7 +267,8 @@ class SafetyFilter:
         sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
         if sizes != {self.robot.arms.shape} or not np.all(np.isfinite(vectors)):
             self._count(
-                "upper_body_rejected", "external arm targets are not eight finite numbers each: keeping the last good ones"
+                "upper_body_rejected",
+                "external arm targets are not eight finite numbers each: keeping the last good ones",
             )
             return self._last_upper
         low, high = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]

@@ -30,9 +30,10 @@ class ArmServoConfig:
         stiffness: of every arm joint [N*m/rad]; that of the maker's teleoperation of the H1 (`xr_teleoperate`,
             `kp_low`).
         shoulder_damping: of shoulder pitch and roll, which move the whole arm [N*m*s/rad]. With it a stretched arm of
-            0.3 kg m^2 is damped at about two thirds of the critical value.
+            0.3 kg m^2 has three quarters of the critical damping.
         distal_damping: of shoulder yaw and elbow, which move the forearm only [N*m*s/rad]; the maker's `kd_low`.
-        acceleration_time: time constant of the filter of the commanded acceleration [s].
+        acceleration_time: time constant of the filter of the commanded acceleration [s]. It is short, because inverse
+            kinematics that corrects for a swaying waist turns a late torque into more sway.
         largest_acceleration: largest commanded acceleration that is fed forward [rad/s^2].
         friction_speed: commanded speed at which about three quarters of the drives' Coulomb friction is fed forward
             [rad/s].
@@ -42,9 +43,9 @@ class ArmServoConfig:
     """
 
     stiffness: float = 140.0
-    shoulder_damping: float = 8.0
+    shoulder_damping: float = 10.0
     distal_damping: float = 3.0
-    acceleration_time: float = 0.01
+    acceleration_time: float = 0.002
     largest_acceleration: float = 60.0
     friction_speed: float = 0.1
 
