@@ -270,6 +270,9 @@ class ControllerParams:
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
     """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
+    swing_lift: float = 1.5
+    """Largest l f^2 of a swing that the drives follow at their highest speed [m Hz^2]; the plan of a swing lowers its
+    apex beyond it, so that the foot lands in time."""
     swing_reaction_per_speed: float = 0.3
     """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
