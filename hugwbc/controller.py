@@ -48,7 +48,7 @@ class UpperBody:
     """External control of the arms by IK, a motion file or noise; `UpperBody.none()` leaves them to the controller.
 
     A source of targets gives `q`, `dq` and `mask`, and may add a torque. The servo of the arms
-    (`hugwbc.upper_ik.ArmServo`) then completes the torque and sets the gains, so that the arms are driven alike
+    (`hugwbc.runtime.ArmServo`) then completes the torque and sets the gains, so that the arms are driven alike
     whatever controls the rest of the body.
 
     Attributes:

@@ -3,6 +3,7 @@
 The names below are what users need. Modules of hugwbc itself import the submodules.
 """
 
+from hugwbc.runtime.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
@@ -16,6 +17,8 @@ from hugwbc.sim import Force, SensorNoise, Simulation, noisy_simulation
 from hugwbc.upper_ik import UpperBodySource
 
 __all__ = [
+    "ArmServo",
+    "ArmServoConfig",
     "ArmSource",
     "CommandSource",
     "Constant",

@@ -10,9 +10,9 @@ from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.robot import Robot, load_robot
+from hugwbc.runtime.arm_servo import ArmServo
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.state import RobotState
-from hugwbc.upper_ik import ArmServo
 
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
@@ -141,7 +141,7 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
-    - Arms under external control are driven by one servo, whatever the controller (`hugwbc.upper_ik.ArmServo`). Where
+    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). Where
       they are taken over and released, the step in their command fades (`Handover`).
     - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, and feed-forward
       torques to the torque limits.

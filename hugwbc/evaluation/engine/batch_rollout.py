@@ -13,6 +13,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
+from hugwbc.runtime.arm_servo import ArmServo
 from hugwbc.runtime.loop import CONTACT_FORCE, substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import RECORD_PERIOD, SHORTEST_SWING, Trace
@@ -20,7 +21,6 @@ from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.state import RobotState
-from hugwbc.upper_ik import ArmServo
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention

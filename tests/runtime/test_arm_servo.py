@@ -7,12 +7,24 @@ import pytest
 from hugwbc import rotations
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.runtime.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.sim import Actuators
-from hugwbc.upper_ik import ArmServo, ArmServoConfig
+from tests.upper_ik.conftest import Hanging, make_state
 
 # Both arms forward, elbows slightly bent.
 REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 DT = 0.02
+
+
+@pytest.fixture
+def robot():
+    return load_robot()
+
+
+@pytest.fixture
+def nominal_state(robot):
+    return make_state(robot.nominal)
 
 
 def driven(servo, robot, q, state, dq=None):
@@ -40,13 +52,13 @@ def test_torque_of_an_accelerated_elbow_by_hand(robot, nominal_state):
     assert change[3] == pytest.approx(10.0 * inertia, rel=1e-6)
 
 
-def test_upside_down_the_torques_change_sign(nominal_state, make_state):
+def test_upside_down_the_torques_change_sign(nominal_state):
     servo = ArmServo()
     turned = make_state(nominal_state.q, orientation=rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), math.pi))
     assert servo.torque(REACHING, turned) == pytest.approx(-servo.torque(REACHING, nominal_state), abs=1e-9)
 
 
-def test_torques_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_state, make_state):
+def test_torques_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_state):
     servo = ArmServo()
     rng = np.random.default_rng(0)
     limit = robot.torque_limit[robot.arms]
@@ -77,10 +89,10 @@ def test_config_refuses_nonsense():
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.3])
-def test_soft_arms_rest_where_they_should(robot, hanging, pitch):
+def test_soft_arms_rest_where_they_should(robot, pitch):
     sag = {}
     for servo in (None, ArmServo()):
-        rig = hanging(pitch)
+        rig = Hanging(pitch)
         state = rig.step(driven(servo, robot, REACHING, rig.state), 6.0)
         sag[servo is not None] = np.abs(state.q[robot.arms] - REACHING).max()
     print(
@@ -101,11 +113,11 @@ def test_gains_are_worth_the_torque_they_say(robot, nominal_state):
     assert again.tau == pytest.approx(command.tau), "the measured speed of an arm only counts in its damping"
 
 
-def test_a_pushed_arm_comes_to_rest_sooner(robot, hanging):
+def test_a_pushed_arm_comes_to_rest_sooner(robot):
     """Called at 50 Hz, as the learned controller is."""
     left = {}
     for servo in (None, ArmServo()):
-        rig = hanging()
+        rig = Hanging()
         rig.simulation.data.qvel[6 + robot.arms[:2]] = 3.0
         for _ in range(40):
             state = rig.step(driven(servo, robot, REACHING, rig.state), DT)
@@ -114,17 +126,17 @@ def test_a_pushed_arm_comes_to_rest_sooner(robot, hanging):
     assert left[True] < 0.3 * left[False]
 
 
-def test_damped_arms_do_not_chatter(robot, hanging):
-    servo, rig, speeds = ArmServo(), hanging(), []
+def test_damped_arms_do_not_chatter(robot):
+    servo, rig, speeds = ArmServo(), Hanging(), []
     for _ in range(120):
         speeds.append(np.abs(rig.step(driven(servo, robot, np.zeros(8), rig.state), DT).dq[robot.arms]).max())
     assert max(speeds[-20:]) < 0.02
 
 
 @pytest.mark.parametrize("period", [0.002, 0.02])
-def test_arms_follow_a_sine_alike_at_every_control_period(robot, hanging, period):
+def test_arms_follow_a_sine_alike_at_every_control_period(robot, period):
     """0.4 rad at 1 Hz, real drives: the tracking does not depend on which controller calls the servo."""
-    rig, servo, errors = hanging(actuators=Actuators()), ArmServo(), []
+    rig, servo, errors = Hanging(actuators=Actuators()), ArmServo(), []
     for tick in range(round(2.0 / period)):
         phase = 2.0 * math.pi * tick * period
         q, dq = REACHING + 0.4 * np.sin(phase), np.full(8, 0.8 * math.pi * np.cos(phase))
