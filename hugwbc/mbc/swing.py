@@ -40,13 +40,17 @@ def quintic_advance(
     )
 
 
-def cubic_start(x: float, v: float, x_end: float, v_end: float, T: float) -> tuple[float, float]:
-    """Return acceleration and jerk at the start of the cubic from a state to a target; arguments as `quintic_advance`.
+def cubic_advance(x: float, v: float, x_end: float, v_end: float, T: float, dt: float) -> tuple[float, float, float]:
+    """Return position, velocity and acceleration after `dt` on the cubic from a state to a target.
 
-    Between two states of rest its highest speed is 1.5 times the mean; that of a quintic is 1.875 times.
+    Between two states of rest its highest speed is 1.5 times the mean; that of a quintic is 1.875 times. Arguments as
+    in `quintic_advance`.
     """
     position, velocity = x_end - (x + v * T), (v_end - v) * T
-    return (6.0 * position - 2.0 * velocity) / (T * T), (6.0 * velocity - 12.0 * position) / (T * T * T)
+    c2 = (3.0 * position - velocity) / (T * T)
+    c3 = (velocity - 2.0 * position) / (T * T * T)
+    t = min(dt, T)
+    return x + t * (v + t * (c2 + t * c3)), v + t * (2.0 * c2 + t * 3.0 * c3), 2.0 * c2 + t * 6.0 * c3
 
 
 class SwingTrajectory:
@@ -68,7 +72,6 @@ class SwingTrajectory:
         self.velocity = np.zeros(3)
         self.acceleration = np.zeros(3)
         self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
-        self._jerk = 0.0
 
     def shift(self, offset: np.ndarray) -> None:
         """Move the plan after the estimate of the position jumped by `offset` [m], shape (3,)."""
@@ -108,24 +111,14 @@ class SwingTrajectory:
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining
         x, y = foothold.tolist()
-        remaining = max(remaining, _SHORTEST)
+        remaining, until = max(remaining, _SHORTEST), max(until, _SHORTEST)
         self._axes = (
             quintic_advance(*self._axes[0], x, 0.0, 0.0, remaining, dt),
             quintic_advance(*self._axes[1], y, 0.0, 0.0, remaining, dt),
-            self._rise(height, until, dt)
+            # The knee is closest to its highest speed where the foot rises: a cubic needs a fifth less of it for the
+            # same apex than a quintic. The fall lands softly, by a quintic that the cubic gives a head start.
+            cubic_advance(*self._axes[2][:2], height, speed, until, dt)
             if to_apex > 0.0
-            else quintic_advance(*self._axes[2], height, speed, 0.0, max(until, _SHORTEST), dt),
+            else quintic_advance(*self._axes[2], height, speed, 0.0, until, dt),
         )
         self.position, self.velocity, self.acceleration = np.array(self._axes).T
-
-    def _rise(self, apex: float, until: float, dt: float) -> tuple[float, float, float]:
-        """Return height, vertical velocity and acceleration after a tick on the way to the apex [m], `until` [s] away.
-
-        The knee is close to its highest speed here. A cubic needs a fifth less of it than a quintic for the same apex,
-        and gives the fall, which lands softly by a quintic, a head start. Shortly before its end it runs out as planned.
-        """
-        z, v, a = self._axes[2]
-        if until >= _SHORTEST:
-            a, self._jerk = cubic_start(z, v, apex, 0.0, until)
-        j = self._jerk
-        return z + dt * (v + dt * (a / 2.0 + dt * j / 6.0)), v + dt * (a + dt * j / 2.0), a + dt * j

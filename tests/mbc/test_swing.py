@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.swing import SwingTrajectory, cubic_start, quintic_advance
+from hugwbc.mbc.swing import SwingTrajectory, cubic_advance, quintic_advance
 
 
 def test_quintic_is_the_minimum_jerk_rise_between_rests():
@@ -28,11 +28,9 @@ def test_cubic_meets_its_boundary_conditions_with_half_more_than_the_mean_speed(
     for _ in range(4):
         start, end = rng.normal(size=(2, 2))
         duration = rng.uniform(0.1, 1.0)
-        a, j = cubic_start(*start, *end, duration)
-        position = start[0] + duration * (start[1] + duration * (a / 2 + duration * j / 6))
-        assert (position, start[1] + duration * (a + duration * j / 2)) == pytest.approx(tuple(end), abs=1e-8)
-    a, j = cubic_start(0.0, 0.0, 1.0, 0.0, 0.5)
-    assert 0.25 * (a + 0.25 * j / 2) == pytest.approx(1.5 / 0.5), "half-way"
+        assert cubic_advance(*start, *end, duration, 10.0)[:2] == pytest.approx(end, abs=1e-8)
+        assert cubic_advance(*start, *end, duration, 0.0)[:2] == pytest.approx(start)
+    assert cubic_advance(0.0, 0.0, 1.0, 0.0, 0.5, 0.25) == pytest.approx((0.5, 1.5 / 0.5, 0.0))
 
 
 @pytest.mark.parametrize("step_time", [0.143, 0.25, 0.333])
