@@ -217,7 +217,7 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
 
 
 def ik_tick(calls: int) -> dict[str, float | None]:
-    """Return median and 99th percentile of a call of the hand IK with gravity compensation on moving targets [ms]."""
+    """Return median and 99th percentile of a call of the hand IK on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
     source = UpperBodySource()
     state: RobotState = Simulation().state()
