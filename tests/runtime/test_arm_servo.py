@@ -37,15 +37,16 @@ def driven(servo, robot, q, state, dq=None):
 
 def test_torque_of_the_elbow_by_hand(nominal_state):
     # Nominal arms: forearms level, centre of mass 0.164862 m ahead of the elbow's axis, 0.745 kg (h1.yaml).
-    torque = ArmServo().torque(np.zeros(8), nominal_state)
+    torque = ArmServo(robot=load_robot("h1")).torque(np.zeros(8), nominal_state)
     assert torque[[3, 7]] == pytest.approx([-0.745 * 9.81 * 0.164862] * 2, rel=1e-6)
     # Shoulder roll: the arm hangs below its axis, offset sideways by the parts' centres of mass only.
     sideways = 0.852 * 0.00115 + 0.862 * 0.002767 + 0.745 * 0.000118
     assert torque[[1, 5]] == pytest.approx([9.81 * sideways, -9.81 * sideways], rel=1e-6)
 
 
-def test_torque_of_an_accelerated_elbow_by_hand(robot, nominal_state):
-    servo, faster = ArmServo(), np.zeros(8)
+def test_torque_of_an_accelerated_elbow_by_hand(nominal_state):
+    robot, faster = load_robot("h1"), np.zeros(8)
+    servo = ArmServo(robot=robot)
     faster[3] = 10.0
     inertia = 0.0060062 + 0.745 * (0.164862**2 + 0.015734**2) + robot.armature[robot.arms[3]]
     change = servo.torque(np.zeros(8), nominal_state, np.zeros(8), faster) - servo.torque(np.zeros(8), nominal_state)

@@ -117,8 +117,7 @@ def test_source_leaves_the_arms_alone_without_targets(nominal_state):
     assert source.solution is None
 
 
-@pytest.mark.parametrize("compensated", [False, True])
-def test_source_never_jumps(robot, make_state, compensated):
+def test_source_never_jumps(robot, make_state):
     """Random targets, gaps, lost numbers, takeovers that start elsewhere: the command stream keeps its speed."""
     source = UpperBodySource()
     rng = np.random.default_rng(0)
