@@ -2,11 +2,13 @@
 
 import pathlib
 
+import pytest
 from docs_pages import ROOT, follow
 
 HOW_TO = ROOT / "docs" / "how-to"
 
 
+@pytest.mark.slow
 def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-command-script.md", folder, package)
     assert (folder / "out" / "inspect" / "replay.html").exists()
@@ -17,6 +19,7 @@ def test_add_a_controller(folder: pathlib.Path) -> None:
     assert (folder / "out" / "balancer" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-gait.md", folder, package)
 
