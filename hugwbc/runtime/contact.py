@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot
-from hugwbc.state import RobotState
+from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
 _WRENCH = (0, 1, 2, 4, 5)  # force, moments about y and z
@@ -62,13 +62,11 @@ class ContactObserver:
         self._rows = np.concatenate((np.arange(6), legs))
         self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
         self._tau = np.zeros(model.nv)
-        self.residual = np.zeros(model.nv)
         self.reset(None)
 
     def reset(self, state: RobotState | None) -> None:
         """Forget the past; both feet are taken to stand, with half of the weight each."""
-        mass = self._kinematics.model.inertias
-        weight = 9.81 * sum(inertia.mass for inertia in mass)
+        weight = GRAVITY * sum(inertia.mass for inertia in self._kinematics.model.inertias)
         self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
