@@ -14,8 +14,7 @@ import yaml
 from hugwbc.errors import ModelError, UnknownNameError
 
 SIDES = ("left", "right")
-_FULL_TABLE = "h1"  # the robot that the table describes in full; others are lists of differences
-DEFAULT_ROBOT = "h1-2023"  # until every figure is measured with "h1" (docs/arena.md)
+DEFAULT_ROBOT = "h1"  # the one that the table describes in full; others are lists of differences
 _LEG_PARTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 _ARM_PARTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
@@ -211,7 +210,7 @@ def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of all robots of the table, the default first."""
-    return (_FULL_TABLE, *_raw_table().get("robots", ()))
+    return (DEFAULT_ROBOT, *_raw_table().get("robots", ()))
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
@@ -223,7 +222,7 @@ def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
     """
     table = copy.deepcopy(_raw_table())
     variants = table.pop("robots", {})
-    if name != _FULL_TABLE and name not in variants:
+    if name != DEFAULT_ROBOT and name not in variants:
         raise UnknownNameError("robot", name, robot_names())
     difference = variants.get(name, {})
     try:

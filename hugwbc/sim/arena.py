@@ -121,7 +121,7 @@ class Arena:
 
 
 ARENAS = {1: Arena("h1-2023", "ideal", "exact", "soft"), 2: Arena("h1", "real", "robot", "firm")}
-DEFAULT_ARENA = 1
+DEFAULT_ARENA = 2
 
 
 @dataclasses.dataclass(frozen=True)

@@ -60,10 +60,10 @@ class BatchSimulation:
             terrain: height field to stand on; None for a plane.
             threads: number of threads; 0 for one per processor.
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones. Their delay is left to the caller, who sets `ctrl`.
+            ground: firmness of the ground; None for firm.
         """
-        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.robot, actuators = robot or load_robot(), actuators or Actuators()
         self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self.terrain = terrain
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.

@@ -1,5 +1,6 @@
 """Many H1s at once on `mujoco_warp`: the interface of `sim.batch` with the physics on a GPU."""
 
+import dataclasses
 from typing import Any
 
 import mujoco
@@ -60,13 +61,14 @@ class WarpSimulation(BatchSimulation):
             terrain: height field to stand on; None for a plane.
             device: warp's device: "cuda", or "cpu" for tests (its first use compiles for minutes).
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones without a torque-speed limit. Their delay is left to the
+                caller, who sets `ctrl`.
+            ground: firmness of the ground; None for firm.
 
         Raises:
             ConfigError: if mujoco_warp or the device is missing, or the drives have a torque-speed limit.
         """
-        actuators = actuators or Actuators.ideal()
+        actuators = actuators or dataclasses.replace(Actuators(), torque_speed=False)
         if actuators.torque_speed:
             raise ConfigError("physics on a GPU has no torque-speed limit; use --device cpu, or other drives")
         self._wp, self._mjw = _warp(device)
@@ -173,7 +175,7 @@ def robots_on(
         terrain: height field to stand on; None for a plane.
         threads: number of threads on the processor.
         robot: robot to simulate; None for the H1.
-        actuators: drives of the joints; None for ideal ones.
+        actuators: drives of the joints; None for real ones.
 
     Raises:
         ConfigError: if the device cannot be used.

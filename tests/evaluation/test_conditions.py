@@ -69,8 +69,8 @@ def test_robot_and_sensors_vary_as_told():
     assert simulation.variation == Variation(5.0, 0.5, 0.9, 0.8)
     hold = JointCommand.position(load_robot(), load_robot().nominal)
     for conditions, age in (
-        (Conditions(), 0.0), (Conditions(latency=0.02), 0.02),
-        (Conditions(sensing="robot"), 0.01), (Conditions(sensing="robot", latency=0.03), 0.03),
+        (Conditions(sensing="exact"), 0.0), (Conditions(sensing="exact", latency=0.02), 0.02),
+        (Conditions(), 0.01), (Conditions(latency=0.03), 0.03),
     ):  # fmt: skip
         simulation = conditions.simulation(1.0, (0,))
         simulation.step(hold, 0.1)
