@@ -21,11 +21,12 @@ _FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADC
 WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warnings; column 0 holds the last index
 
 
-class _Limited(NamedTuple):
-    """Robots with a torque-speed limit: their indices, the limit, and live views of joint speeds and torque ranges."""
+class _Block(NamedTuple):
+    """Robots that step by themselves: their rows, their torque-speed limit, live views of joint speeds and torque ranges."""
 
+    rows: slice
     ids: np.ndarray
-    limit: TorqueSpeedLimit
+    limit: TorqueSpeedLimit | None
     velocity: np.ndarray
     force_range: np.ndarray
 
@@ -76,21 +77,23 @@ class BatchSimulation:
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
-        self._limited = self._limit_torque() if actuators.torque_speed else []
+        self._limited = actuators.torque_speed
+        self._blocks = self._make_blocks()
         self._footing = None if terrain is None else Footing(self.model, terrain)
         if self._footing is not None:
             self._geom_pos = self.batch.expand("geom_pos")
             self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
         self.batch.reset(keyframe=0)
 
-    def _limit_torque(self) -> list[_Limited]:
-        """Divide the robots into blocks that step by themselves, each with the torque-speed limit of its robots."""
-        force_range, blocks = self.batch.expand("actuator_forcerange")[:, self.layout.ctrl], []
+    def _make_blocks(self) -> list[_Block]:
+        """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one."""
+        source = self.batch.expand("actuator_forcerange") if self._limited else self.model.actuator_forcerange[None]
+        force_range, blocks = source[:, self.layout.ctrl], []
         size = _BLOCK * max(1, self.batch.nthread)
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
-            limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1])
-            blocks.append(_Limited(np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
+            limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1]) if self._limited else None
+            blocks.append(_Block(rows, np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
         return blocks
 
     def _index_sensors(self) -> None:
@@ -115,23 +118,34 @@ class BatchSimulation:
         """Number of robots."""
         return self.batch.nsim
 
-    def step(self, substeps: int) -> np.ndarray:
+    def step(self, substeps: int, targets: np.ndarray | None = None) -> np.ndarray:
         """Advance all robots and update everything that depends on positions and velocities.
 
         MuJoCo silently resets a simulation that diverges. Only its warning counters show it, so they are cleared first.
+
+        Args:
+            substeps: number of physics steps.
+            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
 
         Returns:
             Which robots diverged, bool, shape (count,).
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
-        if not self._limited:
+        if targets is None and not self._limited:
             self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        for block in self._limited:
-            for _ in range(substeps):
-                block.limit.write(block.velocity, block.force_range)
-                self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        else:
+            for block in self._blocks:
+                self._step_block(block, substeps, targets)
         return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
+
+    def _step_block(self, block: _Block, substeps: int, targets: np.ndarray | None) -> None:
+        for substep in range(substeps):
+            if targets is not None:
+                self.ctrl[block.rows] = targets[substep, block.rows]
+            if block.limit is not None:
+                block.limit.write(block.velocity, block.force_range)
+            self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def states(self) -> list[RobotState]:
         """Return the true state of every robot in the form that a controller of one robot expects."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
 
 _FASTEST_HOP = 5.0  # [Hz], at which a control step is a tenth of a cycle
 
@@ -66,36 +66,45 @@ class RandomizationConfig:
 
     friction: tuple[float, float] = (0.4, 1.5)
     """Sliding friction of the robot's geometry."""
-    torso_mass: tuple[float, float] = (-2.0, 4.0)
+    mass: tuple[float, float] = (0.84, 1.06)
+    """Factor on the masses and inertias of all links together. From 59.3 kg it reaches the 51.65 kg of the earlier
+    description with room below."""
+    torso_mass: tuple[float, float] = (-1.0, 3.0)
     """Mass added to the torso, which has 18 kg [kg]."""
     torso_centre: float = 0.03
     """Half-width of the shift of the torso's centre of mass along each axis [m]."""
     gains: tuple[float, float] = (0.9, 1.1)
     """Factor on the stiffness of each joint and, independently, on its damping."""
-    link_mass: tuple[float, float] = (1.0, 1.0)
-    """Factor on the mass and inertia of each link (the authors: 0.8 to 1.2)."""
-    link_centre: float = 0.0
+    link_mass: tuple[float, float] = (0.9, 1.1)
+    """Factor on the mass and inertia of each link by itself (the authors: 0.8 to 1.2)."""
+    link_centre: float = 0.01
     """Half-width of the shift of each link's centre of mass along each axis [m] (the authors: 0.01)."""
-    strength: tuple[float, float] = (1.0, 1.0)
+    strength: tuple[float, float] = (0.9, 1.1)
     """Factor on the torque of each joint before its limit applies (the authors: 0.8 to 1.2)."""
-    offset: float = 0.0
+    offset: float = 0.01
     """Half-width of the error of each joint's position target [rad] (the authors: 0.02)."""
-    latency: tuple[float, float] = (0.0, 0.0)
-    """Time from an action to its effect [s], one value per robot, rounded to physics steps (the authors delay the
-    observations by 0 to 0.02). A range above 0 makes the training about a fifth slower."""
+    drive_friction: tuple[float, float] = (0.5, 1.5)
+    """Factor on the Coulomb and viscous friction of each real drive."""
+    latency: tuple[float, float] = (0.0, 0.02)
+    """Time from an action to its effect [s], one value per robot, rounded to physics steps. It stands for the age of the
+    readings, which is 10 ms in the arena, and for the delay of the drives, which is 2 ms."""
     push_velocity: float = 0.5
     """Half-width of a push, which changes the horizontal velocity of the pelvis [m/s]."""
     push_interval: int = 400
     """Mean number of control steps between two pushes of a robot."""
-    noise: float = 0.2
-    """Scale of the observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+    noise: float = 0.0
+    """Scale of the paper's observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
+    sensing: tuple[float, float] = (0.0, 1.5)
+    """Factor on the sensor errors of the arena (`hugwbc.sim.sensors.ROBOT`: noise, biases and offsets of encoders, joint
+    speeds, gyro and attitude), one value per robot; 0 for the true state."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("friction", "gains", "link_mass", "strength", "latency"):
+        may_vanish = ("latency", "drive_friction", "sensing")
+        for name in ("friction", "gains", "mass", "link_mass", "strength", *may_vanish):
             low, high = getattr(self, name)
-            least = "at least 0" if name == "latency" else "above 0"
-            valid = low >= 0.0 if name == "latency" else low > 0.0
+            least = "at least 0" if name in may_vanish else "above 0"
+            valid = low >= 0.0 if name in may_vanish else low > 0.0
             require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
         low, high = self.torso_mass
         require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
@@ -249,10 +258,17 @@ class EnvConfig:
 
     count: int = 1024
     """Robots simulated at once."""
-    robot: str = DEFAULT_ROBOT
+    robot: str = "h1"
     """Robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
+    drives: Literal["real", "ideal"] = "real"
+    """Drives of the joints: real (torque-speed limit and friction; their delay is part of the latency), or ideal. A GPU
+    has no torque-speed limit and needs ideal ones."""
+    ground: Literal["firm", "soft"] = "firm"
+    """Firmness of the ground. At a time step of 5 ms, firm ground is softened to what that step allows."""
+    timestep: float = 0.005
+    """Physics time step [s]."""
     substeps: int = 4
-    """Physics steps of 5 ms in a control step."""
+    """Physics steps in a control step."""
     episode_steps: int = 1000
     """Control steps after which an episode ends."""
     action_scale: float = ACTION_SCALE
@@ -292,6 +308,7 @@ class EnvConfig:
     def __post_init__(self) -> None:
         """Check the sizes and the robot's name."""
         load_robot(self.robot)
+        require(0.0 < self.timestep <= 0.01, "env.timestep", self.timestep, "above 0, up to 0.01 s")
         for name in ("count", "substeps", "episode_steps", "noise_interval"):
             value = getattr(self, name)
             require(value > 0, f"env.{name}", value, "a positive integer")
@@ -305,6 +322,11 @@ class EnvConfig:
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         unused = self.motions is not None and self.intervention != "motion"
         require(not unused, "env.motions", self.motions, "none without env.intervention motion")
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return self.timestep * self.substeps
 
     def action_scales(self, robot: Robot) -> np.ndarray:
         """Return the radians of joint target per unit of action, shape (19,)."""

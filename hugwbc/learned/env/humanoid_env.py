@@ -19,11 +19,13 @@ from hugwbc.learned.env.readings import Body, Transition, read, tensor
 from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.env.running_statistics import Statistics
+from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.robot import load_robot
-from hugwbc.sim.scene import TRAINING_TIMESTEP
+from hugwbc.sim.arena import DRIVES
+from hugwbc.sim.scene import Ground
 from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0
@@ -35,7 +37,7 @@ _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 _START_SIMULATION = ("qpos", "qvel")
 # Of a checkpoint: tensors of the environment, parts with a state of their own, and arrays of the simulation.
 _STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist")
-_STATE_GROUPS = ("intervention", "curriculum", "terrain", "held_foot")
+_STATE_GROUPS = ("intervention", "curriculum", "terrain", "held_foot", "sensors")
 _STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -73,7 +75,8 @@ class HumanoidEnv:
         actions: last three policy outputs, newest first, shape (3, n, 19).
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
         friction: sliding friction of each robot, shape (n,).
-        noise: half-widths of the observation noise, shape (63,).
+        noise: half-widths of the paper's observation noise, shape (63,).
+        sensors: errors of the sensors.
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
         nominal_qpos: nominal stand at the origin, shape (26,).
@@ -96,16 +99,25 @@ class HumanoidEnv:
         self.config = config
         self.robot = load_robot(config.robot)
         self.count = config.count
-        self.dt = TRAINING_TIMESTEP * config.substeps
+        self.dt = config.period
         self.generator = torch.Generator().manual_seed(seed)
         self.ground = self._make_ground(seed)
         terrain = None if self.ground is None else self.ground.terrain
-        self.simulation = robots_on(device, config.count, terrain=terrain, threads=threads, robot=self.robot)
+        self.simulation = robots_on(
+            device,
+            config.count,
+            terrain=terrain,
+            threads=threads,
+            robot=self.robot,
+            actuators=DRIVES[config.drives],
+            ground=Ground.named(config.ground),
+            timestep=config.timestep,
+        )
         self.action_scale = tensor(config.action_scales(self.robot))
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
         self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
-        delays = draw_delays(self.count, config.randomization.latency, TRAINING_TIMESTEP, rng)
+        delays = draw_delays(self.count, config.randomization.latency, config.timestep, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self.nominal_qpos = self.simulation.nominal_qpos
         self.curriculum = Curriculum(config.curriculum)
@@ -124,6 +136,7 @@ class HumanoidEnv:
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
+        self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
         self.held_foot = terminations.HeldFootRule(self.count, grace, self.dt) if grace > 0.0 else None
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
@@ -300,6 +313,7 @@ class HumanoidEnv:
         self.actions[:, robots] = 0.0
         self.waist[robots] = 0.0
         self.intervention.reset(robots)
+        self.sensors.reset(robots)
         self._draw_commands(robots)
         moving = self._start_in_motion(robots)
         self.readings = read(self.simulation, self.ground)
@@ -365,10 +379,11 @@ class HumanoidEnv:
 
     def _frame(self) -> torch.Tensor:
         """Return the proprioceptive frame of the current state with new noise, shape (n, 63)."""
-        r = self.readings
-        exact = obs.proprioception(r.angular_velocity, r.gravity, r.q - self.body.nominal, r.dq, self.actions[0])
-        noise = 2.0 * torch.rand(exact.shape, generator=self.generator) - 1.0
-        return exact + noise * self.noise
+        r = self.sensors.sensed(self.readings)
+        frame = obs.proprioception(r.angular_velocity, r.gravity, r.q - self.body.nominal, r.dq, self.actions[0])
+        if self.config.randomization.noise > 0.0:
+            frame = frame + (2.0 * torch.rand(frame.shape, generator=self.generator) - 1.0) * self.noise
+        return frame
 
     def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
         """Return the observations of the current state, of all robots or of some (indices)."""
@@ -410,6 +425,7 @@ class HumanoidEnv:
         state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
         state["generator"] = self.generator.get_state()
         state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
+        state |= {f"sensors.{k}": v for k, v in self.sensors.state_dict().items()}
         if self.latency is not None:
             state["targets"] = self.latency.targets
         if self.held_foot is not None:
@@ -440,6 +456,7 @@ class HumanoidEnv:
             if name:
                 prefixed[group][name] = value
         self.intervention.load_state_dict(prefixed["intervention"])
+        self.sensors.load_state_dict(prefixed["sensors"])
         self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
         # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
         self._write_simulation(state)

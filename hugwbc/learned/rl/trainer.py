@@ -21,7 +21,6 @@ from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
 from hugwbc.robot import load_robot
-from hugwbc.sim.scene import TRAINING_TIMESTEP
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
@@ -317,7 +316,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
     robot = load_robot(env.robot)
     return policy_contract(
         robot=robot,
-        period=TRAINING_TIMESTEP * env.substeps,
+        period=env.period,
         action_scale=env.action_scales(robot),
         kd=env.damping(robot),
         waist_rate=env.waist_rate,
