@@ -20,7 +20,7 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.sim import Actuators, Ground, Simulation
 from hugwbc.sim.batch import BatchSimulation
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, TRAINING_TIMESTEP
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, TRAINING_TIMESTEP
 
 SPEEDS = (0.5, 1.0)  # [m/s]
 WALK_TIME, STAND_TIME, LOAD_TIME, FLIGHT_TIME = 6.0, 2.0, 2.0, 0.6  # [s]

@@ -15,7 +15,7 @@ from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.physx import PhysxSimulation
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, check_timestep
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
     from hugwbc.evaluation.moved_arms import ArmIntervention

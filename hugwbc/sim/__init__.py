@@ -4,7 +4,7 @@ from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, Arena, ArenaChoice
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
-from hugwbc.sim.scene import Ground
+from hugwbc.sim.robot_model import Ground
 from hugwbc.sim.sensors import SensorProfile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain

@@ -16,7 +16,7 @@ from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.physx import PhysxSimulation
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Ground
 from hugwbc.sim.sensors import SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField

@@ -10,7 +10,7 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState

@@ -13,7 +13,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.scene import Ground, check_timestep
+from hugwbc.sim.robot_model import Ground, check_timestep
 from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation

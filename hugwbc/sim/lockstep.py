@@ -14,7 +14,7 @@ from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.scene import Ground, load_model
+from hugwbc.sim.robot_model import Ground, load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.variation import Variation
 

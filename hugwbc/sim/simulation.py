@@ -11,7 +11,7 @@ from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, Ground, link_names, load_model
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Ground, link_names, load_model
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation

@@ -12,7 +12,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.scene import TRAINING_TIMESTEP, Ground, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, Ground, load_model
 from hugwbc.sim.terrain import HeightField
 
 CONTACTS = 64  # room for the contacts of one robot; a robot that lies on the ground has about 40

@@ -30,7 +30,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.sim import Engine
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous

@@ -12,7 +12,7 @@ from PIL import Image
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
 from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes

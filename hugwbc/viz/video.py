@@ -20,7 +20,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.sim.scene import SIMULATION_TIMESTEP, load_model
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, lanes, moment
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour

@@ -7,7 +7,7 @@ import pytest
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.sim import Disturber, Force
-from hugwbc.sim.scene import link_names
+from hugwbc.sim.robot_model import link_names
 
 
 def run(search: SurvivalSearch, survives) -> list[tuple[float, int]]:

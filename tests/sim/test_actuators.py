@@ -11,7 +11,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.sim import Actuators, Ground, Simulation
 from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.batch import BatchSimulation
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.robot_model import load_model
 
 ROBOT = load_robot("h1")  # whose drives have the inertia that the limit needs
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)

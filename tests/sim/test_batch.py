@@ -7,7 +7,7 @@ from hugwbc import JointCommand, load_robot
 from hugwbc.robot import SIDES
 from hugwbc.sim import Simulation, rough_terrain
 from hugwbc.sim.batch import BatchSimulation
-from hugwbc.sim.scene import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model
 
 ROBOT = load_robot()
 

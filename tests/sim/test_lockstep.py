@@ -6,7 +6,7 @@ from hugwbc.robot import load_robot
 from hugwbc.sim import Actuators, Simulation, Variation
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 from hugwbc.sim.lockstep import LockstepSimulation
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.robot_model import load_model
 
 VARIATIONS = [Variation(), Variation(payload=3.0, gain=1.1), Variation(friction=0.4, strength=0.9), Variation()]
 

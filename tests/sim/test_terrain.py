@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.sim import HeightField, rough_terrain
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.robot_model import load_model
 
 
 def test_heights_by_hand() -> None:

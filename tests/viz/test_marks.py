@@ -6,7 +6,7 @@ import pytest
 from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.moment import Moment
-from hugwbc.sim.scene import load_model
+from hugwbc.sim.robot_model import load_model
 from hugwbc.viz.marks import FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_parts
 from hugwbc.viz.shapes import visual_shapes
 
