@@ -61,3 +61,7 @@ class ResultFileError(HugwbcError):
 
 class WorkerError(HugwbcError):
     """Worker processes or a cluster that cannot be reached or ended during an evaluation."""
+
+
+class SceneError(HugwbcError):
+    """A scene that cannot be built, or a scene file that is not valid; names file and line where there is one."""

@@ -20,6 +20,8 @@ class RobotState:
         position: pelvis origin in the world [m], shape (3,), or None without an estimator.
         velocity: of the pelvis origin, in the world frame [m/s], shape (3,), or None without an estimator.
         foot_force: ground reaction on the left and right foot, in the world frame [N], shape (2, 3), or None.
+        hand_force: force on the left and right hand (the forearm with it) from outside, in the world frame [N],
+            shape (2, 3), or None where it is neither measured nor estimated.
         imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
         imu_accelerometer: specific force at the IMU (acceleration minus gravity), in its own frame, averaged since the
             last reading [m/s^2], shape (3,), or None.
@@ -35,6 +37,7 @@ class RobotState:
     position: np.ndarray | None = None
     velocity: np.ndarray | None = None
     foot_force: np.ndarray | None = None
+    hand_force: np.ndarray | None = None
     imu_gyro: np.ndarray | None = None
     imu_accelerometer: np.ndarray | None = None
     torque: np.ndarray | None = None

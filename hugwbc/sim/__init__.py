@@ -4,7 +4,8 @@ from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, Arena, ArenaChoice
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
-from hugwbc.sim.robot_model import Ground
+from hugwbc.sim.ground import Ground
+from hugwbc.sim.scenes import Scene, load_scene
 from hugwbc.sim.sensors import SensorProfile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
@@ -22,9 +23,11 @@ __all__ = [
     "Ground",
     "HeightField",
     "LevelGround",
+    "Scene",
     "SensorProfile",
     "Simulation",
     "Variation",
     "level_terrain",
+    "load_scene",
     "rough_terrain",
 ]

@@ -15,8 +15,10 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.physx import PhysxSimulation
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Ground
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP
+from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField
@@ -93,10 +95,17 @@ class Arena:
         latency: float | None = None,
         seed: int = 0,
         variation: Variation | None = None,
+        scene: Scene | None = None,
     ) -> Simulation:
         """Return a robot of this arena in MuJoCo; see `simulation_in` for the arguments."""
         return self.simulation_in(
-            Simulation, timestep=timestep, terrain=terrain, latency=latency, seed=seed, variation=variation
+            Simulation,
+            timestep=timestep,
+            terrain=terrain,
+            latency=latency,
+            seed=seed,
+            variation=variation,
+            scene=scene,
         )
 
     def simulation_in(
@@ -108,6 +117,7 @@ class Arena:
         latency: float | None = None,
         seed: int = 0,
         variation: Variation | None = None,
+        scene: Scene | None = None,
     ) -> EngineT:
         """Return a robot of this arena in an engine.
 
@@ -116,12 +126,18 @@ class Arena:
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
             latency: age of the sensor readings [s]; None for the sensors' own.
-            seed: seed of the sensors' noise, biases and offsets.
+            seed: seed of the sensors' noise, biases and offsets, and of what varies in the scene.
             variation: difference of the robot from its description.
+            scene: objects around the robot; None for none.
 
         Raises:
-            ConfigError: if the engine is not installed or has no such ground.
+            ConfigError: if the engine is not installed, has no such ground or no objects, or the scene is made for
+                another robot or ground.
+            SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
+        if scene is not None and engine.engine != Simulation.engine:
+            raise ConfigError(f"engine {engine.engine} has no objects; run a scene with {Simulation.engine}")
+        objects = {} if scene is None else {"scene": scene}
         return engine(
             timestep=timestep,
             terrain=terrain,
@@ -132,6 +148,7 @@ class Arena:
             robot=load_robot(self.robot),
             actuators=self.actuators,
             ground=Ground.named(self.ground),
+            **objects,
         )
 
 

@@ -9,8 +9,9 @@ from mujoco.batch import Batch
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import TRAINING_TIMESTEP, Ground, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import HeightField
 from hugwbc.state import RobotState

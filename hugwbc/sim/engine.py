@@ -13,7 +13,10 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.robot_model import Ground, check_timestep
+from hugwbc.sim.ground import Ground
+from hugwbc.sim.robot_model import check_timestep
+from hugwbc.sim.scenes.objects import Objects
+from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -22,6 +25,16 @@ from hugwbc.state import RobotState
 # A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed below 0.
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}; give 0 or more")
 
 
 class Engine(abc.ABC):
@@ -45,12 +58,16 @@ class Engine(abc.ABC):
             writable, and kept until it is changed.
         rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
         diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
+        scene: the objects around the robot, as drawn for this episode; None without a scene.
+        objects: their states, by name; empty without a scene.
     """
 
     engine: ClassVar[str]
     package: ClassVar[str]
     link_names: tuple[str, ...]
     external_force: np.ndarray
+    scene: Scene | None = None
+    objects: Objects
 
     def __init__(
         self,
@@ -70,8 +87,7 @@ class Engine(abc.ABC):
         profile = sensor_profile(sensing) if isinstance(sensing, str) else sensing
         if latency is not None:
             profile = dataclasses.replace(profile, latency=latency)
-        if seed < 0:
-            raise ConfigError(f"seed is {seed}; give 0 or more")
+        check_seed(seed)
         self.timestep = timestep
         self.terrain = terrain
         self.sensing = profile
@@ -81,6 +97,7 @@ class Engine(abc.ABC):
         self.ground = ground or Ground()
         self.rejected_commands = 0
         self.diverged = False
+        self.objects = Objects()
         self._delay = self.actuators.delay_steps(self.robot, timestep)
         # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
         self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()

@@ -41,14 +41,17 @@ def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
     The state arrays are shared with the physics: a part of them is a view only if it is without gaps.
 
     Raises:
-        ModelError: if the pelvis has no free joint, or if the joints or actuators are not next to each other in the
+        ModelError: if the pelvis, a joint or an actuator is missing, the pelvis has no free joint, or if the joints or actuators are not next to each other in the
             order of `Robot.joint_names`.
     """
-    root = int(model.body("pelvis").jntadr[0])
+    try:
+        root = int(model.body("pelvis").jntadr[0])
+        joints = [model.joint(name) for name in robot.joint_names]
+        actuators = [model.actuator(name).id for name in robot.joint_names]
+    except KeyError as error:
+        raise ModelError(f"the model does not hold {robot.name}: {str(error.args[0]).splitlines()[0]}") from error
     count = len(robot.joint_names)
     first_q, first_v = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-    joints = [model.joint(name) for name in robot.joint_names]
-    actuators = [model.actuator(name).id for name in robot.joint_names]
     first = actuators[0]
     if (
         model.jnt_type[root] != mujoco.mjtJoint.mjJNT_FREE

@@ -13,8 +13,9 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.batch import WARNING_COUNT
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import Ground, load_model
+from hugwbc.sim.robot_model import load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.variation import Variation
 

@@ -17,7 +17,8 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, robot_table
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Ground
+from hugwbc.sim.ground import Ground
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation

@@ -1,68 +1,19 @@
 """The MuJoCo model of the robot on its ground."""
 
-import dataclasses
-import math
-
 import mujoco
+import numpy as np
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError, SceneError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.footing import add_footing
+from hugwbc.sim.ground import Ground
+from hugwbc.sim.scenes.gripper import add_grips
+from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.terrain import HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
-
-
-GROUNDS = ("firm", "soft")
-CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
-
-
-@dataclasses.dataclass(frozen=True)
-class Ground:
-    """How firmly the robot stands: MuJoCo's settings of contacts, and of the solver that computes their forces.
-
-    Attributes:
-        time_constant: of the spring-damper that pushes a sole out of the ground (`solref`) [s]; MuJoCo raises it to two
-            time steps if it is shorter.
-        cone: friction cone, "pyramidal" or "elliptic".
-        impratio: ratio of frictional to normal impedance; above 1 a standing foot creeps less.
-        iterations: largest number of iterations of the solver.
-    """
-
-    time_constant: float = 0.005
-    cone: str = "pyramidal"
-    impratio: float = 1.0
-    iterations: int = 8
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.time_constant < math.inf:
-            raise ConfigError(f"time constant of the ground is {self.time_constant} s; give a finite time above 0 s")
-        if self.cone not in CONES:
-            raise UnknownNameError("friction cone", self.cone, tuple(CONES))
-        if not 0.0 < self.impratio < math.inf:
-            raise ConfigError(f"impratio of the ground is {self.impratio}; give a finite number above 0")
-        if self.iterations < 1:
-            raise ConfigError(f"the ground's solver has {self.iterations} iterations; give at least 1")
-
-    @classmethod
-    def named(cls, name: str) -> "Ground":
-        """Return the firm ground of docs/arena.md, or the soft one of MuJoCo's default contacts.
-
-        Raises:
-            UnknownNameError: if the name is neither firm nor soft.
-        """
-        if name not in GROUNDS:
-            raise UnknownNameError("ground", name, GROUNDS)
-        return cls() if name == "firm" else cls(time_constant=0.02)
-
-    def apply_to(self, model: mujoco.MjModel) -> None:
-        """Set the contacts and the solver of a newly compiled model."""
-        model.geom_solref[:, 0] = self.time_constant
-        model.opt.cone = CONES[self.cone]
-        model.opt.impratio = self.impratio
-        model.opt.iterations = self.iterations
 
 
 def load_model(
@@ -73,8 +24,9 @@ def load_model(
     robot: Robot | None = None,
     actuators: Actuators | None = None,
     ground: Ground | None = None,
+    scene: Scene | None = None,
 ) -> mujoco.MjModel:
-    """Compile a robot on a plane or a height field.
+    """Compile a robot on a plane or a height field, alone or among objects.
 
     Args:
         timestep: physics time step [s].
@@ -84,10 +36,12 @@ def load_model(
             time.
         robot: robot to simulate; None for the H1.
         actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
-        ground: firmness of the ground; None for firm.
+        ground: firmness of the ground, and of the objects; None for firm.
+        scene: objects around the robot, drawn for one episode; None for none.
 
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
+        SceneError: if MuJoCo refuses an object.
     """
     check_timestep(timestep)
     robot = robot or load_robot()
@@ -97,9 +51,24 @@ def load_model(
         _make_lean(spec)
     if terrain is not None:
         _replace_floor(spec, terrain)
-    model = spec.compile()
+    model = spec.compile() if scene is None else _compile_with(scene, spec, terrain)
     (ground or Ground()).apply_to(model)
     (actuators or Actuators()).apply_to(model, robot)
+    return model
+
+
+def _compile_with(scene: Scene, spec: mujoco.MjSpec, terrain: HeightField | None) -> mujoco.MjModel:
+    """Compile a robot's model with the objects of a scene, which start where the scene puts them."""
+    scene.add_to(spec, terrain)
+    add_grips(spec, scene.body_names)
+    start = spec.keys[0]
+    robot = np.array(start.qpos)
+    start.qpos, start.ctrl = [], []  # MuJoCo fills what is missing with the objects' own start
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
+    model.key_qpos[0, : robot.size] = robot  # the robot comes first, as `robot_layout` checks
     return model
 
 

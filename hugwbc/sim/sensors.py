@@ -24,6 +24,7 @@ class SensorProfile:
         name: of the profile, in tables and in the identity of results.
         position: whether pelvis position and velocity are known. No sensor of an H1 tells them.
         foot_force: whether ground reactions are measured. An H1 has no foot sensors.
+        hand_force: whether forces on the hands are measured. An H1 has no sensors for them either.
         latency: age of a reading when a controller gets it [s].
         encoder: noise of a joint position [rad].
         encoder_offset: error of a joint's zero position [rad].
@@ -38,6 +39,9 @@ class SensorProfile:
         accelerometer_walk: growth of that bias [m/s^2 per square root of a second].
         attitude: noise of the orientation that the IMU computes, about each axis [rad].
         attitude_bias: constant error of its roll and pitch [rad].
+        object_position: noise of an object's position in the pictures of a motion-capture system [m].
+        object_attitude: noise of its orientation, about each axis [rad].
+        object_latency: age of a picture when a behaviour gets it [s].
 
     Raises:
         ConfigError: if a number is negative or not finite, or the latency is above 1 s.
@@ -46,6 +50,7 @@ class SensorProfile:
     name: str
     position: bool = False
     foot_force: bool = False
+    hand_force: bool = False
     latency: float = 0.0
     encoder: float = 0.0
     encoder_offset: float = 0.0
@@ -60,23 +65,28 @@ class SensorProfile:
     accelerometer_walk: float = 0.0
     attitude: float = 0.0
     attitude_bias: float = 0.0
+    object_position: float = 0.0
+    object_attitude: float = 0.0
+    object_latency: float = 0.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float) and not 0.0 <= value < math.inf:
                 raise ConfigError(f"sensing: {field.name} is {value}; give a finite number from 0")
-        if self.latency > LONGEST_LATENCY:
-            raise ConfigError(f"sensing: latency is {self.latency} s; give 0 to {LONGEST_LATENCY:g} s")
+        for name in ("latency", "object_latency"):
+            if getattr(self, name) > LONGEST_LATENCY:
+                raise ConfigError(f"sensing: {name} is {getattr(self, name)} s; give 0 to {LONGEST_LATENCY:g} s")
 
 
 # Perfect sensors, and some that no H1 has: for tests, and for what is said to use them.
-EXACT = SensorProfile("exact", position=True, foot_force=True)
+EXACT = SensorProfile("exact", position=True, foot_force=True, hand_force=True)
 
 # IMU: Bosch Sensortec BMI088 data sheet (document BST-BMI088-DS001): gyro 0.014 deg/s/sqrt(Hz) and up to 1 deg/s of
 # offset, accelerometer 0.175 mg/sqrt(Hz) and up to 20 mg of offset. At a bandwidth of 250 Hz the noise is 0.004 rad/s
 # and 0.03 m/s^2; the values here are two to four times that, since the torso vibrates. Biases: what is left of the
 # offsets after a calibration at rest (assumed). Joints: the maker publishes no figures, so all of theirs are assumed.
+# Objects: as a motion-capture system of modest quality sees them (assumed).
 ROBOT = SensorProfile(
     "robot",
     latency=0.01,
@@ -93,6 +103,9 @@ ROBOT = SensorProfile(
     accelerometer_walk=1e-3,
     attitude=0.005,
     attitude_bias=0.009,
+    object_position=0.005,
+    object_attitude=0.0087,  # half a degree
+    object_latency=0.03,
 )
 
 PROFILES = {profile.name: profile for profile in (ROBOT, EXACT)}
@@ -122,6 +135,8 @@ class Reading:
         foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).
         accelerometer: specific force at the IMU over the last physics step, in its own frame [m/s^2], shape (3,).
         torque: joint torques over the last physics step [N*m], shape (19,).
+        hand_force: force on the left and the right forearm, of contacts and of an idealised gripper, in the world [N],
+            shape (2, 3); None in an engine without it.
     """
 
     time: float
@@ -132,6 +147,7 @@ class Reading:
     foot_force: np.ndarray
     accelerometer: np.ndarray
     torque: np.ndarray
+    hand_force: np.ndarray | None = None
 
 
 class Sensors:
@@ -172,6 +188,7 @@ class Sensors:
             position=qpos[:3],
             velocity=qvel[:3],
             foot_force=reading.foot_force,
+            hand_force=reading.hand_force,
             torque=reading.torque,
             time=reading.time,
         )
@@ -200,6 +217,7 @@ class Sensors:
             position=truth.position if p.position else None,
             velocity=truth.velocity if p.position else None,
             foot_force=truth.foot_force if p.foot_force else None,
+            hand_force=truth.hand_force if p.hand_force else None,
             imu_gyro=gyro,
             imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
             torque=self._torque_scale * truth.torque + self._normal(p.torque, self._joints),

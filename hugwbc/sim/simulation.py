@@ -6,13 +6,18 @@ import mujoco
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES, Robot
+from hugwbc.errors import ConfigError, SceneError
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
-from hugwbc.sim.engine import Engine
+from hugwbc.sim.engine import Engine, check_seed
 from hugwbc.sim.footing import Footing
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Ground, link_names, load_model
-from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, link_names, load_model
+from hugwbc.sim.scenes.gripper import Gripper
+from hugwbc.sim.scenes.objects import SceneObjects
+from hugwbc.sim.scenes.scene import OVERLAP, Scene
+from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
@@ -21,11 +26,33 @@ from hugwbc.state import RobotState
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
+_FLOOR_BODY = "world"
+
+
+def _agreed(scene: Scene, robot: Robot | None, ground: Ground | None) -> tuple[Robot | None, Ground | None]:
+    """Return robot and ground, as given or as a scene asks for.
+
+    Raises:
+        ConfigError: if they contradict each other.
+    """
+    if scene.robot is not None:
+        if robot is not None and robot.name != scene.robot:
+            raise ConfigError(f"the scene is made for robot {scene.robot}, not {robot.name}; change one of them")
+        robot = robot or load_robot(scene.robot)
+    if scene.ground is not None:
+        wanted = Ground.named(scene.ground)
+        if ground is not None and ground != wanted:
+            raise ConfigError(f"the scene is made for {scene.ground} ground; change the ground or the scene")
+        ground = wanted
+    return robot, ground
+
+
 class Simulation(Engine):
-    """One robot in MuJoCo with PD joints, an IMU on the torso and foot sensors, on a choice of ground.
+    """One robot in MuJoCo with PD joints, an IMU on the torso and foot sensors, on a choice of ground, among objects.
 
     Attributes:
-        model, data: MuJoCo's model and data, for viewers and tests.
+        model, data: MuJoCo's model and data, for viewers and tests; `redraw` makes new ones.
+        gripper: the idealised grippers of both hands; None without a scene.
     """
 
     engine = "mujoco"
@@ -43,6 +70,7 @@ class Simulation(Engine):
         robot: Robot | None = None,
         actuators: Actuators | None = None,
         ground: Ground | None = None,
+        scene: Scene | None = None,
     ) -> None:
         """Build the model and place the robot on the ground in the nominal pose.
 
@@ -51,15 +79,19 @@ class Simulation(Engine):
             terrain: height field to stand on; None for a plane.
             sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
             latency: age of the results of `sense`, rounded to whole physics steps [s]; None for the profile's.
-            seed: random seed of the sensors' noise, biases and offsets.
+            seed: random seed of the sensors' noise, biases and offsets, and of what varies in the scene.
             variation: difference of the robot from its description; None for no difference.
-            robot: robot to simulate; None for the H1.
+            robot: robot to simulate; None for the scene's, or the H1.
             actuators: drives of the joints; None for real ones.
-            ground: firmness of the ground; None for firm.
+            ground: firmness of the ground; None for the scene's, or firm.
+            scene: objects around the robot; None for none.
 
         Raises:
-            ConfigError: if time step, latency or seed is out of range.
+            ConfigError: if time step, latency or seed is out of range, or the scene is for another robot or ground.
+            SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
+        if scene is not None:
+            robot, ground = _agreed(scene, robot, ground)
         super().__init__(
             timestep=timestep,
             terrain=terrain,
@@ -71,7 +103,20 @@ class Simulation(Engine):
             actuators=actuators,
             ground=ground,
         )
-        self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=self.ground)
+        self._declared, self._scene_objects, self.gripper = scene, None, None
+        self._install(seed)
+
+    def _install(self, seed: int) -> None:
+        """Compile the model of one episode, and place the robot in it."""
+        terrain, self.scene = self.terrain, None if self._declared is None else self._declared.draw(seed)
+        self.model = load_model(
+            self.timestep,
+            terrain,
+            robot=self.robot,
+            actuators=self.actuators,
+            ground=self.ground,
+            scene=self.scene,
+        )
         self._layout = robot_layout(self.model, self.robot)
         # Where each sensor's values are; looking up a name at every step takes longer than a reading.
         self._places = {
@@ -90,7 +135,39 @@ class Simulation(Engine):
         # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
         self._described_bias = self.model.actuator_biasprm.copy()
+        if self.scene is not None:
+            self._take_objects(self.scene, seed)
         self.reset()
+        if self.scene is not None:
+            self._check_room(self.scene)
+
+    def _take_objects(self, scene: Scene, seed: int) -> None:
+        names, lowest = scene.body_names, 0.0 if self.terrain is None else float(self.terrain.heights.min())
+        self._scene_objects = SceneObjects(self.model, self.data, names, self.sensing, seed, lowest)
+        self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names)
+
+    def _check_room(self, scene: Scene) -> None:
+        """Refuse an object in which the robot stands at the start."""
+        contact, names = self.data.contact, set(scene.body_names)
+        for index in np.flatnonzero(contact.dist < -OVERLAP):
+            bodies = [self.model.body(int(self.model.geom_bodyid[geom])).name for geom in contact.geom[index]]
+            inside = [body for body in bodies if body in names]
+            if len(inside) == 1 and _FLOOR_BODY not in bodies:
+                raise SceneError(f"the robot stands in object '{inside[0]}' at the start; move it away from the origin")
+
+    def redraw(self, seed: int) -> RobotState:
+        """Begin another episode: draw what varies in the scene, and the sensors' errors, from a seed, and reset.
+
+        The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled anew.
+
+        Raises:
+            ConfigError: if the seed is negative.
+            SceneError: if objects overlap, as drawn, or the robot stands in one.
+        """
+        check_seed(seed)
+        self._sensors = Sensors(self.sensing, seed, self.robot)
+        self._install(seed)
+        return self.state()
 
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
@@ -109,6 +186,8 @@ class Simulation(Engine):
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
             joints[self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
+        if self._scene_objects is not None and self.gripper is not None:
+            self.gripper.reset()
         self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
         self._clear(joints.copy())
         if self._footing is not None:
@@ -119,6 +198,8 @@ class Simulation(Engine):
         mujoco.mj_forward(self.model, self.data)
         self._accelerometer = self._sensed("imu_accelerometer")
         self._torque = self.torque
+        if self._scene_objects is not None:
+            self._scene_objects.restart()
         self._start_sensors()
         return self.state()
 
@@ -132,12 +213,20 @@ class Simulation(Engine):
         self.data.warning.number[:] = 0
         if self._footing is not None:
             self._place_feet(self._footing)
+        before = self.data.time
         mujoco.mj_step(self.model, self.data)
-        self.diverged |= any(self.data.warning[w].number for w in DIVERGED)
+        failures = [w for w in DIVERGED if self.data.warning[w].number]
+        self.diverged |= bool(failures)
         # The acceleration during this step; `mj_forward` computes that of the next one.
         self._accelerometer = self._sensed("imu_accelerometer")
         self._torque = self.torque
+        if self.gripper is not None:
+            self.gripper.update()
         mujoco.mj_forward(self.model, self.data)
+        if self._scene_objects is not None:
+            if failures:
+                self._scene_objects.note_divergence(before, int(self.data.warning[failures[0]].lastinfo))
+            self._scene_objects.watch()
 
     def push(self, velocity: np.ndarray) -> None:
         """Add to the pelvis velocity at once.
@@ -164,7 +253,13 @@ class Simulation(Engine):
             foot_force=np.array([-self._sensed(f"{side}_foot_force") for side in SIDES]),
             accelerometer=self._accelerometer,
             torque=self._torque,
+            hand_force=self._hand_force(),
         )
+
+    def _hand_force(self) -> np.ndarray:
+        """Return the force of contacts and of the idealised gripper on each hand in the world [N], shape (2, 3)."""
+        force = np.array([-self._sensed(f"{side}_elbow_link_force") for side in SIDES])
+        return force if self.gripper is None else force + self.gripper.force
 
     @property
     def time(self) -> float:

@@ -46,6 +46,13 @@ class Variation:
         if self.friction is not None:
             # MuJoCo uses the larger of two coefficients, so the ground's must not exceed the requested one.
             ground = np.array([model.geom(i).name in ("floor", PLANE_NAME) for i in range(model.ngeom)])
-            model.geom_friction[~ground, 0] = self.friction
+            robot = model.body_rootid[model.geom_bodyid] == model.body("pelvis").id
+            model.geom_friction[robot, 0] = self.friction
             model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)
-        model.actuator_forcerange *= self.strength
+        drives = [i for i in range(model.nu) if model.body_rootid[_body_of(model, i)] == model.body("pelvis").id]
+        model.actuator_forcerange[drives] *= self.strength
+
+
+def _body_of(model: mujoco.MjModel, actuator: int) -> int:
+    """Return the body that an actuator moves."""
+    return int(model.jnt_bodyid[model.actuator_trnid[actuator, 0]])

@@ -11,8 +11,9 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import TRAINING_TIMESTEP, Ground, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model
 from hugwbc.sim.terrain import HeightField
 
 CONTACTS = 64  # room for the contacts of one robot; a robot that lies on the ground has about 40

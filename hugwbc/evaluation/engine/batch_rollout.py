@@ -19,7 +19,8 @@ from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, T
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.lockstep import LockstepSimulation
-from hugwbc.sim.robot_model import Ground, link_names
+from hugwbc.sim.ground import Ground
+from hugwbc.sim.robot_model import link_names
 from hugwbc.sim.simulation import Simulation
 from hugwbc.state import RobotState
 

@@ -25,7 +25,7 @@ from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
-from hugwbc.sim.robot_model import Ground
+from hugwbc.sim.ground import Ground
 from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0

@@ -1,0 +1,40 @@
+"""Scenes: objects around the robot, declared in YAML or as frozen dataclasses."""
+
+from hugwbc.sim.scenes.furniture import Shelf, Step, Table, Wall
+from hugwbc.sim.scenes.gripper import BREAKING_FORCE, REACH, Gripper
+from hugwbc.sim.scenes.jointed import Button, Door, Drawer
+from hugwbc.sim.scenes.mjcf_file import Mjcf
+from hugwbc.sim.scenes.movable import Box, Cart, Cylinder, Tray
+from hugwbc.sim.scenes.objects import Objects, ObjectState, SceneObjects
+from hugwbc.sim.scenes.scene import Scene
+from hugwbc.sim.scenes.scene_file import SCENE_NAMES, load_scene, parse_scene
+from hugwbc.sim.scenes.thing import Thing
+from hugwbc.sim.scenes.varied import Choice, Uniform
+
+__all__ = [
+    "BREAKING_FORCE",
+    "REACH",
+    "SCENE_NAMES",
+    "Box",
+    "Button",
+    "Cart",
+    "Choice",
+    "Cylinder",
+    "Door",
+    "Drawer",
+    "Gripper",
+    "Mjcf",
+    "ObjectState",
+    "Objects",
+    "Scene",
+    "SceneObjects",
+    "Shelf",
+    "Step",
+    "Table",
+    "Thing",
+    "Tray",
+    "Uniform",
+    "Wall",
+    "load_scene",
+    "parse_scene",
+]

@@ -1,0 +1,165 @@
+"""An idealised gripper: a weld between a hand and an object, made on demand and broken by too large a force.
+
+No hand of an H1 grips like this. It stands for one, and what uses it says so.
+"""
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.robot import SIDES
+
+REACH = 0.03  # [m], from the hand's surface to that of the object
+BREAKING_FORCE = 150.0  # [N]
+HAND_RADIUS = 0.03  # [m], of a ball around the hand's origin, from which distances are measured
+_UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
+# Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.
+_IN_OBJECT, _IN_HAND, _TURN = slice(0, 3), slice(3, 6), slice(6, 10)
+
+
+def add_grips(spec: mujoco.MjSpec, names: Iterable[str]) -> None:
+    """Add what a `Gripper` needs: a ball around each hand to measure with, and an idle weld to each moving body.
+
+    Args:
+        spec: model with robot and objects.
+        names: bodies of the objects; those without a joint of their own are left out.
+    """
+    moving = [body.name for body in spec.bodies if body.name in set(names) and list(body.joints)]
+    for side in SIDES:
+        link = spec.body(f"{side}_elbow_link")
+        at = spec.site(f"{side}_hand").pos
+        ball = link.add_geom(name=f"{side}_hand_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[HAND_RADIUS, 0, 0])
+        ball.pos, ball.mass, ball.group = at, 0.0, _UNSEEN_GROUP
+        ball.contype = ball.conaffinity = 0
+        for name in moving:
+            weld = spec.add_equality(name=_weld(side, name), type=mujoco.mjtEq.mjEQ_WELD, active=False)
+            weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, f"{side}_elbow_link", name
+            weld.solref, weld.solimp = [0.005, 1.0], [0.95, 0.99, 0.001, 0.5, 2.0]
+
+
+def _weld(side: str, name: str) -> str:
+    return f"{side}_grip/{name}"
+
+
+class Gripper:
+    """The idealised grippers of both hands of one robot.
+
+    Attributes:
+        broken: number of grips that a force has broken since the last reset.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, names: Iterable[str]) -> None:
+        """Find the welds and the shapes to measure distances to.
+
+        Args:
+            model: model that `add_grips` has changed.
+            data: its data.
+            names: bodies of the objects.
+        """
+        self._model, self._data = model, data
+        self._hands = [model.body(f"{side}_elbow_link").id for side in SIDES]
+        self._balls = [model.geom(f"{side}_hand_ball").id for side in SIDES]
+        self._bodies = {name: model.body(name).id for name in names}
+        solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        self._geoms = {
+            name: np.flatnonzero(solid & (model.geom_bodyid == body)).tolist() for name, body in self._bodies.items()
+        }
+        welds = {model.equality(i).name: i for i in range(model.neq)}
+        self._welds = [{name: welds[_weld(s, name)] for name in self._bodies if _weld(s, name) in welds} for s in SIDES]
+        self.reset()
+
+    def reset(self) -> None:
+        """Open both hands for a new run."""
+        self.broken = 0
+        self._held: list[tuple[str, int, float] | None] = [None, None]  # object, weld, breaking force
+        self._force = np.zeros((2, 3))
+
+    def held(self, side: str) -> str | None:
+        """Return the name of the object in a hand, or None."""
+        held = self._held[_hand(side)]
+        return None if held is None else held[0]
+
+    def distance(self, name: str, side: str) -> float:
+        """Return how far a hand's surface is from an object's [m]; at most 1 m is told apart.
+
+        Raises:
+            UnknownNameError: if there is no such object or hand.
+        """
+        hand = _hand(side)
+        if name not in self._bodies:
+            raise UnknownNameError("object", name, self._bodies)
+        found, points = 1.0, np.zeros(6)
+        for geom in self._geoms[name]:
+            found = min(found, mujoco.mj_geomDistance(self._model, self._data, self._balls[hand], geom, 1.0, points))
+        return found
+
+    def attach(self, name: str, side: str, breaking_force: float = BREAKING_FORCE) -> bool:
+        """Weld an object to a hand as they are now, if their surfaces are within `REACH`; the hand lets go of another.
+
+        Args:
+            name: the object.
+            side: "left" or "right".
+            breaking_force: force between hand and object at which the weld breaks [N].
+
+        Returns:
+            Whether the hand holds the object.
+
+        Raises:
+            ConfigError: if the breaking force is not above 0.
+            UnknownNameError: if there is no such hand, or no such object that moves.
+        """
+        hand = _hand(side)
+        if not breaking_force > 0.0:
+            raise ConfigError(f"breaking force is {breaking_force} N; give a force above 0 N")
+        if name not in self._welds[hand]:
+            raise UnknownNameError("object that can be gripped", name, self._welds[hand])
+        if self.distance(name, side) > REACH:
+            return False
+        self.release(side)
+        data, link, body = self._data, self._hands[hand], self._bodies[name]
+        point, weld = data.geom_xpos[self._balls[hand]], self._welds[hand][name]
+        row = self._model.eq_data[weld]
+        row[_IN_OBJECT] = data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body])
+        row[_IN_HAND] = data.xmat[link].reshape(3, 3).T @ (point - data.xpos[link])
+        row[_TURN] = rotations.multiply(rotations.conjugate(data.xquat[link]), data.xquat[body])
+        data.eq_active[weld] = 1
+        self._held[hand] = (name, weld, breaking_force)
+        return True
+
+    def release(self, side: str) -> None:
+        """Let go of what a hand holds, if anything."""
+        hand = _hand(side)
+        held = self._held[hand]
+        if held is not None:
+            self._data.eq_active[held[1]] = 0
+            self._held[hand] = None
+            self._force[hand] = 0.0
+
+    def update(self) -> None:
+        """Read the forces of the last physics step, and let go where one is too large."""
+        if self._held == [None, None]:
+            return
+        data = self._data
+        equalities = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        for hand, held in enumerate(self._held):
+            if held is None:
+                continue
+            rows = np.flatnonzero(equalities & (data.efc_id == held[1]))
+            self._force[hand] = data.efc_force[rows[:3]] if rows.size else 0.0
+            if np.linalg.norm(self._force[hand]) > held[2]:
+                self.broken += 1
+                self.release(SIDES[hand])
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of the gripped objects on the left and the right hand in the world [N], shape (2, 3)."""
+        return self._force.copy()
+
+
+def _hand(side: str) -> int:
+    if side not in SIDES:
+        raise UnknownNameError("hand", side, SIDES)
+    return SIDES.index(side)

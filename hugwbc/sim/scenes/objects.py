@@ -1,0 +1,221 @@
+"""Where the objects of a scene are, truly and as a motion-capture system sees them."""
+
+import collections
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import UnknownNameError
+from hugwbc.robot import SIDES
+from hugwbc.sim.scenes.thing import FARTHEST
+from hugwbc.sim.sensors import SensorProfile
+
+CAPTURE_PERIOD = 0.01  # [s] between two pictures of the motion-capture system; assumed
+LOWEST, HIGHEST = -1.0, 20.0  # [m], heights above the lowest ground between which an object is in the world
+_ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObjectState:
+    """One object at one time, in the world frame. What has not been measured is None.
+
+    Attributes:
+        position: of the object's origin, which its class names [m], shape (3,).
+        orientation: object to world, unit quaternion (w, x, y, z), shape (4,).
+        velocity: of the origin [m/s], shape (3,).
+        angular_velocity: [rad/s], shape (3,).
+        travel: how far its joint is from rest: angle of a door [rad], way of a drawer or button [m]; None without one.
+        travel_rate: its speed [rad/s] or [m/s].
+        hand_force: force of each hand on it by contact [N], shape (2, 3); zeros for a hand that does not touch it.
+        time: time of the measurement [s].
+        age: how long ago that was [s].
+    """
+
+    position: np.ndarray
+    orientation: np.ndarray
+    velocity: np.ndarray | None = None
+    angular_velocity: np.ndarray | None = None
+    travel: float | None = None
+    travel_rate: float | None = None
+    hand_force: np.ndarray | None = None
+    time: float = 0.0
+    age: float = 0.0
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the object's z axis and the vertical [rad]."""
+        return math.acos(min(1.0, max(-1.0, float(rotations.to_matrix(self.orientation)[2, 2]))))
+
+
+class Objects(Mapping[str, ObjectState]):
+    """The objects around a robot, by the names of their bodies: `objects["parcel"]` is the true state. Here are none.
+
+    Attributes:
+        names: names of the bodies, in the order of `poses`.
+        problems: what has gone wrong in this run, such as an object that left the world.
+    """
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self.problems: list[str] = []
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Position [m] and quaternion (w, x, y, z) of every body, shape (bodies, 7)."""
+        return np.zeros((0, 7))
+
+    def seen(self, name: str) -> ObjectState:
+        """Return what a motion-capture system knows of an object.
+
+        Raises:
+            UnknownNameError: if there is no such object.
+        """
+        raise UnknownNameError("object", name, self.names)
+
+    def __getitem__(self, name: str) -> ObjectState:
+        raise UnknownNameError("object", name, self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+class SceneObjects(Objects):
+    """The objects of one simulation."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        names: tuple[str, ...],
+        sensing: SensorProfile,
+        seed: int,
+        ground: float = 0.0,
+    ) -> None:
+        """Find the bodies.
+
+        Args:
+            model: model with robot and objects.
+            data: its data.
+            names: names of the objects' bodies.
+            sensing: how well they are seen.
+            seed: seed of the noise.
+            ground: lowest height of the ground [m].
+        """
+        super().__init__()
+        self.names = names
+        self._model, self._data, self._sensing, self._ground = model, data, sensing, ground
+        self._bodies = np.array([model.body(name).id for name in names], dtype=int)
+        self._hands = [model.body(f"{side}_elbow_link").id for side in SIDES]
+        self._exact = not (sensing.object_position or sensing.object_attitude or sensing.object_latency)
+        self._noise = np.random.default_rng([seed, 1])
+        pictures = math.ceil(sensing.object_latency / CAPTURE_PERIOD) + 2
+        self._pictures: collections.deque[tuple[float, np.ndarray]] = collections.deque(maxlen=pictures)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a new run with the first picture of the motion capture."""
+        self.problems.clear()
+        self._left: set[str] = set()
+        self._pictures.clear()
+        self._next = 0.0
+        self.watch()
+
+    def watch(self) -> None:
+        """Look at the objects after a physics step, once every `CAPTURE_PERIOD`."""
+        now = self._data.time
+        if now < self._next - _ROUNDING:
+            return
+        self._next += CAPTURE_PERIOD
+        poses = self.poses
+        if not self._exact:
+            self._pictures.append((now, self._blurred(poses)))
+        height = poses[:, 2] - self._ground
+        inside = (np.abs(poses[:, :2]) < 2.0 * FARTHEST).all(axis=1) & (height > LOWEST) & (height < HIGHEST)
+        for index in np.flatnonzero(~inside):  # a NaN is not inside either
+            name = self.names[index]
+            if name not in self._left:
+                self._left.add(name)
+                self.problems.append(f"object '{name}' left the world at {now:.2f} s")
+
+    def note_divergence(self, time: float, dof: int) -> None:
+        """Note that the physics has failed at a time [s], which MuJoCo noticed at a degree of freedom."""
+        body = self._model.body(int(self._model.dof_bodyid[min(max(dof, 0), self._model.nv - 1)])).name
+        self.problems.append(f"the physics diverged at {time:.2f} s, near '{body}'")
+        self._pictures.clear()  # MuJoCo begins again at time 0
+        self._next = 0.0
+        self.watch()
+
+    def _blurred(self, poses: np.ndarray) -> np.ndarray:
+        count = len(poses)
+        position = self._noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_position
+        turn = np.ones((count, 4))
+        turn[:, 1:] = 0.5 * self._noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_attitude
+        turned = rotations.multiply(turn / np.linalg.norm(turn, axis=1, keepdims=True), poses[:, 3:])
+        return np.hstack((poses[:, :3] + position, turned))
+
+    @property
+    def poses(self) -> np.ndarray:  # noqa: D102
+        return np.hstack((self._data.xpos[self._bodies], self._data.xquat[self._bodies]))
+
+    def seen(self, name: str) -> ObjectState:
+        """Return an object's pose as a motion-capture system gives it: with noise, and some time ago.
+
+        An exact profile sees the true state.
+
+        Raises:
+            UnknownNameError: if there is no such object.
+        """
+        if self._exact:
+            return self[name]
+        row, now = self._row(name), float(self._data.time)
+        ready = [picture for picture in self._pictures if picture[0] <= now - self._sensing.object_latency + _ROUNDING]
+        time, poses = ready[-1] if ready else self._pictures[0]
+        return ObjectState(poses[row, :3].copy(), poses[row, 3:].copy(), time=time, age=now - time)
+
+    def __getitem__(self, name: str) -> ObjectState:
+        body, data, model = int(self._bodies[self._row(name)]), self._data, self._model
+        velocity = np.zeros(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
+        travel = rate = None
+        joint = int(model.body_jntadr[body])
+        if joint >= 0 and model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            travel = float(data.qpos[model.jnt_qposadr[joint]])
+            rate = float(data.qvel[model.jnt_dofadr[joint]])
+        return ObjectState(
+            position=data.xpos[body].copy(),
+            orientation=data.xquat[body].copy(),
+            velocity=velocity[3:],
+            angular_velocity=velocity[:3],
+            travel=travel,
+            travel_rate=rate,
+            hand_force=self._hand_force(body),
+            time=float(data.time),
+        )
+
+    def _hand_force(self, body: int) -> np.ndarray:
+        force, wrench, contact = np.zeros((2, 3)), np.zeros(6), self._data.contact
+        links = self._model.geom_bodyid[contact.geom]
+        for index in np.flatnonzero(np.any(links == body, axis=1)):
+            one, other = links[index]
+            for hand, link in enumerate(self._hands):
+                if link in (one, other):
+                    mujoco.mj_contactForce(self._model, self._data, int(index), wrench)
+                    # In the contact's frame, whose axes are the rows, and on the second geom.
+                    on_second = contact.frame[index].reshape(3, 3).T @ wrench[:3]
+                    force[hand] += on_second if other == body else -on_second
+        return force
+
+    def _row(self, name: str) -> int:
+        if name not in self.names:
+            raise UnknownNameError("object", name, self.names)
+        return self.names.index(name)

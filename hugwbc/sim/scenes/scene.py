@@ -1,0 +1,180 @@
+"""A scene: the objects around a robot, and how they differ from episode to episode."""
+
+import dataclasses
+import itertools
+import zlib
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from hugwbc.errors import SceneError, UnknownNameError
+from hugwbc.robot import load_robot, robot_names
+from hugwbc.sim.ground import GROUNDS
+from hugwbc.sim.scenes.thing import Placement, Thing
+from hugwbc.sim.scenes.varied import settled
+from hugwbc.sim.terrain import HeightField
+
+OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
+_FLOOR, _WORLD = "floor", "world"
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """The objects around a robot.
+
+    Attributes:
+        objects: what stands or lies there.
+        robot: name of the robot of models/h1/h1.yaml that the scene is made for; None for any.
+        ground: "firm" or "soft"; None for any.
+        about: what the scene is for.
+
+    Raises:
+        SceneError: if two objects have one name, stand on something that is not there, or overlap at the start.
+        UnknownNameError: if there is no such robot or ground.
+    """
+
+    objects: tuple[Thing, ...] = ()
+    robot: str | None = None
+    ground: str | None = None
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        if self.robot is not None and self.robot not in robot_names():
+            raise UnknownNameError("robot", self.robot, robot_names())
+        if self.ground is not None and self.ground not in GROUNDS:
+            raise UnknownNameError("ground", self.ground, GROUNDS)
+        for thing, problem in self.problems():
+            raise SceneError(f"{thing.label}: {problem}")
+        if not self.varies:
+            self._check_overlap()
+
+    def problems(self) -> Iterator[tuple[Thing, str]]:
+        """Yield what is wrong with the names and supports of the objects, each with the object."""
+        names = [thing.name for thing in self.objects]
+        taken = {_FLOOR, _WORLD, *_robot_parts()}
+        for index, thing in enumerate(self.objects):
+            if thing.name in names[:index]:
+                yield thing, "another object has that name; give each its own"
+            elif thing.name in taken:
+                yield thing, "a part of the robot or the ground has that name; choose another"
+            if thing.on is not None:
+                support = thing.on.partition("/")[0]
+                if support not in names:
+                    yield (
+                        thing,
+                        str(UnknownNameError("thing to stand on", support, [n for n in names if n != thing.name])),
+                    )
+                elif thing.name in self._below(thing):
+                    yield thing, "it stands on itself, directly or through others; let one of them stand on the ground"
+
+    def _below(self, thing: Thing) -> list[str]:
+        """Return the names of what an object stands on, from its support downwards, up to the first repetition."""
+        by_name, found = {other.name: other for other in self.objects}, []
+        on = thing.on
+        while on is not None and (name := on.partition("/")[0]) in by_name and name not in found:
+            found.append(name)
+            on = by_name[name].on
+        return found
+
+    @property
+    def varies(self) -> bool:
+        """Whether episodes of it differ."""
+        return any(thing.varies for thing in self.objects)
+
+    def draw(self, seed: int) -> "Scene":
+        """Return the scene of one episode, without variation.
+
+        What is drawn for an object depends on the seed and its name alone: others may come and go.
+
+        Args:
+            seed: seed of the episode, 0 or more.
+
+        Raises:
+            SceneError: if objects overlap as drawn.
+        """
+        if not self.varies:
+            return self
+        objects = [thing.draw(np.random.default_rng([seed, zlib.crc32(thing.name.encode())])) for thing in self.objects]
+        try:
+            return dataclasses.replace(self, objects=tuple(objects))
+        except SceneError as error:
+            raise SceneError(f"as drawn with seed {seed}, {error}") from error
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the bodies of all objects; the first of an object made here is its name (`Thing.body_names`)."""
+        return tuple(name for thing in self.objects for name in thing.body_names())
+
+    def add_to(self, spec: mujoco.MjSpec, terrain: HeightField | None = None) -> None:
+        """Add the objects to a model, after what is in it.
+
+        Args:
+            spec: the model.
+            terrain: ground below the objects; None for a plane at z = 0.
+
+        Raises:
+            SceneError: if a value still varies (see `draw`), or something stands on what nothing can stand on.
+        """
+        for thing in self.objects:
+            thing.build(spec, self._placement(thing, terrain))
+
+    def _placement(self, thing: Thing, terrain: HeightField | None) -> Placement:
+        x, y, *lift = (settled(value) for value in thing.position)
+        if thing.on is None:
+            support, level = Placement(), 0.0 if terrain is None else float(terrain.height_at(np.array([x, y])))
+        else:
+            name, _, part = thing.on.partition("/")
+            below = next(other for other in self.objects if other.name == name)
+            support, level = self._placement(below, terrain), below.surface(part or None)
+        return support.shifted(x, y, level + sum(lift), settled(thing.yaw))
+
+    def model(self) -> mujoco.MjModel:
+        """Compile the objects alone, for checks and pictures; they must have been drawn.
+
+        Raises:
+            SceneError: if MuJoCo refuses an object.
+        """
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        self.add_to(spec)
+        try:
+            return spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
+
+    def _check_overlap(self) -> None:
+        model = self.model()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        for one, other in itertools.combinations(self.objects, 2):
+            if one.kind == other.kind == "wall":  # corners
+                continue
+            depth = _depth(model, data, _geoms(model, one), _geoms(model, other))
+            if depth > OVERLAP:
+                raise SceneError(
+                    f"{one.label} and {other.label} overlap by {1e3 * depth:.0f} mm at the start; move one of them"
+                )
+
+
+def _robot_parts() -> set[str]:
+    return {name.removesuffix("_joint") + end for name in load_robot().joint_names for end in ("_joint", "_link")} | {
+        "pelvis", "terrain", "footing", "torso_link", "root",
+    }  # fmt: skip
+
+
+def _geoms(model: mujoco.MjModel, thing: Thing) -> list[int]:
+    """Return the geoms of an object that collide."""
+    names = set(thing.body_names())
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    return [g for g in range(model.ngeom) if solid[g] and model.body(int(model.geom_bodyid[g])).name in names]
+
+
+def _depth(model: mujoco.MjModel, data: mujoco.MjData, ones: list[int], others: list[int]) -> float:
+    """Return how deep any of some geoms is in any of others, at least 0 [m]."""
+    deepest, points = 0.0, np.zeros(6)
+    for one, other in itertools.product(ones, others):
+        apart = float(np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other]))
+        if apart < model.geom_rbound[one] + model.geom_rbound[other]:
+            deepest = max(deepest, -mujoco.mj_geomDistance(model, data, one, other, 1.0, points))
+    return deepest

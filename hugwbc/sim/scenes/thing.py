@@ -1,0 +1,209 @@
+"""What all objects of a scene have in common: name, place, friction and colour; and how they become bodies."""
+
+import dataclasses
+import math
+import re
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import SceneError
+from hugwbc.sim.scenes.varied import Colour, Number, drawn, options, settled, varies
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+FARTHEST = 50.0  # [m] from the origin; what is farther away has left the world
+# Bits of MuJoCo's collision masks. The soles of a robot on a height field have the second one only (`sim.footing`).
+_TOUCHED, _TOUCHES = 3, 1
+# Of two things that touch, the one of higher priority decides the friction: movable things, then fixed ones, then robot
+# and ground. Of two things of the same priority, MuJoCo takes the larger coefficient.
+FIXED_PRIORITY, MOVABLE_PRIORITY = 1, 2
+# A contact whose impedance is that of MuJoCo's defaults creeps by 2.6 mm/s under the weight of what it holds by
+# friction; with this one, by 0.2 mm/s.
+IMPEDANCE = (0.99, 0.995, 0.001)
+_DRAWN_GROUP = 1  # of MuJoCo's groups of geoms: drawn, and not of a robot's shell
+_TORSION, _ROLLING = 0.005, 0.0001  # [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Placement:
+    """Where a thing stands.
+
+    Attributes:
+        base: middle of its lowest side in the world [m].
+        yaw: its heading [rad].
+    """
+
+    base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw: float = 0.0
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """The heading as a quaternion (w, x, y, z), shape (4,)."""
+        return rotations.from_yaw_pitch_roll(self.yaw, 0.0, 0.0)
+
+    def above(self, height: float) -> list[float]:
+        """Return the point at a height above the base, in the world [m]."""
+        x, y, z = self.base
+        return [x, y, z + height]
+
+    def shifted(self, x: float, y: float, z: float, yaw: float) -> "Placement":
+        """Return the placement of what stands at a point of this one's own axes [m], turned by a yaw [rad]."""
+        forward, left = math.cos(self.yaw), math.sin(self.yaw)
+        base = (self.base[0] + x * forward - y * left, self.base[1] + x * left + y * forward, self.base[2] + z)
+        return Placement(base, self.yaw + yaw)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Thing:
+    """One object of a scene; numbers and colours may be a `Uniform` or a `Choice`.
+
+    Attributes:
+        name: letters, digits, - and _, beginning with a letter.
+        position: x and y of the middle of its lowest side, and its height above what it stands on (0 if left out) [m];
+            in the axes of what it stands on, from the middle of that surface.
+        yaw: heading, relative to that of what it stands on [rad].
+        on: name of the object on whose top it stands, or NAME/2 for the second board of a shelf; None for the ground.
+        friction: coefficient of sliding friction.
+        colour: "#rrggbb".
+
+    Raises:
+        SceneError: if a value is out of range.
+    """
+
+    kind: ClassVar[str]
+    movable: ClassVar[bool] = False
+
+    name: str
+    position: tuple[Number, ...] = (0.0, 0.0)
+    yaw: Number = 0.0
+    on: str | None = None
+    friction: Number = 0.8
+    colour: Colour = "#b9a58a"
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise SceneError(f"a {self.kind} is named '{self.name}'; use letters, digits, - and _, first a letter")
+        if not isinstance(self.position, tuple | list) or len(self.position) not in (2, 3):
+            raise SceneError(f"position of {self.label} is {self.position}; give [x, y] or [x, y, height]")
+        for value in self.position[:2]:
+            self._check("position", value, -FARTHEST, FARTHEST)
+        for value in self.position[2:]:
+            self._check("height of the position", value, 0.0, 10.0)
+        self._check("yaw", self.yaw, -2.0 * math.pi, 2.0 * math.pi)
+        self._check("friction", self.friction, 0.0, 5.0)
+        for value in options(self.colour):
+            if not isinstance(value, str) or not _COLOUR.fullmatch(value):
+                raise SceneError(f'colour of {self.label} is {value}; give it as "#rrggbb", such as "#b9a58a"')
+
+    @property
+    def label(self) -> str:
+        """What it is called in a message."""
+        return f"{self.kind} '{self.name}'"
+
+    def _check(self, what: str, value: Any, low: float, high: float, *, above: bool = False) -> None:  # noqa: ANN401
+        """Refuse a number whose draws leave a range, or with `above` the range without its lower end."""
+        for number in options(value):
+            good = isinstance(number, int | float) and math.isfinite(number)
+            if not good or not low <= number <= high or (above and number == low):
+                wanted = f"above {low:g} and up to {high:g}" if above else f"{low:g} to {high:g}"
+                raise SceneError(f"{what} of {self.label} is {number}; give {wanted}")
+
+    def _check_sizes(self, what: str, values: Sequence[Any], count: int, largest: float = 10.0) -> None:
+        """Refuse sizes that are not `count` lengths of at least 1 mm."""
+        if not isinstance(values, tuple | list):
+            raise SceneError(f"{what} of {self.label} is {values}; give {count} numbers, in m")
+        if len(values) != count:
+            raise SceneError(f"{what} of {self.label} has {len(values)} numbers; give {count}, in m")
+        for value in values:
+            self._check(what, value, 0.001, largest)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it differs from episode to episode."""
+        return any(varies(getattr(self, field.name)) for field in dataclasses.fields(self))
+
+    def draw(self, rng: np.random.Generator) -> Self:
+        """Return it with every value drawn for one episode."""
+        if not self.varies:
+            return self
+        values = {field.name: drawn(getattr(self, field.name), rng) for field in dataclasses.fields(self)}
+        return dataclasses.replace(self, **values)
+
+    def surface(self, part: str | None) -> float:
+        """Return the height above its base at which other things stand on it [m]; it must have been drawn.
+
+        Args:
+            part: which of its surfaces; None for its top.
+
+        Raises:
+            SceneError: if nothing can stand on it.
+        """
+        raise SceneError(
+            f"nothing can stand on {self.label}; use a table, shelf, step, box, cart or tray, or the ground"
+        )
+
+    def _only_top(self, part: str | None, height: float) -> float:
+        if part is not None:
+            raise SceneError(f"{self.label} has no part '{part}'; leave /{part} out")
+        return height
+
+    def body_names(self) -> tuple[str, ...]:
+        """Return the names of the bodies that `build` makes; the first is that of the thing."""
+        return (self.name,)
+
+    def build(self, spec: mujoco.MjSpec, place: Placement) -> None:
+        """Add its bodies to a model; it must have been drawn."""
+        raise NotImplementedError
+
+    def _body(self, spec: mujoco.MjSpec, place: Placement, height: float, name: str | None = None) -> Any:  # noqa: ANN401
+        """Add a body whose origin is at a height above the base [m]."""
+        body = spec.worldbody.add_body(name=name or self.name, pos=place.above(height))
+        body.quat = place.quaternion
+        return body
+
+    def _geom(
+        self,
+        body: Any,  # noqa: ANN401  MuJoCo's body
+        kind: mujoco.mjtGeom,
+        size: Sequence[float],
+        pos: Sequence[float] = (0.0, 0.0, 0.0),
+        *,
+        mass: float = 0.0,
+        friction: float | None = None,
+        rgb: str | None = None,
+        movable: bool | None = None,
+        **more: Any,  # noqa: ANN401  further fields of MuJoCo's geom
+    ) -> None:
+        """Add a shape that is drawn and collides; sizes are halves, as MuJoCo's."""
+        movable = self.movable if movable is None else movable
+        torsion, rolling = _TORSION, _ROLLING
+        round_shape = kind != mujoco.mjtGeom.mjGEOM_BOX
+        fields: dict[str, Any] = {
+            "contype": _TOUCHED,
+            "conaffinity": _TOUCHES,
+            "condim": 6 if movable and round_shape else 4 if movable else 3,
+            "priority": MOVABLE_PRIORITY if movable else FIXED_PRIORITY,
+            "solimp": [*IMPEDANCE, 0.5, 2.0],
+            "group": _DRAWN_GROUP,
+            "rgba": [*rgb_of(rgb or str(self.colour)), 1.0],
+            **more,
+        }
+        friction = settled(self.friction) if friction is None else friction
+        geom = body.add_geom(type=kind, size=[*size, *[0.0] * (3 - len(size))], pos=list(pos), **fields)
+        geom.friction = [friction, torsion, rolling]
+        geom.mass = mass
+
+
+def rgb_of(colour: str) -> tuple[float, float, float]:
+    """Return red, green and blue of "#rrggbb", each in [0, 1]."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
+def darker(colour: str, share: float = 0.7) -> str:
+    """Return a darker "#rrggbb", its brightness times a share."""
+    return "#" + "".join(f"{round(255 * share * value):02x}" for value in rgb_of(colour))
