@@ -16,6 +16,7 @@ from hugwbc.sim.sensors import SensorProfile
 
 CAPTURE_PERIOD = 0.01  # [s] between two pictures of the motion-capture system; assumed
 LOWEST, HIGHEST = -1.0, 20.0  # [m], heights above the lowest ground between which an object is in the world
+_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
@@ -188,7 +189,7 @@ class SceneObjects(Objects):
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
         travel = rate = None
         joint = int(model.body_jntadr[body])
-        if joint >= 0 and model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        if joint >= 0 and int(model.jnt_type[joint]) in _ONE_WAY:
             travel = float(data.qpos[model.jnt_qposadr[joint]])
             rate = float(data.qvel[model.jnt_dofadr[joint]])
         return ObjectState(

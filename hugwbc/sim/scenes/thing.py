@@ -21,9 +21,10 @@ _TOUCHED, _TOUCHES = 3, 1
 # Of two things that touch, the one of higher priority decides the friction: movable things, then fixed ones, then robot
 # and ground. Of two things of the same priority, MuJoCo takes the larger coefficient.
 FIXED_PRIORITY, MOVABLE_PRIORITY = 1, 2
-# A contact whose impedance is that of MuJoCo's defaults creeps by 2.6 mm/s under the weight of what it holds by
-# friction; with this one, by 0.2 mm/s.
-IMPEDANCE = (0.99, 0.995, 0.001)
+# Contacts of movable things. With the ground's time constant of 5 ms, the contacts of a box between two hands break and
+# close again all the time, and it slips; with MuJoCo's default impedance, it creeps by twice as much (docs/scenes.md).
+MOVABLE_TIME_CONSTANT = 0.01  # [s]
+MOVABLE_IMPEDANCE = (0.98, 0.99, 0.001)
 _DRAWN_GROUP = 1  # of MuJoCo's groups of geoms: drawn, and not of a robot's shell
 _TORSION, _ROLLING = 0.005, 0.0001  # [m]
 
@@ -187,11 +188,12 @@ class Thing:
             "conaffinity": _TOUCHES,
             "condim": 6 if movable and round_shape else 4 if movable else 3,
             "priority": MOVABLE_PRIORITY if movable else FIXED_PRIORITY,
-            "solimp": [*IMPEDANCE, 0.5, 2.0],
             "group": _DRAWN_GROUP,
             "rgba": [*rgb_of(rgb or str(self.colour)), 1.0],
             **more,
         }
+        if movable:
+            fields.update(solref=[MOVABLE_TIME_CONSTANT, 1.0], solimp=[*MOVABLE_IMPEDANCE, 0.5, 2.0])
         friction = settled(self.friction) if friction is None else friction
         geom = body.add_geom(type=kind, size=[*size, *[0.0] * (3 - len(size))], pos=list(pos), **fields)
         geom.friction = [friction, torsion, rolling]
