@@ -17,7 +17,7 @@ from hugwbc.runtime.loop import ControlLoop, upper_body_source
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import ArenaChoice
+from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import open_view, run_live
 
@@ -36,6 +36,10 @@ class PlayOptions(ArenaChoice):
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
     """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
+    scene: str | None = None
+    """Objects around the robot: name of a shipped scene, or a file (.yaml); docs/how-to/add-an-object.md."""
+    seed: int = 0
+    """Seed of the sensors' errors, and of what varies in the scene."""
     gait: str | None = None
     """Gait; by default walking if a velocity is given, otherwise standing."""
     v_x: float | None = None
@@ -86,10 +90,19 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
     estimator = estimator_for(arena)
-    loop = ControlLoop(controller, source, arena.simulation(), upper_body_source(controller), estimator)
-    draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
+    simulation = arena.simulation(seed=options.seed, scene=_scene(options))
+    loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
+    draw = None
+    if not options.headless:
+        draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
     run_live(loop, duration, draw, tell=say)
+    for problem in simulation.objects.problems:
+        say(f"scene: {problem}")
     return 0
+
+
+def _scene(options: PlayOptions) -> Scene | None:
+    return None if options.scene is None else load_scene(options.scene)
 
 
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
@@ -124,7 +137,7 @@ def _run_live(options: PlayOptions) -> int:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
     controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
-    simulation = arena.simulation()
+    simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
     estimator = estimator_for(arena)
     loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller), estimator)

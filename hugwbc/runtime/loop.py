@@ -187,6 +187,8 @@ class ControlLoop:
             foothold=self._plan.footholds,
             hand_target_world=world_targets(self.hands, state),
             arm_target=self._arm_target(),
+            hand_force=np.zeros((2, 3)) if state.hand_force is None else state.hand_force.copy(),
+            object_pose=simulation.objects.poses,
         )
 
     def _arm_target(self) -> np.ndarray:

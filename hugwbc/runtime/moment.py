@@ -23,6 +23,9 @@ class Moment:
         hand_target_world: targets of both hands [m], shape (2, 3); NaN without one.
         arm_target: arm joint positions that the inverse kinematics or a motion asks for [rad], shape (8,); NaN where
             the controller moves the arms.
+        hand_force: force on each hand from outside [N], shape (2, 3).
+        object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of
+            `Scene.body_names`, shape (bodies, 7).
     """
 
     qpos: np.ndarray
@@ -34,9 +37,12 @@ class Moment:
     foothold: np.ndarray
     hand_target_world: np.ndarray
     arm_target: np.ndarray
+    hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
+    object_pose: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 7)))
 
 
 MOMENT_FIELDS = tuple(field.name for field in dataclasses.fields(Moment))
+SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a robot among objects
 
 
 class PlanView:

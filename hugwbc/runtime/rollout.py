@@ -10,7 +10,7 @@ from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop
-from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
+from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.sim import Disturber, Engine, Force
 
@@ -88,6 +88,8 @@ class _Recorder:
         self.ik_ms: list[float] = []
         self._watch = TouchDownWatch(1)
         self._samples = 0
+        left_out = SCENE_FIELDS if self.simulation.scene is None else ()
+        self._moment_fields = [name for name in MOMENT_FIELDS if name not in left_out]
 
     def due(self, t: float) -> bool:
         """Return whether the next sample is due at time t [s]."""
@@ -119,7 +121,7 @@ class _Recorder:
             "command": self.loop.safe.command.array(),
             "measured": [getattr(measured, name) for name in MEASURED_NAMES],
             "clearance": measured.clearance,
-            **{name: getattr(moment, name) for name in MOMENT_FIELDS},
+            **{name: getattr(moment, name) for name in self._moment_fields},
             "qvel": self.simulation.qvel,
             "target": command.q.copy(),
             "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
@@ -147,4 +149,6 @@ class _Recorder:
             steps=steps,
             safety=self.loop.safe.report(),
             robot=self.simulation.robot.name,
+            scene=self.simulation.scene,
+            problems=tuple(self.simulation.objects.problems),
         )

@@ -6,6 +6,7 @@ import numpy as np
 
 from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.safety import SafetyReport
+from hugwbc.sim.scenes.scene import Scene
 
 RECORD_PERIOD = 0.02  # [s] between two samples
 CONTACT_FORCE = 1.0  # [N]; a foot with a larger vertical ground reaction counts as on the ground
@@ -53,6 +54,11 @@ class Trace:
         steps: number of control steps executed.
         safety: report of the safety filter.
         robot: name of the simulated robot.
+        hand_force: force on each hand from outside, world frame [N], shape (T, 2, 3); empty without a scene.
+        object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of
+            `Scene.body_names`, shape (T, bodies, 7); empty without a scene.
+        scene: the objects around the robot, as drawn; None for none.
+        problems: what went wrong with the objects, such as one that left the world.
     """
 
     name: str
@@ -85,6 +91,10 @@ class Trace:
     steps: int
     safety: SafetyReport
     robot: str = DEFAULT_ROBOT
+    hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 2, 3)))
+    object_pose: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 7)))
+    scene: Scene | None = None
+    problems: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

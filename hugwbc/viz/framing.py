@@ -22,7 +22,8 @@ def moment(trace: Trace, sample: int) -> Moment:
         trace: the run.
         sample: index of the sample.
     """
-    return Moment(**{name: getattr(trace, name)[sample] for name in MOMENT_FIELDS})
+    recorded = [name for name in MOMENT_FIELDS if len(getattr(trace, name))]
+    return Moment(**{name: getattr(trace, name)[sample] for name in recorded})
 
 
 def check_count(count: int, what: str = "runs to draw") -> None:

@@ -29,11 +29,12 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_range
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
-from hugwbc.sim import Engine
+from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.live_source import LiveSource
-from hugwbc.viz.shapes import VISUAL_GROUP, homogeneous
+from hugwbc.viz.marks import HAND_FORCE_SCALE
+from hugwbc.viz.shapes import VISUAL_GROUP, colour_of, drawn_geoms, homogeneous, mesh_of
 
 HOST = "127.0.0.1"
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
@@ -143,6 +144,20 @@ def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
     return {material: _joined(shapes) for material, shapes in parts.items()}
 
 
+def object_meshes(model: mujoco.MjModel, body: str) -> list[tuple[tuple[int, int, int], trimesh.Trimesh]]:
+    """Return the shapes of a body of a scene's model in its frame, one mesh for each colour (three numbers to 255)."""
+    parts: dict[tuple[int, int, int], list[trimesh.Trimesh]] = {}
+    for geom in drawn_geoms(model):
+        if model.geom_bodyid[geom] == model.body(body).id:
+            part = _primitive(int(model.geom_type[geom]), model.geom_size[geom])
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                part = trimesh.Trimesh(*mesh_of(model, geom), process=False)
+            part.apply_transform(homogeneous(model.geom_pos[geom], model.geom_quat[geom]))
+            red, green, blue = (round(255 * value) for value in colour_of(model, geom))
+            parts.setdefault((red, green, blue), []).append(part)
+    return [(colour, _joined(shapes)) for colour, shapes in parts.items()]
+
+
 def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
     first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     return trimesh.Trimesh(
@@ -197,6 +212,7 @@ class LivePage:
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
         self._drawn = mujoco.MjData(self._model)
         self._build_scene(self._model)
+        self._build_objects(simulation.scene)
         self._build_panel()
         self.show(simulation)
 
@@ -228,6 +244,30 @@ class LivePage:
             )  # fmt: skip
             self._handles[side].on_update(lambda _: self._take_hands())
             scene.add_icosphere(f"/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
+
+    def _build_objects(self, around: Scene | None) -> None:
+        """Draw what stands around the robot, and lines for the forces on its hands."""
+        self._objects, model = [], None if around is None else around.model()
+        if around is None or model is None:
+            return
+        for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
+            frame = self.server.scene.add_frame(f"/objects/{number}", show_axes=False)
+            for part, (colour, mesh) in enumerate(object_meshes(model, body)):
+                self.server.scene.add_mesh_simple(f"/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour)
+            self._objects.append(frame)
+
+    def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
+        """Draw the objects and the forces on the hands; return a line that says how large these are."""
+        for frame, pose in zip(self._objects[1:], simulation.objects.poses, strict=True):
+            frame.position, frame.wxyz = pose[:3], pose[3:]
+        force = simulation.state().hand_force
+        if simulation.scene is None or force is None:
+            return ""
+        for side, pushed in zip(SIDES, force, strict=True):
+            hand = drawn.site(f"{side}_hand").xpos
+            points = np.stack((hand - HAND_FORCE_SCALE * pushed, hand))[None]
+            self.server.scene.add_line_segments(f"/forces/{side}_hand", points, (209, 56, 75))
+        return f", hands {np.linalg.norm(force[0]):.0f} and {np.linalg.norm(force[1]):.0f} N"
 
     def _build_panel(self) -> None:
         gui = self.server.gui
@@ -297,6 +337,7 @@ class LivePage:
         with self.server.atomic():
             for link, handle in self._links.items():
                 handle.position, handle.wxyz = drawn.body(link).xpos, drawn.body(link).xquat
+            forces = self._show_objects(simulation, drawn)
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
         while self._refused:
@@ -305,7 +346,7 @@ class LivePage:
         velocity = rotations.rotation_z(-state.yaw) @ state.velocity
         self._readings.content = (
             f"**{self.source.wanted.gait.label}** at {state.time:.1f} s, "
-            f"pelvis {state.position[2]:.2f} m, forward {velocity[0]:+.2f} m/s"
+            f"pelvis {state.position[2]:.2f} m, forward {velocity[0]:+.2f} m/s{forces}"
         )
 
     def close(self) -> None:

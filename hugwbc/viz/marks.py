@@ -19,6 +19,7 @@ from hugwbc.sim.layout import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow
+HAND_FORCE_SCALE = 5e-3  # [m/N]; forces on hands are small beside those on feet
 LEAST_FORCE = 1.0  # [N]; smaller forces are not drawn
 EDGES = 4  # largest number of edges of the support area, whose corners are two heels and two toes
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -87,6 +88,7 @@ class Marks:
             **self._hands(moment),
             **self._planned_steps(moment),
             **_forces(moment),
+            **self._hand_forces(moment),
             **self._balance(moment.foot_contact),
             **self._phases(moment),
         }
@@ -122,6 +124,15 @@ class Marks:
             body = self._ghost.body(f"{side}_elbow_link")
             mark = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy()) if wanted else HIDDEN
             marks[f"hands/ghost_{side}"] = mark
+        return marks
+
+    def _hand_forces(self, moment: Moment) -> dict[str, Mark]:
+        """Return the forces on the hands, as arrows that end at the hands: they push."""
+        marks = {}
+        for side, force in zip(SIDES, moment.hand_force, strict=True):
+            shown = bool(np.linalg.norm(force) > LEAST_FORCE)
+            hand = self._data.site(f"{side}_hand").xpos
+            marks[f"forces/{side}_hand"] = _bar(hand - HAND_FORCE_SCALE * force, hand.copy()) if shown else HIDDEN
         return marks
 
     def _planned_steps(self, moment: Moment) -> dict[str, Mark]:
@@ -269,6 +280,7 @@ def mark_parts(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[st
         parts[f"hands/ghost_{side}"] = [Part(shape.primitive, label, 0.3, shape.placement) for shape in forearm]
         parts[f"steps/planned_{side}"] = [footprint(label, 0.35)]
         parts[f"forces/{side}"] = _arrow()
+        parts[f"forces/{side}_hand"] = _arrow()
         for name, colour in (("stance", STANCE), ("swing", SWING)):
             parts[f"phases/{side}/{name}"] = [_slab(colour, sole)]
     parts["balance/centre"] = [Part(geometry.Sphere(CENTRE_RADIUS), BALANCE)]

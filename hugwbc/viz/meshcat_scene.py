@@ -11,11 +11,12 @@ from PIL import Image
 
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.moment import Moment
+from hugwbc.sim import scenes
 from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
 from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
-from hugwbc.viz.shapes import Shape, homogeneous, visual_shapes
+from hugwbc.viz.shapes import Shape, homogeneous, object_shapes, visual_shapes
 
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # [m] from the point looked at, in meshcat's camera axes (x, up, -y)
 LOOK_AT_HEIGHT = 0.85  # [m]
@@ -54,6 +55,7 @@ class RobotView:
         marks: the marks around the robot, by moment.
         path: path of the robot in the world; each link is a child with the link's name.
         links: names of the links that are drawn.
+        objects: names of the bodies of the scene around the robot.
         offset: offset of every position, which sets robots side by side [m], shape (3,).
     """
 
@@ -65,8 +67,9 @@ class RobotView:
         label: str,
         offset: float,
         robot: Robot | None = None,
+        scene: scenes.Scene | None = None,
     ) -> None:
-        """Put the robot's shapes into the world.
+        """Put the shapes of the robot, and of the objects around it, into the world.
 
         Args:
             node: node of the scene's world.
@@ -75,6 +78,7 @@ class RobotView:
             label: colour of the robot as "#rrggbb".
             offset: offset to the left [m].
             robot: robot that the model holds; None for the H1.
+            scene: objects around the robot, as drawn; None for none.
         """
         self.path = path
         self.offset = np.array([0.0, offset, 0.0])
@@ -88,6 +92,9 @@ class RobotView:
             self._add(shape, index, label)
         self.marks = Marks(model, robot)
         self._label, self._steps, self._on_ground = label, 0, np.zeros(2, dtype=bool)
+        self.objects: tuple[str, ...] = () if scene is None else scene.body_names
+        if scene is not None:
+            self._add_objects(scene.model())
         for layer in LAYERS:
             self._node[layer].set_transform(homogeneous(self.offset, UPRIGHT))
         for name, parts in mark_parts(shapes, label, self.marks.sole).items():
@@ -123,6 +130,29 @@ class RobotView:
         node.set_object(shape.primitive, geometry.MeshPhongMaterial(color=colour, shininess=40))
         node.set_transform(shape.placement)
 
+    def _add_objects(self, model: mujoco.MjModel) -> None:
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        for index, shape in enumerate(object_shapes(model)):
+            # What an MJCF file has in its world moves as little as the world.
+            path = self.object_path(self.objects.index(shape.link)) if shape.link in self.objects else "objects/still"
+            node = self._node[path][str(index)]
+            node.set_object(shape.primitive, geometry.MeshPhongMaterial(color=_hex(np.array(shape.colour))))
+            node.set_transform(shape.placement)
+        self._node["objects/still"].set_transform(homogeneous(self.offset, UPRIGHT))
+        bodies = [model.body(name).id for name in self.objects]
+        self.place_objects(np.hstack((data.xpos[bodies], data.xquat[bodies])))
+
+    @staticmethod
+    def object_path(number: int) -> str:
+        """Return the path below the robot of a body of the scene, by its number in `objects`."""
+        return f"objects/body_{number}"
+
+    def place_objects(self, poses: np.ndarray) -> None:
+        """Show the bodies of the scene at poses: positions [m] and quaternions (w, x, y, z), shape (bodies, 7)."""
+        for number, pose in enumerate(poses[: len(self.objects)]):
+            self._node[self.object_path(number)].set_transform(homogeneous(pose[:3] + self.offset, pose[3:]))
+
     def placements(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return where the links are shown: positions [m], shape (links, 3), and quaternions (w, x, y, z), (links, 4).
 
@@ -141,6 +171,7 @@ class RobotView:
     def show(self, moment: Moment) -> None:
         """Show the robot and its marks live; a foot that comes down leaves a footprint."""
         self.set_pose(moment.qpos)
+        self.place_objects(moment.object_pose)
         for name, mark in self.marks.at(moment).items():
             self.place(name, mark)
         for foot in np.flatnonzero(moment.foot_contact & ~self._on_ground):
@@ -169,13 +200,20 @@ class Scene:
         robots: the robots, in the order of the names given.
     """
 
-    def __init__(self, visualizer: meshcat.Visualizer, names: Sequence[str], robot: Robot | None = None) -> None:
+    def __init__(
+        self,
+        visualizer: meshcat.Visualizer,
+        names: Sequence[str],
+        robot: Robot | None = None,
+        around: Sequence[scenes.Scene | None] = (),
+    ) -> None:
         """Build the scene.
 
         Args:
             visualizer: where to build it; `hugwbc.viz.server.open_visualizer` gives one with a browser page.
             names: names of the robots, the first one leftmost in the picture.
             robot: robot to draw; None for the H1.
+            around: objects around each robot, as drawn; empty for none.
         """
         self.visualizer = visualizer
         visualizer.delete()
@@ -190,8 +228,10 @@ class Scene:
         visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(CAMERA_POSITION))
         model = load_model(SIMULATION_TIMESTEP, robot=robot)
         self.robots = [
-            RobotView(visualizer[WORLD], f"robot_{i}", model, LABEL_COLOURS[i % len(LABEL_COLOURS)], offset, robot)
-            for i, offset in enumerate(lanes(len(names)))
+            RobotView(
+                visualizer[WORLD], f"robot_{i}", model, LABEL_COLOURS[i % len(LABEL_COLOURS)], offset, robot, scene
+            )
+            for i, (offset, scene) in enumerate(zip(lanes(len(names)), around or [None] * len(names), strict=True))
         ]
         self.look_at(np.zeros(2))
 

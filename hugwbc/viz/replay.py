@@ -57,13 +57,18 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
     check_traces(traces)
     recorder = _Recorder()
     robot = load_robot(traces[0].robot)
-    scene = Scene(meshcat.Visualizer(window=recorder), [trace.name for trace in traces], robot)
+    names, around = [trace.name for trace in traces], [trace.scene for trace in traces]
+    scene = Scene(meshcat.Visualizer(window=recorder), names, robot, around)
     end = max(float(trace.time[-1]) for trace in traces)
     animation = Animation(default_framerate=fps)
     for view, trace in zip(scene.robots, traces, strict=True):
         samples = frame_samples(trace.time, fps, end)
         robot = _ROOT.append(WORLD).append(view.path)
-        for path, tracks in (*_link_tracks(view, trace, samples), *_mark_tracks(view, trace, samples, fps)):
+        for path, tracks in (
+            *_link_tracks(view, trace, samples),
+            *_object_tracks(view, trace, samples),
+            *_mark_tracks(view, trace, samples, fps),
+        ):
             animation.clips[robot.append(path)] = _clip(tracks, fps)
     centre, distance = camera_path(traces, fps, end)
     # The camera cannot stand back (see `WORLD`); shrinking the world by the same factor gives the same picture.
@@ -104,6 +109,19 @@ def _link_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator
                 ("quaternion", "quaternion", quaternions[:, index].tolist()),
             ],
         )
+
+
+def _object_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
+    """Yield the tracks of the bodies of the scene that move, and place the others."""
+    if not view.objects:
+        return
+    poses = trace.object_pose[samples]
+    view.place_objects(poses[0])
+    for number in range(len(view.objects)):
+        of_body = poses[:, number]
+        marks = [Mark(position=pose[:3] + view.offset, quaternion=pose[3:]) for pose in of_body]
+        if tracks := _motion(marks):
+            yield view.object_path(number), tracks
 
 
 def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:

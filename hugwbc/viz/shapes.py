@@ -14,11 +14,11 @@ CYLINDER_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0,
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shape:
-    """One primitive of a link.
+    """One primitive of a link, or of a body of a scene.
 
     Attributes:
         link: name of the body that carries the primitive.
-        material: name of its MuJoCo material.
+        material: name of its MuJoCo material; empty without one.
         colour: red, green and blue, each in [0, 1].
         primitive: the geometry, one of meshcat's.
         placement: homogeneous transform of the geometry in the link's frame, shape (4, 4).
@@ -87,4 +87,45 @@ def visual_shapes(model: mujoco.MjModel) -> list[Shape]:
         for primitive, placement in _PRIMITIVES[int(model.geom_type[geom])](model.geom_size[geom]):
             link = model.body(model.geom_bodyid[geom]).name
             shapes.append(Shape(link, material.name, (red, green, blue), primitive, in_link @ placement))
+    return shapes
+
+
+def mesh_of(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices [m], shape (n, 3), and triangles, shape (m, 3), of a mesh geom in its own frame."""
+    mesh = int(model.geom_dataid[geom])
+    vertices, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    return (
+        model.mesh_vert[vertices : vertices + model.mesh_vertnum[mesh]].astype(float),
+        model.mesh_face[faces : faces + model.mesh_facenum[mesh]].astype(int),
+    )
+
+
+def colour_of(model: mujoco.MjModel, geom: int) -> tuple[float, float, float]:
+    """Return red, green and blue of a geom, its material's or its own, each in [0, 1]."""
+    material = int(model.geom_matid[geom])
+    red, green, blue = (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3].tolist()
+    return red, green, blue
+
+
+def drawn_geoms(model: mujoco.MjModel) -> list[int]:
+    """Return the geoms of a scene's model that are drawn: MuJoCo's groups 0 to 2, without planes and height fields."""
+    kinds = (*map(int, _PRIMITIVES), int(mujoco.mjtGeom.mjGEOM_MESH))
+    return [g for g in range(model.ngeom) if model.geom_group[g] <= VISUAL_GROUP and int(model.geom_type[g]) in kinds]
+
+
+def object_shapes(model: mujoco.MjModel) -> list[Shape]:
+    """Return the shapes of a scene's bodies (`Scene.model`), each with the name of its body."""
+    shapes = []
+    for geom in drawn_geoms(model):
+        in_body = homogeneous(model.geom_pos[geom], model.geom_quat[geom])
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            vertices, faces = mesh_of(model, geom)
+            parts: list[tuple[geometry.Geometry, np.ndarray]] = [
+                (geometry.TriangularMeshGeometry(vertices, faces), np.eye(4))
+            ]
+        else:
+            parts = _PRIMITIVES[int(model.geom_type[geom])](model.geom_size[geom])
+        body = model.body(int(model.geom_bodyid[geom])).name
+        for primitive, placement in parts:
+            shapes.append(Shape(body, "", colour_of(model, geom), primitive, in_body @ placement))
     return shapes

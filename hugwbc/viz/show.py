@@ -17,7 +17,7 @@ from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
-from hugwbc.sim import Engine, Force, Simulation
+from hugwbc.sim import Engine, Force, Scene, Simulation
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
@@ -52,11 +52,12 @@ class RealTime:
         self._begin += duration
 
 
-def open_view(name: str, *, browser: bool = True, tell: Tell = print) -> Draw:
+def open_view(name: str, *, scene: Scene | None = None, browser: bool = True, tell: Tell = print) -> Draw:
     """Open a live meshcat page with one robot, which only this machine can reach.
 
     Args:
         name: name of the controller.
+        scene: objects around the robot, as drawn; None for none.
         browser: whether to open the page in the browser.
         tell: receives the address of the page.
 
@@ -66,18 +67,18 @@ def open_view(name: str, *, browser: bool = True, tell: Tell = print) -> Draw:
     Raises:
         HugwbcError: if the page's server does not start.
     """
-    from hugwbc.viz.meshcat_scene import Scene
+    from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
 
     visualizer, address = open_visualizer()
-    scene = Scene(visualizer, [name])
+    picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
     tell(f"watch at {address}; Ctrl-C stops")
     if browser and webbrowser.open(address):
         time.sleep(PAGE_LOAD_TIME)
 
     def draw(moment: Moment) -> None:
-        scene.robots[0].show(moment)
-        scene.look_at(moment.qpos[:2])
+        picture.robots[0].show(moment)
+        picture.look_at(moment.qpos[:2])
 
     return draw
 
@@ -117,7 +118,7 @@ def watch(
         HugwbcError: if the live page's server does not start.
     """
     simulation = simulation or Simulation()
-    draw = open_view(controller.name, tell=tell) if show else live
+    draw = open_view(controller.name, scene=simulation.scene, tell=tell) if show else live
     clock, next_frame = RealTime(), 0.0
 
     def draw_in_time(moment: Moment) -> None:

@@ -16,6 +16,7 @@ import meshcat.geometry as geometry
 import mujoco
 import numpy as np
 
+from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
@@ -33,6 +34,8 @@ HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
 GEOM_NUMBERS = 20
 ARROW_RADIUS = 2.0 * FORCE_RADIUS  # [m], of the head; the shaft of MuJoCo's arrows is thinner
 PRINT_OPACITY = 0.8
+_SCENE = "around/"
+_SHARED = ("timestep", "iterations", "ls_iterations", "integrator", "jacobian")  # what attached models must agree in
 
 
 def write_video(
@@ -71,15 +74,21 @@ def write_video(
     ]
     geoms = [np.concatenate(rows) for rows in zip(*marks, strict=True)]
     with tempfile.TemporaryDirectory() as folder:
-        data, log, film = (pathlib.Path(folder) / name for name in ("frames.npz", "log.txt", "film.mp4"))
+        names = ("frames.npz", "log.txt", "film.mp4", "stage.mjb")
+        data, log, film, stage = (pathlib.Path(folder) / name for name in names)
+        bodies, poses = _object_poses(traces, samples)
+        model = _stage(traces)
+        mujoco.mj_saveModel(model, str(stage), None)
         np.savez(
             data,
             frames=frames,
+            bodies=[model.body(name).id for name in bodies],
+            poses=poses,
             views=np.column_stack(camera_path(traces, FPS, end)),
             geoms=np.concatenate(geoms),
             ends=np.cumsum([len(rows) for rows in geoms]),
         )
-        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(film)]
+        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(stage), str(film)]
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
         with log.open("w", encoding="utf-8") as errors:
             process = subprocess.Popen(
@@ -213,8 +222,29 @@ def _row(
     return np.concatenate(([int(kind)], size, position, turn.ravel(), rgb, [opacity]))
 
 
-def _stage(count: int) -> mujoco.MjModel:
-    """Return a model with floor, light, sky and `count` robots in their label colours, for rendering only."""
+def _object_poses(traces: Sequence[Trace], samples: Sequence[np.ndarray]) -> tuple[list[str], np.ndarray]:
+    """Return the names of all bodies around the robots, as `_stage` has them, and their poses in the lanes.
+
+    Args:
+        traces: the runs.
+        samples: index of the sample of each run in each frame, shape (frames,) for each run.
+
+    Returns:
+        Names, and positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
+    """
+    names, poses = [], [np.zeros((len(samples[0]), 0, 7))]
+    for index, (trace, sample, lane) in enumerate(zip(traces, samples, lanes(len(traces)), strict=True)):
+        if trace.scene is not None:
+            names += [f"{index}_{_SCENE}{name}" for name in trace.scene.body_names]
+            poses.append(trace.object_pose[sample] + [0.0, lane, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return names, np.concatenate(poses, axis=1)
+
+
+def _stage(traces: Sequence[Trace]) -> mujoco.MjModel:
+    """Return a model with floor, light, sky, and the robots in their label colours among their objects.
+
+    It is for rendering only.
+    """
     stage = mujoco.MjSpec()
     stage.visual.global_.offwidth, stage.visual.global_.offheight = WIDTH, HEIGHT
     stage.visual.headlight.ambient, stage.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3
@@ -228,17 +258,36 @@ def _stage(count: int) -> mujoco.MjModel:
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     stage.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], material="tiles")
     stage.worldbody.add_light(pos=[0, 0, 6], dir=[-0.3, 0.4, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
-    for index in range(count):
+    for index in range(len(traces)):
         robot = mujoco.MjSpec.from_file(str(load_robot().xml_path))
         for element in (robot.geom("floor"), *robot.lights, *robot.keys, *robot.sensors, *robot.actuators):
             robot.delete(element)
         for finish in robot.materials:
             colour = labelled_colour(finish.name, finish.rgba[:3], LABEL_COLOURS[index])
             finish.rgba = [*colour, 1.0]
-        for field in ("timestep", "iterations", "ls_iterations", "integrator", "jacobian"):
+        for field in _SHARED:
             setattr(stage.option, field, getattr(robot.option, field))  # attached models must agree with the stage
         stage.attach(robot, prefix=f"{index}_", frame=stage.worldbody.add_frame())
+    # After all robots, so that these come first in the state.
+    for index, (trace, lane) in enumerate(zip(traces, lanes(len(traces)), strict=True)):
+        if trace.scene is not None:
+            around = mujoco.MjSpec()
+            around.compiler.degree = False
+            trace.scene.add_to(around)
+            for field in _SHARED:
+                setattr(around.option, field, getattr(stage.option, field))
+            stage.attach(around, prefix=f"{index}_{_SCENE}", frame=stage.worldbody.add_frame(pos=[0.0, lane, 0.0]))
     return stage.compile()
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray, poses: np.ndarray) -> None:
+    """Put the shapes of bodies where these are, whatever the model's joints say; poses of shape (bodies, 7)."""
+    for body, pose in zip(bodies, poses, strict=True):
+        turn = rotations.to_matrix(pose[3:])
+        first = int(model.body_geomadr[body])
+        for geom in range(first, first + int(model.body_geomnum[body])):
+            data.geom_xpos[geom] = pose[:3] + turn @ model.geom_pos[geom]
+            data.geom_xmat[geom] = (turn @ rotations.to_matrix(model.geom_quat[geom])).ravel()
 
 
 def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
@@ -249,18 +298,28 @@ def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
         scene.ngeom += 1
 
 
-def _render(frames: np.ndarray, geoms: Sequence[np.ndarray], views: np.ndarray, path: pathlib.Path) -> None:
+def _render(
+    model: mujoco.MjModel,
+    frames: np.ndarray,
+    bodies: np.ndarray,
+    poses: np.ndarray,
+    geoms: Sequence[np.ndarray],
+    views: np.ndarray,
+    path: pathlib.Path,
+) -> None:
     """Render frames, and write the number of each finished frame to standard output.
 
     Args:
+        model: the stage.
         frames: qpos of each robot, shape (frames, robots, 26).
+        bodies: bodies around the robots, shape (bodies,).
+        poses: their positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
         geoms: geoms of the marks in each frame, each of shape (marks, `GEOM_NUMBERS`).
         views: point on the ground to look at and factor of the camera's distance (`camera_path`), shape (frames, 3).
         path: path of the MP4 file.
     """
     count = frames.shape[1]
     frames[:, :, 1] += lanes(count)
-    model = _stage(count)
     data = mujoco.MjData(model)
     options = mujoco.MjvOption()
     options.geomgroup[3] = 0
@@ -271,8 +330,9 @@ def _render(frames: np.ndarray, geoms: Sequence[np.ndarray], views: np.ndarray, 
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
     ):
         for number, (frame, marks, view) in enumerate(zip(frames, geoms, views, strict=True), start=1):
-            data.qpos[:] = frame.ravel()
+            data.qpos[: frame.size] = frame.ravel()
             mujoco.mj_kinematics(model, data)
+            _place(model, data, bodies, poses[number - 1])
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = [*view[:2], LOOK_AT_HEIGHT]
             camera.distance = view[2] * (2.2 + 0.7 * count)
@@ -288,4 +348,6 @@ def _render(frames: np.ndarray, geoms: Sequence[np.ndarray], views: np.ndarray, 
 if __name__ == "__main__":
     with np.load(sys.argv[1], allow_pickle=False) as recorded:
         geoms = np.split(recorded["geoms"].reshape(-1, GEOM_NUMBERS), recorded["ends"][:-1])
-        _render(recorded["frames"], geoms, recorded["views"], pathlib.Path(sys.argv[2]))
+        stage = mujoco.MjModel.from_binary_path(sys.argv[2])
+        around = recorded["bodies"].astype(int), recorded["poses"]
+        _render(stage, recorded["frames"], *around, geoms, recorded["views"], pathlib.Path(sys.argv[3]))

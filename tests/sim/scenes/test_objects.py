@@ -153,7 +153,9 @@ def test_a_cylinder_stands_on_a_shelf_and_a_robot_stands_on_a_step() -> None:
     simulation = Simulation(scene=Scene((shelf, can)))
     assert simulation.objects["can"].position[2] == pytest.approx(0.46)
     run(simulation, 1.0)
-    assert simulation.objects["can"].tilt < 0.01 and simulation.objects["can"].position[2] == pytest.approx(0.46, abs=1e-3)
+    assert simulation.objects["can"].tilt < 0.01 and simulation.objects["can"].position[2] == pytest.approx(
+        0.46, abs=1e-3
+    )
     on_step = Simulation(scene=Scene((Step(name="platform", position=FAR, size=(1.0, 1.0, 0.05)),)))
     on_step.data.qpos[:3] += [3.0, 0.0, 0.05]
     for _ in range(100):
@@ -257,7 +259,7 @@ def test_names_of_objects_that_are_not_there() -> None:
     simulation = Simulation(scene=Scene((Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)),)))
     assert "parcel" in simulation.objects and "box" not in simulation.objects and list(simulation.objects) == ["parcel"]
     for look in (simulation.objects.__getitem__, simulation.objects.seen):
-        with pytest.raises(UnknownNameError, match="unknown object 'parcl'. Did you mean 'parcel'"):
+        with pytest.raises(UnknownNameError, match=r"unknown object 'parcl'\. Did you mean 'parcel'"):
             look("parcl")
     alone = Simulation()
     assert len(alone.objects) == 0 and alone.objects.poses.shape == (0, 7)
@@ -275,7 +277,9 @@ def test_objects_lie_on_rough_ground() -> None:
     from hugwbc.sim import rough_terrain
 
     terrain = rough_terrain(0.03, np.random.default_rng(0))
-    scene = Scene((Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2)), Box(name="parcel", on="stool", size=(0.2,) * 3)))
+    scene = Scene(
+        (Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2)), Box(name="parcel", on="stool", size=(0.2,) * 3))
+    )
     simulation = Simulation(scene=scene, terrain=terrain)
     base = simulation.objects["stool"].position
     assert base[2] == pytest.approx(float(terrain.height_at(np.array([1.0, 0.5]))))
