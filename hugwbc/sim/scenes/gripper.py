@@ -1,8 +1,9 @@
-"""An idealised gripper: a weld between a hand and an object, made on demand and broken by too large a force.
+"""An idealised gripper: a weld or a ball joint between a hand and an object, made on demand, broken by a large force.
 
 No hand of an H1 grips like this. It stands for one, and what uses it says so.
 """
 
+import itertools
 from collections.abc import Iterable
 
 import mujoco
@@ -14,14 +15,16 @@ from hugwbc.robot import SIDES
 
 REACH = 0.03  # [m], from the hand's surface to that of the object
 BREAKING_FORCE = 150.0  # [N]
-HAND_RADIUS = 0.03  # [m], of a ball around the hand's origin, from which distances are measured
+HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the forearm; distances begin at it
 _UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
-# Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.
-_IN_OBJECT, _IN_HAND, _TURN = slice(0, 3), slice(3, 6), slice(6, 10)
+# Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn. The
+# two points of a ball joint are the other way round.
+_FIRST, _SECOND, _TURN = slice(0, 3), slice(3, 6), slice(6, 10)
+_KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 
 
 def add_grips(spec: mujoco.MjSpec, names: Iterable[str]) -> None:
-    """Add what a `Gripper` needs: a ball around each hand to measure with, and an idle weld to each moving body.
+    """Add what a `Gripper` needs: a ball around each hand to measure with, and idle joints to each moving body.
 
     Args:
         spec: model with robot and objects.
@@ -34,14 +37,14 @@ def add_grips(spec: mujoco.MjSpec, names: Iterable[str]) -> None:
         ball = link.add_geom(name=f"{side}_hand_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[HAND_RADIUS, 0, 0])
         ball.pos, ball.mass, ball.group = at, 0.0, _UNSEEN_GROUP
         ball.contype = ball.conaffinity = 0
-        for name in moving:
-            weld = spec.add_equality(name=_weld(side, name), type=mujoco.mjtEq.mjEQ_WELD, active=False)
-            weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, f"{side}_elbow_link", name
-            weld.solref, weld.solimp = [0.005, 1.0], [0.95, 0.99, 0.001, 0.5, 2.0]
+        for name, (kind, equality) in itertools.product(moving, _KINDS.items()):
+            joint = spec.add_equality(name=_joint(side, kind, name), type=equality, active=False)
+            joint.objtype, joint.name1, joint.name2 = mujoco.mjtObj.mjOBJ_BODY, f"{side}_elbow_link", name
+            joint.solref, joint.solimp = [0.005, 1.0], [0.95, 0.99, 0.001, 0.5, 2.0]
 
 
-def _weld(side: str, name: str) -> str:
-    return f"{side}_grip/{name}"
+def _joint(side: str, kind: str, name: str) -> str:
+    return f"{side}_{kind}/{name}"
 
 
 class Gripper:
@@ -52,7 +55,7 @@ class Gripper:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, names: Iterable[str]) -> None:
-        """Find the welds and the shapes to measure distances to.
+        """Find the joints and the shapes to measure distances to.
 
         Args:
             model: model that `add_grips` has changed.
@@ -67,14 +70,14 @@ class Gripper:
         self._geoms = {
             name: np.flatnonzero(solid & (model.geom_bodyid == body)).tolist() for name, body in self._bodies.items()
         }
-        welds = {model.equality(i).name: i for i in range(model.neq)}
-        self._welds = [{name: welds[_weld(s, name)] for name in self._bodies if _weld(s, name) in welds} for s in SIDES]
+        self._joints = {model.equality(i).name: i for i in range(model.neq)}
+        self._grippable = [name for name in self._bodies if _joint(SIDES[0], "grip", name) in self._joints]
         self.reset()
 
     def reset(self) -> None:
         """Open both hands for a new run."""
         self.broken = 0
-        self._held: list[tuple[str, int, float] | None] = [None, None]  # object, weld, breaking force
+        self._held: list[tuple[str, int, float] | None] = [None, None]  # object, joint, breaking force
         self._force = np.zeros((2, 3))
 
     def held(self, side: str) -> str | None:
@@ -96,13 +99,14 @@ class Gripper:
             found = min(found, mujoco.mj_geomDistance(self._model, self._data, self._balls[hand], geom, 1.0, points))
         return found
 
-    def attach(self, name: str, side: str, breaking_force: float = BREAKING_FORCE) -> bool:
-        """Weld an object to a hand as they are now, if their surfaces are within `REACH`; the hand lets go of another.
+    def attach(self, name: str, side: str, breaking_force: float = BREAKING_FORCE, *, hook: bool = False) -> bool:
+        """Join an object to a hand as they are now, if their surfaces are within `REACH`; the hand lets go of another.
 
         Args:
             name: the object.
             side: "left" or "right".
-            breaking_force: force between hand and object at which the weld breaks [N].
+            breaking_force: force between hand and object at which the joint breaks [N].
+            hook: let the hand turn about its origin, as if it hung on a handle; otherwise it is welded on.
 
         Returns:
             Whether the hand holds the object.
@@ -114,19 +118,21 @@ class Gripper:
         hand = _hand(side)
         if not breaking_force > 0.0:
             raise ConfigError(f"breaking force is {breaking_force} N; give a force above 0 N")
-        if name not in self._welds[hand]:
-            raise UnknownNameError("object that can be gripped", name, self._welds[hand])
+        if name not in self._grippable:
+            raise UnknownNameError("object that can be gripped", name, self._grippable)
         if self.distance(name, side) > REACH:
             return False
         self.release(side)
         data, link, body = self._data, self._hands[hand], self._bodies[name]
-        point, weld = data.geom_xpos[self._balls[hand]], self._welds[hand][name]
-        row = self._model.eq_data[weld]
-        row[_IN_OBJECT] = data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body])
-        row[_IN_HAND] = data.xmat[link].reshape(3, 3).T @ (point - data.xpos[link])
-        row[_TURN] = rotations.multiply(rotations.conjugate(data.xquat[link]), data.xquat[body])
-        data.eq_active[weld] = 1
-        self._held[hand] = (name, weld, breaking_force)
+        point, joint = data.geom_xpos[self._balls[hand]], self._joints[_joint(side, "hook" if hook else "grip", name)]
+        row = self._model.eq_data[joint]
+        in_object = data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body])
+        in_hand = data.xmat[link].reshape(3, 3).T @ (point - data.xpos[link])
+        row[_FIRST], row[_SECOND] = (in_hand, in_object) if hook else (in_object, in_hand)
+        if not hook:
+            row[_TURN] = rotations.multiply(rotations.conjugate(data.xquat[link]), data.xquat[body])
+        data.eq_active[joint] = 1
+        self._held[hand] = (name, joint, breaking_force)
         return True
 
     def release(self, side: str) -> None:

@@ -1,0 +1,264 @@
+"""Scenes as declared in Python: variation, placement, what is refused; episodes of a seed."""
+
+import dataclasses
+import pathlib
+
+import mujoco
+import numpy as np
+import pytest
+
+from hugwbc import JointCommand, load_robot
+from hugwbc.errors import ConfigError, HugwbcError, SceneError
+from hugwbc.sim import ARENAS, Ground, Scene, Simulation, Variation, load_scene
+from hugwbc.sim.physx import PhysxSimulation
+from hugwbc.sim.scenes import (
+    SCENE_NAMES,
+    Box,
+    Button,
+    Cart,
+    Choice,
+    Cylinder,
+    Door,
+    Drawer,
+    Mjcf,
+    Shelf,
+    Step,
+    Table,
+    Tray,
+    Uniform,
+    Wall,
+)  # fmt: skip
+
+ROBOT = load_robot()
+BOX = {"size": (0.2, 0.2, 0.2)}
+NAN = float("nan")
+VARIED = Scene((
+    Table(name="desk", position=(1.2, 0.0), height=Uniform(0.7, 0.95)),
+    Box(name="parcel", on="desk", position=(Uniform(-0.1, 0.1), 0.0), mass=Uniform(0.5, 3.0),
+        colour=Choice(("#112233", "#445566")), **BOX),
+    Box(name="other", position=(2.5, 0.0), mass=Choice((1.0, 2.0)), friction=Uniform(0.3, 0.9), **BOX),
+))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Box(name="a", mass=0.0, **BOX), r"mass of box 'a' is 0.0; give 0.001 to 500"),
+        (lambda: Box(name="a", mass=Uniform(0.0, 1.0), **BOX), r"mass of box 'a' is 0.0"),
+        (lambda: Box(name="a", mass=NAN, **BOX), r"mass of box 'a' is nan"),
+        (lambda: Box(name="a", size=(0.2, 0.2)), r"size of box 'a' has 2 numbers; give 3, in m"),
+        (lambda: Box(name="a", size=0.2), r"size of box 'a' is 0.2; give 3 numbers, in m"),
+        (lambda: Box(name="a", size=(0.2, 0.0, 0.2)), r"size of box 'a' is 0.0; give 0.001 to 10"),
+        (lambda: Box(name="a b", **BOX), r"a box is named 'a b'; use letters, digits, - and _"),
+        (lambda: Box(name="a", friction=-1.0, **BOX), r"friction of box 'a' is -1.0; give 0 to 5"),
+        (lambda: Box(name="a", position=(1.0,), **BOX), r"position of box 'a' is \(1.0,\); give \[x, y\]"),
+        (lambda: Box(name="a", position=(1.0, 2.0, -1.0), **BOX), r"height of the position of box 'a' is -1.0"),
+        (lambda: Box(name="a", colour="red", **BOX), r"colour of box 'a' is red; give it as \"#rrggbb\""),
+        (lambda: Door(name="a", hinge="top"), r"unknown hinge of door 'a' 'top'\. Valid: left, right"),
+        (lambda: Shelf(name="a", boards=(0.8, 0.4)), r"boards of shelf 'a' are not in ascending order"),
+        (lambda: Shelf(name="a", boards=()), r"shelf 'a' has no boards"),
+        (lambda: Uniform(2.0, 1.0), r"uniform from 2.0 to 1.0; give two finite numbers, the smaller one first"),
+        (lambda: Uniform(0.0, float("inf")), r"uniform from 0.0 to inf"),
+        (lambda: Choice(()), r"a choice has no values"),
+        (lambda: Scene((Box(name="a", **BOX), Wall(name="a", position=(3.0, 0.0)))), r"another object has that name"),
+        (lambda: Scene((Box(name="pelvis", **BOX),)), r"a part of the robot or the ground has that name"),
+        (lambda: Scene((Box(name="a", on="desc", **BOX), Table(name="desk"))), r"'desc'\. Did you mean 'desk'"),
+        (lambda: Scene((Box(name="a", on="b", **BOX), Box(name="b", on="a", **BOX))), r"it stands on itself"),
+        (lambda: Scene((Wall(name="w"), Box(name="a", on="w", **BOX))), r"nothing can stand on wall 'w'"),
+        (lambda: Scene((Shelf(name="s"), Box(name="a", on="s/4", **BOX))), r"has no board '4'; give s/1 to s/3"),
+        (lambda: Scene((Table(name="t"), Box(name="a", on="t/1", **BOX))), r"table 't' has no part '1'"),
+        (
+            lambda: Scene((Box(name="a", position=(1.0, 0.0), **BOX), Box(name="b", position=(1.15, 0.0), **BOX))),
+            r"box 'a' and box 'b' overlap by 50 mm at the start; move one of them",
+        ),
+        (
+            lambda: Scene((Table(name="a"), Shelf(name="b", position=(0.2, 0.0)))),
+            r"table 'a' and shelf 'b' overlap by \d+ mm at the start",
+        ),
+        (lambda: Scene((), robot="h2"), r"unknown robot 'h2'"),
+        (lambda: Scene((), ground="wet"), r"unknown ground 'wet'\. Valid: firm, soft"),
+        (lambda: Mjcf(name="k", mjcf=pathlib.Path("no.xml")), r"mjcf 'k': there is no file no.xml"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(make, message: str) -> None:
+    with pytest.raises(HugwbcError, match=message):
+        make()
+
+
+def test_walls_may_meet_in_a_corner() -> None:
+    Scene((Wall(name="a"), Wall(name="b", yaw=1.5708)))
+
+
+def test_a_draw_is_within_its_bounds_and_the_same_for_a_seed() -> None:
+    drawn = [VARIED.draw(seed) for seed in range(50)]
+    masses = [scene.objects[1].mass for scene in drawn]
+    assert 0.5 <= min(masses) < 1.0 and 2.5 < max(masses) <= 3.0
+    assert {scene.objects[1].colour for scene in drawn} == {"#112233", "#445566"}
+    assert {scene.objects[2].mass for scene in drawn} == {1.0, 2.0}
+    assert not any(scene.varies for scene in drawn) and VARIED.varies
+    assert VARIED.draw(7) == drawn[7] != drawn[8]
+
+
+def test_a_draw_does_not_depend_on_other_objects() -> None:
+    alone = dataclasses.replace(VARIED, objects=VARIED.objects[2:])
+    assert alone.draw(3).objects[0] == VARIED.draw(3).objects[2]
+
+
+def test_what_stands_on_something_follows_its_height_and_heading() -> None:
+    scene = Scene((
+        Table(name="desk", position=(1.0, 2.0), yaw=np.pi / 2, height=0.7),
+        Box(name="parcel", on="desk", position=(0.1, 0.2, 0.05), yaw=0.3, **BOX),
+    ))  # fmt: skip
+    state = Simulation(scene=scene).objects["parcel"]
+    assert state.position == pytest.approx([1.0 - 0.2, 2.0 + 0.1, 0.7 + 0.05 + 0.1])
+    assert 2.0 * np.arctan2(state.orientation[3], state.orientation[0]) == pytest.approx(np.pi / 2 + 0.3)
+
+
+def roll(simulation: Simulation, steps: int = 60) -> np.ndarray:
+    rng, rows = np.random.default_rng(0), []
+    for _ in range(steps):
+        simulation.step(JointCommand.position(ROBOT, ROBOT.nominal + rng.normal(0.0, 0.1, 19)), 0.004)
+        sensed, seen = simulation.sense(), simulation.objects.seen("parcel")
+        rows.append(np.concatenate((simulation.qpos, simulation.objects.poses.ravel(), sensed.q, seen.position)))
+    return np.array(rows)
+
+
+def test_a_seed_is_an_episode_bit_for_bit_and_so_is_a_redraw() -> None:
+    first, again = (ARENAS[2].simulation(scene=VARIED, seed=4) for _ in range(2))
+    np.testing.assert_array_equal(roll(first), roll(again))
+    other = ARENAS[2].simulation(scene=VARIED, seed=5)
+    roll(other)
+    other.redraw(4)
+    np.testing.assert_array_equal(roll(other), roll(ARENAS[2].simulation(scene=VARIED, seed=4)))
+    assert other.scene == VARIED.draw(4)
+    assert (
+        roll(ARENAS[2].simulation(scene=VARIED, seed=5))[-1] != roll(ARENAS[2].simulation(scene=VARIED, seed=4))[-1]
+    ).any()
+
+
+def test_a_reset_keeps_the_objects_that_were_drawn() -> None:
+    simulation = Simulation(scene=VARIED, seed=4)
+    before = simulation.objects.poses
+    roll(simulation)
+    simulation.reset()
+    np.testing.assert_array_equal(simulation.objects.poses, before)
+
+
+def test_the_robot_is_the_same_among_objects() -> None:
+    """What a controller reads does not change by objects that the robot does not touch."""
+    alone, among = Simulation(), Simulation(scene=VARIED)
+    for _ in range(40):
+        alone.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
+        among.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
+    assert among.qpos.shape == (26,) and among.torque.shape == (19,)
+    np.testing.assert_allclose(among.qpos, alone.qpos, atol=1e-6)
+    assert not among.state().hand_force.any()
+
+
+def test_variations_of_the_robot_leave_the_objects_alone() -> None:
+    door = Scene((Door(name="exit", hinge="left", position=(3.0, 0.0)), Box(name="parcel", position=(2.0, 2.0), **BOX)))
+    usual = Simulation(scene=door).model
+    varied = Simulation(scene=door, variation=Variation(friction=0.3, strength=0.5)).model
+    for name, field in (("exit", "geom_friction"), ("parcel", "geom_friction")):
+        mine = usual.geom_bodyid == usual.body(name).id
+        np.testing.assert_array_equal(getattr(varied, field)[mine], getattr(usual, field)[mine])
+    np.testing.assert_array_equal(varied.actuator("exit/damper").forcerange, usual.actuator("exit/damper").forcerange)
+    assert varied.actuator("left_knee_joint").forcerange[1] == 0.5 * usual.actuator("left_knee_joint").forcerange[1]
+
+
+def test_a_scene_may_ask_for_robot_and_ground() -> None:
+    scene = Scene((Box(name="parcel", position=(2.0, 0.0), **BOX),), robot="h1-2023", ground="soft")
+    simulation = Simulation(scene=scene)
+    assert simulation.robot.name == "h1-2023" and simulation.ground == Ground.named("soft")
+    assert ARENAS[1].simulation(scene=scene).robot.name == "h1-2023"
+    with pytest.raises(ConfigError, match="the scene is made for robot h1-2023, not h1"):
+        ARENAS[2].simulation(scene=scene)
+    with pytest.raises(ConfigError, match="the scene is made for soft ground"):
+        Simulation(scene=scene, ground=Ground())
+
+
+def test_another_engine_has_no_objects() -> None:
+    with pytest.raises(ConfigError, match="engine physx has no objects; run a scene with mujoco"):
+        ARENAS[2].simulation_in(PhysxSimulation, scene=VARIED)
+
+
+def test_an_overlap_that_is_drawn_names_the_seed() -> None:
+    scene = Scene((Box(name="a", position=(2.0, 0.0), **BOX), Box(name="b", position=(Uniform(2.1, 2.15), 0.0), **BOX)))
+    with pytest.raises(SceneError, match="as drawn with seed 3, box 'a' and box 'b' overlap"):
+        Simulation(scene=scene, seed=3)
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_shipped_scenes_are_valid_and_lie_still(name: str) -> None:
+    for seed in range(3):
+        simulation = Simulation(scene=load_scene(name), seed=seed)
+        before = simulation.objects.poses
+        for _ in range(50):
+            simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
+        assert np.abs(simulation.objects.poses - before).max() < 2e-3 and simulation.objects.problems == []
+
+
+def test_there_is_one_of_every_kind_in_the_workshop() -> None:
+    kinds = {type(thing) for thing in load_scene("workshop").objects}
+    assert kinds == {Box, Button, Cart, Cylinder, Door, Drawer, Shelf, Step, Table, Tray, Wall}
+
+
+KITCHEN = """<mujoco>
+  <option timestep="0.01"/>
+  <asset><mesh name="wedge" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 0.1"/>
+    <body name="counter" pos="0 0 0.4"><geom type="box" size="0.3 0.5 0.4"/></body>
+    <body pos="0 0 0.86">
+      <freejoint/><geom name="sponge" type="box" size="0.05 0.05 0.05" solref="0.05 1" mass="0.1"/>
+    </body>
+    <body name="lid" pos="0 0.3 0.9">
+      <joint name="hinge" axis="0 1 0"/><geom type="mesh" mesh="wedge" mass="0.2"/>
+    </body>
+  </worldbody>
+  <keyframe><key qpos="0 0 2 1 0 0 0 0"/></keyframe>
+</mujoco>"""
+
+
+def test_an_mjcf_file_comes_with_a_prefix(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "kitchen.xml"
+    path.write_text(KITCHEN)
+    scene = Scene(
+        (
+            Mjcf(name="kitchen", mjcf=path, position=(2.0, 1.0), yaw=np.pi / 2),
+            Box(name="parcel", **BOX, position=(4.0, 0.0)),
+        )
+    )
+    simulation = Simulation(scene=scene)
+    assert scene.body_names == ("kitchen/counter", "kitchen/body_2", "kitchen/lid", "parcel")
+    assert simulation.objects["kitchen/counter"].position == pytest.approx([2.0, 1.0, 0.4])
+    assert simulation.objects["kitchen/lid"].position == pytest.approx([2.0 - 0.3, 1.0, 0.9])
+    assert simulation.objects["kitchen/lid"].travel == pytest.approx(0.0)
+    sponge, tile = simulation.model.geom("kitchen/sponge"), simulation.model.geom("left_toe_left")
+    assert sponge.solref[0] == 0.05 and tile.solref[0] == 0.005  # the file's own contacts stay, ours are the ground's
+    assert simulation.model.opt.timestep == 0.002
+    for _ in range(50):
+        simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
+    assert simulation.objects["kitchen/body_2"].position[2] == pytest.approx(0.85, abs=5e-3)
+    assert simulation.objects.problems == []
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<mujoco", "cannot read"),
+        ('<mujoco><worldbody><body name="a"><freejoint/></body></worldbody></mujoco>', "MuJoCo refuses .* mass"),
+        ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "has no bodies"),
+    ],
+)
+def test_a_bad_mjcf_file_is_refused(tmp_path: pathlib.Path, text: str, message: str) -> None:
+    path = tmp_path / "bad.xml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=message):
+        Mjcf(name="bad", mjcf=path)
+
+
+def test_the_solver_has_time_for_a_grasp() -> None:
+    assert Simulation().model.opt.iterations == 8
+    model = Simulation(scene=VARIED).model
+    assert model.opt.iterations == 50 and model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE

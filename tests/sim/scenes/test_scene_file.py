@@ -1,0 +1,162 @@
+"""Scenes as YAML: what is read, and that every mistake names its line and column."""
+
+import pathlib
+import re
+
+import pytest
+
+from hugwbc.errors import HugwbcError, SceneError, UnknownNameError
+from hugwbc.sim.scenes import Box, Choice, Mjcf, Scene, Shelf, Table, Uniform, load_scene, parse_scene
+
+PATH = pathlib.Path("scene.yaml")
+HEAD = "objects:\n  - {kind: table, name: desk, position: [1, 0]}\n"
+A_BOX, A_DOOR = HEAD + "  - {kind: box, name: ", HEAD + "  - {kind: door, name: exit"
+BOX = A_BOX + "a, size: [1, 1, 1], "
+
+
+def read(text: str) -> Scene:
+    return parse_scene(text, PATH)
+
+
+def test_numbers_colours_and_supports_are_read() -> None:
+    scene = read(
+        """
+about: A box on a table.
+robot: h1
+ground: firm
+objects:
+  - {kind: table, name: desk, position: [1, 0, 0], height: {uniform: [0.7, 0.95]}}
+  - kind: box
+    name: parcel
+    on: desk
+    size: [0.3, {choice: [0.2, 0.25]}, 0.2]
+    mass: {uniform: [0.5, 3]}
+    colour: {choice: ["#c8a165", "#7fa3c7"]}
+  - {kind: shelf, name: rack, position: [3, 0], boards: [0.5, 1.0]}
+"""
+    )
+    assert scene == Scene(
+        (
+            Table(name="desk", position=(1.0, 0.0, 0.0), height=Uniform(0.7, 0.95)),
+            Box(
+                name="parcel",
+                on="desk",
+                size=(0.3, Choice((0.2, 0.25)), 0.2),
+                mass=Uniform(0.5, 3.0),
+                colour=Choice(("#c8a165", "#7fa3c7")),
+            ),
+            Shelf(name="rack", position=(3.0, 0.0), boards=(0.5, 1.0)),
+        ),
+        robot="h1",
+        ground="firm",
+        about="A box on a table.",
+    )
+
+
+def test_anchors_repeat_parts() -> None:
+    scene = read(
+        "objects:\n  - {kind: box, name: a, position: [1, 0], size: &s [0.1, 0.1, 0.1]}\n"
+        "  - {kind: box, name: b, position: [2, 0], size: *s}\n"
+    )
+    assert scene.objects[0].size == scene.objects[1].size == (0.1, 0.1, 0.1)
+
+
+def test_a_file_of_mjcf_is_found_beside_the_scene(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "k.xml").write_text('<mujoco><worldbody><body name="a"><geom size="0.1"/></body></worldbody></mujoco>')
+    scene = parse_scene(
+        "objects:\n  - {name: kitchen, mjcf: k.xml, position: [2, 3], yaw: 1.57}\n", tmp_path / "s.yaml"
+    )
+    assert scene.objects == (Mjcf(name="kitchen", mjcf=tmp_path / "k.xml", position=(2.0, 3.0), yaw=1.57),)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "message"),
+    [
+        ("", "1", "the file is empty; write `objects:`"),
+        ("objects: 3", "1:10", "expected a list with at least one entry"),
+        ("objects: []", "1:10", "expected a list"),
+        ("- a", "1:1", "expected a scene with fields: about, robot, ground, objects"),
+        ("about: x", "1:1", "scene field 'objects' is missing"),
+        ("objects: [a", "1:12", "not valid YAML"),
+        (HEAD + "robots: h1", "3:1", "unknown scene field 'robots'. Did you mean 'robot'"),
+        (HEAD + "robot: h2", "3:8", "unknown robot 'h2'. Valid: h1, h1-2023."),
+        (HEAD + "ground: wet", "3:9", "unknown ground 'wet'. Valid: firm, soft"),
+        (HEAD + "objects: [a]", "3:1", "scene field 'objects' is given twice"),
+        (HEAD + "  - box", "3:5", "expected an object with fields"),
+        (HEAD + "  - {name: a}", "3:5", "object field 'kind' is missing; give one of box, cylinder"),
+        (HEAD + "  - {kind: bax, name: a}", "3:12", "unknown kind of object 'bax'. Did you mean 'box'"),
+        (A_BOX + "a}", "3:5", "box field 'size' is missing; every box needs name, size"),
+        (HEAD + "  - {kind: box, size: [1, 1, 1]}", "3:5", "box field 'name' is missing"),
+        (A_DOOR + "}", "3:5", "door field 'hinge' is missing; every door needs name, hinge"),
+        (A_DOOR + ", hinge: up}", "3:5", "unknown hinge of door 'exit' 'up'. Valid: left, right"),
+        (A_BOX + "a, size: [1, 1]}", "3:5", "size of box 'a' has 2 numbers; give 3"),
+        (A_BOX + "a, size: 1}", "3:32", "expected a list"),
+        (A_BOX + "a, size: [1, 1, x]}", "3:39", "'x' is not a number"),
+        (BOX + "mass: 0}", "3:5", "mass of box 'a' is 0.0; give 0.001 to 500"),
+        (BOX + "mass: [1]}", "3:49", "expected one value, or its variation"),
+        (BOX + "mass: nan}", "3:5", "mass of box 'a' is nan"),
+        (BOX + "mass: heavy}", "3:49", "'heavy' is not a number"),
+        (BOX + "wheels: 4}", "3:43", "unknown box field 'wheels'"),
+        (BOX + "mass: {normal: [1, 2]}}", "3:50", "unknown variation field 'normal'"),
+        (BOX + "mass: {uniform: [1]}}", "3:49", "uniform has 1 numbers"),
+        (BOX + "mass: {uniform: [2, 1]}}", "3:49", "the smaller one first"),
+        (BOX + "mass: {}}", "3:49", "a variation is one of uniform, choice"),
+        (BOX + "colour: {uniform: [1, 2]}}", "3:52", "unknown variation field"),
+        (BOX + "colour: red}", "3:5", "colour of box 'a' is red"),
+        (A_BOX + "desk, size: [1, 1, 1], position: [4, 0]}", "3:5", "another object has that name"),
+        (A_BOX + "floor, size: [1, 1, 1], position: [4, 0]}", "3:5", "a part of the robot"),
+        (A_BOX + "a, size: [0.1, 0.1, 0.1], on: dask}", "3:5", "Did you mean 'desk'"),
+        (BOX + "position: [1, 0]}", "1:1", "overlap by"),
+        (HEAD + "  - {name: k, mjcf: none.xml}", "3:21", "there is no file none.xml"),
+        (HEAD + "  - {name: k, mjcf: none.xml, size: 3}", "3:21", "there is no file"),
+    ],
+)  # fmt: skip
+def test_a_mistake_names_its_place(text: str, place: str, message: str) -> None:
+    with pytest.raises(SceneError, match=rf"^scene\.yaml:{place}: .*{re.escape(message)}"):
+        read(text)
+
+
+def test_a_name_or_a_file_is_loaded(tmp_path: pathlib.Path) -> None:
+    assert {thing.name for thing in load_scene("parcel").objects} == {"desk", "parcel", "bench"}
+    with pytest.raises(UnknownNameError, match=r"unknown scene 'parcle'\. Did you mean 'parcel'"):
+        load_scene("parcle")
+    with pytest.raises(SceneError, match="cannot read the scene"):
+        load_scene(tmp_path / "none.yaml")
+
+
+KEYS = ("kind: box", "name: a", "size: [0.1, 0.2, 0.3]", "mass: 2", "friction: 0.5", "position: [3, 1]", "yaw: 0.2")
+BROKEN = (
+    "",
+    "[",
+    "{",
+    ": 3",
+    "- 1",
+    "-1",
+    ".inf",
+    "[[1]]",
+    "{a: b}",
+    "1e999",
+    "null",
+    "~",
+    "'",
+    "0x",
+    "a b",
+    "é",
+    "[1, 2, 3, 4]",
+)
+
+
+@pytest.mark.parametrize("index", range(len(KEYS)))
+def test_broken_values_give_clear_errors(index: int) -> None:
+    """Every broken value of every field is refused with its place, or is a valid value after all."""
+    refused = 0
+    for broken in BROKEN:
+        fields = list(KEYS)
+        fields[index] = f"{KEYS[index].partition(':')[0]}: {broken}"
+        text = "objects:\n  - " + "\n    ".join(fields) + "\n"
+        try:
+            read(text)
+        except HugwbcError as error:
+            refused += 1
+            assert re.match(r"scene\.yaml:\d+:\d+: \S", str(error)), (text, str(error))
+    assert refused >= len(BROKEN) - 5
