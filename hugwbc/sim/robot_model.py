@@ -66,6 +66,8 @@ def _compile_with(scene: Scene, spec: mujoco.MjSpec, terrain: HeightField | None
     """Compile a robot's model with the objects of a scene, which start where the scene puts them."""
     scene.add_to(spec, terrain)
     add_grips(spec, scene.body_names)
+    # What lies still costs nothing until something touches it. MuJoCo never lets a robot sleep, because it has drives.
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     start = spec.keys[0]
     robot = np.array(start.qpos)
     start.qpos, start.ctrl = [], []  # MuJoCo fills what is missing with the objects' own start

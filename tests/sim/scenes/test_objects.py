@@ -46,12 +46,16 @@ def test_a_box_lies_still_on_a_table_and_hardly_sinks() -> None:
     table = Table(name="desk", position=FAR, height=0.8)
     simulation = Simulation(scene=Scene((table, Box(name="parcel", on="desk", size=(0.3, 0.25, 0.2), mass=2.0))))
     before = simulation.objects["parcel"]
+    deepest = 0.0
+    for _ in range(25):
+        run(simulation, 0.002)
+        deepest = max(deepest, depth(simulation, "parcel"))
+    assert 0.0 < deepest < 1e-3
     run(simulation, 1.0)
     after = simulation.objects["parcel"]
     assert before.position == pytest.approx([3.0, 0.0, 0.9])
     assert np.linalg.norm(after.position - before.position) < 1e-4 and after.tilt < 1e-3
     assert np.linalg.norm(after.velocity) < 1e-4
-    assert 0.0 < depth(simulation, "parcel") < 1e-3
 
 
 @pytest.mark.parametrize(("friction", "moves"), [(0.25, True), (0.35, False)])
@@ -142,7 +146,7 @@ def test_the_cup_stands_on_a_tray_at_rest_and_falls_when_it_is_tilted() -> None:
     for degrees, stands in ((15.0, True), (32.0, False)):  # it is as wide as half its height: it tips at 26 degrees
         angle = math.radians(degrees)
         simulation.model.opt.gravity[:] = 9.81 * math.sin(angle), 0.0, -9.81 * math.cos(angle)
-        run(simulation, 1.0)
+        run(simulation, 1.0, {"tray/cup": (1e-3, 0.0, 0.0)})  # a touch, which wakes what sleeps
         assert (simulation.objects["tray/cup"].tilt < 0.05) == stands
 
 
@@ -224,11 +228,11 @@ def test_an_object_that_leaves_the_world_is_reported_once() -> None:
 
 def test_divergence_is_reported_and_nothing_is_nan() -> None:
     simulation = Simulation(scene=Scene((Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)),)))
-    run(simulation, 0.1)
+    run(simulation, 0.01)
     simulation.data.qvel[simulation.model.joint("parcel").dofadr[0]] = math.nan
     state = simulation.step(HOLD, 0.002)
     assert simulation.diverged and simulation.fallen and state.is_finite
-    assert simulation.objects.problems == ["the physics diverged at 0.10 s, near 'parcel'"]
+    assert simulation.objects.problems == ["the physics diverged at 0.01 s, near 'parcel'"]
     assert np.isfinite(simulation.objects.poses).all()
 
 
@@ -289,3 +293,17 @@ def test_objects_lie_on_rough_ground() -> None:
     stool = simulation.model.geom_bodyid == simulation.model.body("stool").id
     assert (simulation.model.geom_contype[stool] & foot.conaffinity).all()  # the soles do not pass through it
     assert mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "footing") >= 0
+
+
+def test_a_hand_wakes_what_sleeps() -> None:
+    """Objects at rest are left out of the computation until something touches them."""
+    hand = Simulation().hand_position("left")
+    stool = Step(name="stool", position=(hand[0] + 0.2, hand[1]), size=(0.2, 0.2, hand[2] - 0.05))
+    box = Box(name="parcel", on="stool", position=(-0.05, 0.0), size=(0.1, 0.1, 0.1), mass=0.3, friction=0.2)
+    simulation = Simulation(scene=Scene((stool, box)))
+    run(simulation, 0.5)
+    assert simulation.data.ntree_awake == 1
+    start = simulation.objects["parcel"].position[0]
+    run(simulation, 0.5, {"left_elbow_link": (25.0, 0.0, 0.0)})
+    assert simulation.objects["parcel"].position[0] > start + 0.02
+    assert simulation.state().hand_force[0, 0] < 0.0 or simulation.data.ntree_awake == 2
