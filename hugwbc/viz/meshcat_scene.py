@@ -19,6 +19,8 @@ from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark
 from hugwbc.viz.shapes import Shape, homogeneous, object_shapes, visual_shapes
 
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # [m] from the point looked at, in meshcat's camera axes (x, up, -y)
+# From the left and a little from behind: what a robot works at is ahead of it.
+SCENE_CAMERA_POSITION = (-0.9, 0.8, -2.6)
 LOOK_AT_HEIGHT = 0.85  # [m]
 LIVE_FOOTPRINTS = 40  # number of footprints that a live picture keeps
 # meshcat's camera always circles the origin, so the scene moves the world instead of the camera.
@@ -225,7 +227,8 @@ class Scene:
         floor = visualizer[WORLD]["floor"]
         floor.set_object(geometry.Box([FLOOR_SIZE, FLOOR_SIZE, 0.02]), _tiles())
         floor.set_transform(homogeneous(np.array([0.0, 0.0, -0.01]), UPRIGHT))
-        visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(CAMERA_POSITION))
+        camera = SCENE_CAMERA_POSITION if any(around) else CAMERA_POSITION
+        visualizer["/Cameras/default/rotated/<object>"].set_property("position", list(camera))
         model = load_model(SIMULATION_TIMESTEP, robot=robot)
         self.robots = [
             RobotView(

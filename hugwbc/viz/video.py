@@ -34,6 +34,8 @@ HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
 GEOM_NUMBERS = 20
 ARROW_RADIUS = 2.0 * FORCE_RADIUS  # [m], of the head; the shaft of MuJoCo's arrows is thinner
 PRINT_OPACITY = 0.8
+VIEW = (200.0, -10.0)  # [deg], azimuth and elevation: from ahead
+SCENE_VIEW = (290.0, -14.0)  # [deg], from the left and a little from behind: what a robot works at is ahead of it
 _SCENE = "around/"
 _SHARED = ("timestep", "iterations", "ls_iterations", "integrator", "jacobian")  # what attached models must agree in
 
@@ -324,7 +326,7 @@ def _render(
     options = mujoco.MjvOption()
     options.geomgroup[3] = 0
     camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = 200.0, -10.0
+    camera.azimuth, camera.elevation = SCENE_VIEW if bodies.size else VIEW
     with (
         mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
