@@ -47,3 +47,15 @@ def test_play_on_the_estimate_of_noisy_sensors(capsys):
     options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--sensing", "robot"]
     assert main(options) == 0
     assert "2.0 s simulated, 0 falls" in capsys.readouterr().out
+
+
+def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
+    assert (
+        main(["play", "--controller", "hold", "--headless", "--duration", "0.2", "--scene", "parcel", "--seed", "4"])
+        == 0
+    )
+    assert "hold: 0.2 s simulated, 0 falls" in capsys.readouterr().out
+    path = tmp_path / "mine.yaml"
+    path.write_text("objects:\n  - {kind: door, name: exit}\n")
+    assert main(["play", "--controller", "hold", "--headless", "--scene", str(path)]) == 2
+    assert "mine.yaml:2:5: door field 'hinge' is missing" in capsys.readouterr().err

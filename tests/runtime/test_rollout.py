@@ -9,6 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names
 from hugwbc.sim import Simulation
+from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
 
@@ -173,3 +174,22 @@ def test_touch_downs_have_the_speed_before_and_the_peak_after(simulation):
         assert -1.05 < velocity[2] < -0.85 and abs(velocity[0]) < 0.2
         assert peak >= trace.foot_force[:, foot, 2].max() > 0.0, "samples miss what the physics steps between them show"
     assert sum(peaks[0] for peaks in trace.stance_peak) > 1.5 * trace.mass * 9.81
+
+
+def test_a_record_holds_objects_and_hand_forces_of_a_scene_alone():
+    scene = Scene((Box(name="parcel", position=(2.0, Uniform(-1.0, 1.0), 0.3), size=(0.2, 0.2, 0.2)),))
+    simulation = Simulation(scene=scene, seed=3)
+    trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.3)
+    assert trace.object_pose.shape == (15, 1, 7) and trace.hand_force.shape == (15, 2, 3)
+    assert trace.object_pose[0, 0, 2] == pytest.approx(0.4) and trace.object_pose[-1, 0, 2] < 0.2  # it fell
+    assert trace.scene == scene.draw(3) and trace.problems == ()
+    alone = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.1)
+    assert alone.object_pose.size == alone.hand_force.size == 0 and alone.scene is None
+
+
+def test_a_record_says_that_an_object_left_the_world():
+    scene = Scene((Box(name="parcel", position=(2.0, 0.0, 9.0), size=(0.2, 0.2, 0.2)),))
+    simulation = Simulation(scene=scene)
+    simulation.model.opt.gravity[2] = 200.0  # everything falls upwards
+    trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.5)
+    assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")

@@ -17,6 +17,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, upper_body_source
 from hugwbc.sim import Simulation
+from hugwbc.sim.scenes import Scene, Table, Tray
 from hugwbc.viz.live import (
     CAMERA,
     HANDS_AT_FIRST,
@@ -25,6 +26,7 @@ from hugwbc.viz.live import (
     check_host,
     guarded,
     link_meshes,
+    object_meshes,
     page_address,
     refusal,
 )
@@ -281,3 +283,23 @@ def test_the_running_server_refuses_other_names_and_other_pages(port):
     assert status(port, Host=own, Origin=f"http://{own}", **SOCKET) == 101
     assert status(port, Host=own, Origin="http://evil.example", **SOCKET) == 403
     assert status(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET) == 403
+
+
+def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
+    scene = Scene((Table(name="desk", position=(2.0, 0.0)), Tray(name="tray", on="desk")))
+    simulation = Simulation(scene=scene)
+    page = LivePage(simulation, name="test")
+    try:
+        page.show(simulation)
+        shown = [frame.position for frame in page._objects[1:]]
+        np.testing.assert_allclose(shown, simulation.objects.poses[:, :3])
+        assert page._readings.content.endswith("hands 0 and 0 N")
+    finally:
+        page.close()
+
+
+def test_every_colour_of_an_object_is_a_mesh():
+    model = Scene((Tray(name="tray", colour="#ff0000"),)).model()
+    meshes = dict(object_meshes(model, "tray"))
+    assert (255, 0, 0) in meshes and len(meshes) == 2
+    np.testing.assert_allclose(meshes[255, 0, 0].extents, [0.35, 0.45, 0.012], atol=1e-6)

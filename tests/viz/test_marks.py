@@ -7,7 +7,7 @@ from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.robot_model import load_model
-from hugwbc.viz.marks import FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_parts
+from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_parts
 from hugwbc.viz.shapes import visual_shapes
 
 ROBOT = load_robot()
@@ -118,3 +118,13 @@ def test_every_mark_has_a_look_and_a_layer(model):
     for name in marks.at(moment()):
         assert name.split("/")[0] in LAYERS
         assert name in parts or any(part.startswith(f"{name}/") for part in parts), name
+
+
+def test_a_force_on_a_hand_is_an_arrow_that_ends_at_the_hand(model, kinematics):
+    marks = Marks(model).at(moment(hand_force=np.array([[-20.0, 10.0, 0.0], [0.0, 0.0, 0.5]])))
+    hand = kinematics.position("left_hand")
+    np.testing.assert_allclose(tip(marks["forces/left_hand"]), hand, atol=1e-5)
+    np.testing.assert_allclose(
+        marks["forces/left_hand"].position, hand - HAND_FORCE_SCALE * np.array([-20, 10, 0]), atol=1e-5
+    )
+    assert not marks["forces/right_hand"].visible  # less than 1 N

@@ -12,6 +12,7 @@ import umsgpack
 from hugwbc import RobotState, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
+from hugwbc.sim.scenes import Box, Scene, Table
 from hugwbc.viz.marks import LAYERS, STANCE, SWING
 from hugwbc.viz.replay import CONTACT, gait_bar, replay_html
 
@@ -124,3 +125,20 @@ def test_the_strip_says_when_each_foot_stands_by_the_clock_and_in_fact(make_run)
 
 def test_names_are_escaped(make_run):
     assert "<title>a &lt;b&gt;</title>" in gait_bar([make_run(name="a <b>")], 0.0, 1.0)
+
+
+def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -> None:
+    run = make_run(seconds=1.0)
+    scene = Scene((Table(name="desk", position=(2.0, 0.0)), Box(name="parcel", on="desk", size=(0.2, 0.2, 0.2))))
+    poses = np.tile([[2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.9, 1.0, 0.0, 0.0, 0.0]], (len(run.time), 1, 1))
+    poses[:, 1, 2] += np.linspace(0.0, 0.5, len(run.time))  # the box is lifted
+    lifted = dataclasses.replace(run, scene=scene, object_pose=poses, hand_force=np.zeros((len(run.time), 2, 3)))
+    page = replay_html([run, lifted], fps=25)
+    tracks = {name: track for name, track in _tracks(page).items() if "/objects/" in name}
+    assert list(tracks) == ["meshcat/world/robot_1/objects/body_1"]
+    assert list(tracks["meshcat/world/robot_1/objects/body_1"]) == ["position"]
+    last = tracks["meshcat/world/robot_1/objects/body_1"]["position"]["keys"][-1]["value"]
+    np.testing.assert_allclose(last, [2.0, 0.75, poses[48, 1, 2]], atol=1e-6)
+    placed = {c["path"]: c["matrix"] for c in _commands(page) if c["type"] == "set_transform"}
+    np.testing.assert_allclose(placed["/meshcat/world/robot_1/objects/body_0"][12:15], [2.0, 0.75, 0.0], atol=1e-6)
+    assert not any("robot_0/objects" in path for path in placed)

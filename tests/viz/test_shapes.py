@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.viz.shapes import homogeneous, visual_shapes
+from hugwbc.viz.shapes import homogeneous, object_shapes, visual_shapes
 
 
 def test_a_capsule_becomes_a_cylinder_and_two_spheres_at_its_ends() -> None:
@@ -29,3 +29,21 @@ def test_homogeneous_agrees_with_the_rotation() -> None:
     placement = homogeneous(np.array([1.0, 2.0, 3.0]), quaternion)
     np.testing.assert_allclose(placement[:3, :3], rotations.to_matrix(quaternion), atol=1e-12)
     np.testing.assert_array_equal(placement[:, 3], [1, 2, 3, 1])
+
+
+def test_the_shapes_of_a_scene_are_all_that_is_drawn_of_it() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><asset>
+            <material name="m" rgba="1 0.5 0 1"/>
+            <mesh name="wedge" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"/>
+          </asset><worldbody>
+          <geom type="plane" size="1 1 1"/>
+          <geom type="box" size="0.1 0.2 0.3" rgba="0 0 1 1"/>
+          <body name="b"><geom type="mesh" mesh="wedge" material="m"/><geom type="box" size="1 1 1" group="3"/></body>
+        </worldbody></mujoco>""")
+    box, wedge = object_shapes(model)
+    assert (box.link, box.colour, wedge.link, wedge.colour) == ("world", (0.0, 0.0, 1.0), "b", (1.0, 0.5, 0.0))
+    corners = wedge.placement[:3, :3] @ np.asarray(wedge.primitive.vertices).T + wedge.placement[:3, 3:]
+    np.testing.assert_allclose(
+        sorted(corners.T.tolist()), [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0], [0.1, 0, 0]], atol=1e-6
+    )

@@ -1,5 +1,6 @@
 """Video, or the reason why there is none; marks as geoms of MuJoCo, against the marks themselves."""
 
+import dataclasses
 import pathlib
 from collections.abc import Callable
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import UnknownNameError
+from hugwbc.sim.scenes import Scene, Tray
 from hugwbc.viz import video
 from hugwbc.viz.marks import FORCE_SCALE, LAYERS
 from hugwbc.viz.video import GEOM_NUMBERS, mark_geoms
@@ -128,3 +130,23 @@ def test_every_layer_has_geoms_of_its_own_and_none_gives_none(make_run: Callable
         turn = row[TURN].reshape(3, 3)
         assert turn.T @ turn == pytest.approx(np.eye(3), abs=1e-9)
         assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_the_shapes_of_objects_are_where_the_record_says(make_run: Callable) -> None:
+    run = make_run(seconds=0.2)
+    scene = Scene((Tray(name="tray", position=(1.0, 0.0)),))
+    poses = np.tile(
+        [[1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0], [1.0, 0.1, 0.7, np.sqrt(0.5), np.sqrt(0.5), 0, 0]], (10, 1, 1)
+    )
+    among = dataclasses.replace(run, scene=scene, object_pose=poses, hand_force=np.zeros((10, 2, 3)))
+    names, placed = video._object_poses([run, among], [np.array([0, 5]), np.array([0, 5])])
+    assert names == ["1_around/tray", "1_around/tray/cup"]
+    np.testing.assert_allclose(placed[1, 1, :3], [1.0, 0.85, 0.7])  # in the second lane
+    model = video._stage([run, among])
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    video._place(model, data, np.array([model.body(name).id for name in names]), placed[1])
+    cup = int(model.body("1_around/tray/cup").geomadr[0])
+    np.testing.assert_allclose(data.geom_xpos[cup], [1.0, 0.85, 0.7])
+    np.testing.assert_allclose(data.geom_xmat[cup].reshape(3, 3)[:, 2], [0.0, -1.0, 0.0], atol=1e-9)  # it lies
+    assert model.joint("0_left_knee_joint").qposadr[0] < model.joint("1_right_elbow_joint").qposadr[0] < 52
