@@ -136,8 +136,8 @@ def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -
     page = replay_html([run, lifted], fps=25)
     tracks = {name: track for name, track in _tracks(page).items() if "/objects/" in name}
     assert list(tracks) == ["meshcat/world/robot_1/objects/body_1"]
-    assert list(tracks["meshcat/world/robot_1/objects/body_1"]) == ["position"]
-    last = tracks["meshcat/world/robot_1/objects/body_1"]["position"]["keys"][-1]["value"]
+    assert list(tracks["meshcat/world/robot_1/objects/body_1"]) == [".position"]
+    last = tracks["meshcat/world/robot_1/objects/body_1"][".position"]["keys"][-1]["value"]
     np.testing.assert_allclose(last, [2.0, 0.75, poses[48, 1, 2]], atol=1e-6)
     placed = {c["path"]: c["matrix"] for c in _commands(page) if c["type"] == "set_transform"}
     np.testing.assert_allclose(placed["/meshcat/world/robot_1/objects/body_0"][12:15], [2.0, 0.75, 0.0], atol=1e-6)

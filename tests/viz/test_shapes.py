@@ -44,6 +44,5 @@ def test_the_shapes_of_a_scene_are_all_that_is_drawn_of_it() -> None:
     box, wedge = object_shapes(model)
     assert (box.link, box.colour, wedge.link, wedge.colour) == ("world", (0.0, 0.0, 1.0), "b", (1.0, 0.5, 0.0))
     corners = wedge.placement[:3, :3] @ np.asarray(wedge.primitive.vertices).T + wedge.placement[:3, 3:]
-    np.testing.assert_allclose(
-        sorted(corners.T.tolist()), [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0], [0.1, 0, 0]], atol=1e-6
-    )
+    found = sorted((np.round(corners.T, 5) + 0.0).tolist())  # + 0.0 makes -0.0 a 0.0
+    np.testing.assert_allclose(found, [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0], [0.1, 0, 0]], atol=1e-6)
