@@ -6,7 +6,7 @@ import pytest
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.sim import Scene, Simulation
-from hugwbc.sim.scenes import Box, Drawer, Wall
+from hugwbc.sim.scenes import Box, Drawer, Step, Wall
 
 HOLD = JointCommand.position(load_robot(), load_robot().nominal)
 MASS = 0.5  # [kg]
@@ -140,3 +140,21 @@ def test_a_turned_object_keeps_its_turn() -> None:
     for _ in range(50):
         simulation.step(HOLD, 0.002)
     assert abs(relative() @ before) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_sleeps_is_woken_by_a_grip() -> None:
+    hand = Simulation().hand_position("left")
+    stool = Step(name="stool", position=(hand[0] + 0.2, hand[1]), size=(0.2, 0.2, hand[2] - 0.05))
+    box = Box(name="parcel", on="stool", position=(-0.1, 0.0), size=(0.1, 0.1, 0.1), mass=0.3)
+    simulation = Simulation(scene=Scene((stool, box)))
+    raised = np.zeros(3)
+    while simulation.data.ntree_awake > 1 and simulation.time < 1.0:
+        simulation.step(HOLD, 0.002)
+    assert simulation.data.ntree_awake == 1
+    assert simulation.gripper.distance("parcel", "left") < 0.03 and simulation.gripper.attach("parcel", "left")
+    start = simulation.objects["parcel"].position
+    for _ in range(150):
+        simulation.apply_force(np.array([0.0, 0.0, 25.0]), 1.0, "left_elbow_link")
+        simulation.step(HOLD, 0.002)
+        raised = simulation.objects["parcel"].position - start
+    assert simulation.gripper.held("left") == "parcel" and raised[2] > 0.03
