@@ -86,7 +86,7 @@ class _Recorder:
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
-        self._watch = TouchDownWatch(1)
+        self._watch = TouchDownWatch(1, self.simulation.timestep)
         self._samples = 0
 
     def due(self, t: float) -> bool:

@@ -127,7 +127,7 @@ class _BatchRun:
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
         self.record = BatchRecord(count, duration)
-        self.watch = TouchDownWatch(count)
+        self.watch = TouchDownWatch(count, self.timestep)
         self.tick_ms: list[float] = []
         self.steps = np.full(count, self.ticks)
         self.end = np.full(count, np.nan)  # time of a fall
