@@ -76,9 +76,11 @@ class Walking:
         # The crouch is measured from the height without it, or it would undo itself.
         upright = references.height.target + references.crouch.depth - height
         references.crouch.prepare(dynamics, request, step, plan.remaining, upright)
+        # The nominal duration counts: a step that is hurried to catch the robot keeps its height.
+        apex = min(command.l, max(self._params.swing_lift * (2.0 * plan.step_time) ** 2, self._params.min_clearance))
         self.trajectory.advance(
             foothold,
-            command.l,
+            apex,
             height,
             elapsed,
             plan.remaining,

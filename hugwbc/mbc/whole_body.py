@@ -89,15 +89,12 @@ class WholeBodyController:
 
     Attributes:
         name: "qp".
-        carries_arms: whether the torques of the controller bear the arms' weight, so that external arm targets need
-            not allow for it.
         period: time between two calls of `act` [s].
         params: gains, weights and limits.
         dynamics: robot model at the last state.
     """
 
     name = "qp"
-    carries_arms = True
 
     def __init__(
         self,

@@ -116,15 +116,16 @@ class LockstepSimulation:
             for kind in ("foot_force", "sole_position", "sole_velocity")
         )
 
-    def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Set the joint targets of some robots.
+    def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray | float = 0.0) -> None:
+        """Set the joint targets and the feed-forward torques of some robots.
 
         Args:
             rows: indices of the robots, shape (m,).
             q: position targets [rad], shape (m, 19).
             dq: velocity targets [rad/s], shape (m, 19).
+            tau: torques [N*m], shape (m, 19).
         """
-        self._given[rows] = self._kp[rows] * q + self._kd[rows] * dq
+        self._given[rows] = tau + self._kp[rows] * q + self._kd[rows] * dq
 
     def step(self, rows: np.ndarray) -> None:
         """Advance some robots, shape (m,), by one time step and update everything that can be read."""

@@ -68,8 +68,8 @@ class Takeover:
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
         self.acceleration_limit = self.config.acceleration
-        # These are the position limits of the safety filter: soft arms need targets beyond the joint limits to carry
-        # their weight.
+        # These are the position limits of the safety filter. A controller without feed-forward torque may command its
+        # own arms beyond the joint limits to carry their weight, and the blends start and end at its own command.
         reach = robot.torque_limit[arms] / robot.kp[arms]
         self._limiter = JointLimiter(
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
