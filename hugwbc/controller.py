@@ -47,14 +47,16 @@ class JointCommand:
 class UpperBody:
     """External control of the arms by IK, a motion file or noise; `UpperBody.none()` leaves them to the controller.
 
-    A source of targets gives `q`, `dq` and `mask`, and may add a torque. The servo of the arms
-    (`hugwbc.runtime.ArmServo`) then completes the torque and sets the gains, so that the arms are driven alike
-    whatever controls the rest of the body.
+    A source of targets gives `q`, `dq` and `mask`, and may add an acceleration and a torque. The servo of the arms
+    (`hugwbc.arm_servo`) then completes the torque and sets the gains, so that the arms are driven alike whatever
+    controls the rest of the body.
 
     Attributes:
         q: position targets of the eight arm joints, in the order of `Robot.arms` [rad], shape (8,).
         dq: velocity targets [rad/s], shape (8,).
         mask: which of the eight joints are taken over, shape (8,), bool.
+        ddq: accelerations of the planned motion [rad/s^2], shape (8,); by default none. Corrections for the measured
+            motion of the body do not belong here (`hugwbc.arm_servo`).
         tau: feed-forward torques [N*m], shape (8,); by default none.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (8,); None for the robot's nominal gains.
     """
@@ -62,6 +64,7 @@ class UpperBody:
     q: np.ndarray
     dq: np.ndarray
     mask: np.ndarray
+    ddq: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
     tau: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
     kp: np.ndarray | None = None
     kd: np.ndarray | None = None
@@ -72,12 +75,20 @@ class UpperBody:
         return cls(np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
 
     @classmethod
-    def targets(cls, q: np.ndarray, dq: np.ndarray | None = None, tau: np.ndarray | None = None) -> "UpperBody":
+    def targets(
+        cls,
+        q: np.ndarray,
+        dq: np.ndarray | None = None,
+        ddq: np.ndarray | None = None,
+        *,
+        tau: np.ndarray | None = None,
+    ) -> "UpperBody":
         """Build targets that take over both arms.
 
         Args:
             q: positions [rad], shape (8,).
             dq: velocities [rad/s], shape (8,); None for zeros.
+            ddq: accelerations [rad/s^2], shape (8,); None for zeros.
             tau: torques in addition to those of the servo [N*m], shape (8,); None for zeros.
 
         Raises:
@@ -85,17 +96,19 @@ class UpperBody:
         """
         q = np.asarray(q, dtype=float)
         dq = np.zeros(8) if dq is None else np.asarray(dq, dtype=float)
+        ddq = np.zeros(8) if ddq is None else np.asarray(ddq, dtype=float)
         tau = np.zeros(8) if tau is None else np.asarray(tau, dtype=float)
         for name, value, unit in (
             ("positions", q, "radians"),
             ("velocities", dq, "radians per second"),
+            ("accelerations", ddq, "radians per second squared"),
             ("torques", tau, "newton metres"),
         ):
             if value.shape != (8,) or not np.all(np.isfinite(value)):
                 raise TargetError(
                     f"arm {name} are {value}; give eight finite numbers in the order of Robot.arm_names, in {unit}"
                 )
-        return cls(q, dq, np.ones(8, dtype=bool), tau)
+        return cls(q, dq, np.ones(8, dtype=bool), ddq, tau)
 
     @property
     def indicator(self) -> bool:

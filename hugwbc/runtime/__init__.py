@@ -3,7 +3,7 @@
 The names below are what users need. Modules of hugwbc itself import the submodules.
 """
 
-from hugwbc.runtime.arm_servo import ArmServo, ArmServoConfig
+from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.feasibility import FeasibilityLimits, feasible

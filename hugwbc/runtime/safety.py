@@ -10,7 +10,7 @@ from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.robot import Robot, load_robot
-from hugwbc.runtime.arm_servo import ArmServo
+from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.state import RobotState
 
@@ -186,8 +186,6 @@ class SafetyFilter:
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
         self._handover.reset()
-        if self._servo is not None:
-            self._servo.reset()
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
@@ -263,7 +261,7 @@ class SafetyFilter:
         return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
-        vectors = (upper_body.q, upper_body.dq, upper_body.tau)
+        vectors = (upper_body.q, upper_body.dq, upper_body.ddq, upper_body.tau)
         sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
         if sizes != {self.robot.arms.shape} or not np.all(np.isfinite(vectors)):
             self._count(

@@ -187,11 +187,11 @@ class UpperBodySource:
         start = self._start(commanded) if self.takeover.phase is Phase.RELEASED else None
         if hands.joints is None:
             self.solution = self.ik.solve(hands, state, dt)
-            q, dq = self.solution.q, self.solution.dq
+            q, dq, ddq = self.solution.q, self.solution.dq, self.solution.ddq
         else:
             self.solution = None
-            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
-        return self.takeover.follow(q, dq, dt, start)
+            q, dq, ddq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity, None
+        return self.takeover.follow(q, dq, dt, start, ddq)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
         """Return the command with h, p and w as hand targets need them that ask for the whole body.

@@ -33,7 +33,7 @@ class FixedArms:
     def update(self, state, hands, command, dt, commanded=None):
         self.commanded.append(commanded)
         q = np.full(8, 0.1)
-        self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
+        self.solution = hands and IKSolution(q, 0 * q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
         return (UpperBody.none() if hands is None else UpperBody.targets(q)), command
 
 

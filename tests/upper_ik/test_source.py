@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
-from hugwbc.runtime.arm_servo import ArmServo
+from hugwbc.arm_servo import ArmServo
 from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetCounts, TargetWatch, UpperBodySource

@@ -13,7 +13,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
-from hugwbc.runtime.arm_servo import ArmServo
+from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.loop import substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, Trace
@@ -224,7 +224,7 @@ class _BatchRun:
                 upper_body, command = member.arms.update(_ANY_STATE, None, command, self.period)
             command, upper_body = self.filters[row].admit(command, upper_body)
             if upper_body.indicator:
-                upper_body = self.filters[row].driven(upper_body, self._state(row))
+                upper_body = self.filters[row].driven(upper_body, self.simulation.sensed(row))
             commands[place], gaits[place] = command.array(), int(command.gait)
             arms[:, place] = upper_body.q, upper_body.dq, upper_body.tau
         moved = self.moved[rows]

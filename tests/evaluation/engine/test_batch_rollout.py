@@ -63,11 +63,8 @@ def _assert_same(one: Trace, other: Trace, tolerance: float) -> None:
             if isinstance(expected, np.ndarray):
                 np.testing.assert_allclose(found, expected, atol=tolerance, rtol=0, err_msg=field.name)
             elif isinstance(expected, tuple):  # of the left and the right foot
-                # A batch reads the pelvis itself, a single robot by its IMU: the torques of the arms' servo round
-                # differently. The times of the touch-downs are those of physics steps.
-                within = 0.0 if field.name == "touch_downs" else tolerance
                 for mine, alone in zip(found, expected, strict=True):
-                    np.testing.assert_allclose(mine, alone, atol=within, rtol=0, err_msg=field.name)
+                    np.testing.assert_array_equal(mine, alone, err_msg=field.name)
             else:
                 assert expected == found, field.name
     assert dataclasses.replace(one.safety, overruns=0) == dataclasses.replace(other.safety, overruns=0)

@@ -8,7 +8,7 @@ from hugwbc import rotations
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
-from hugwbc.runtime.arm_servo import ArmServo, ArmServoConfig
+from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.sim import Actuators
 from tests.upper_ik.conftest import Hanging, make_state
 

@@ -24,7 +24,7 @@ from hugwbc.state import RobotState
 
 @dataclasses.dataclass(frozen=True)
 class ArmServoConfig:
-    """Gains and filters of the arm servo.
+    """Gains of the arm servo.
 
     Attributes:
         stiffness: of every arm joint [N*m/rad]; that of the maker's teleoperation of the H1 (`xr_teleoperate`,
@@ -32,11 +32,6 @@ class ArmServoConfig:
         shoulder_damping: of shoulder pitch and roll, which move the whole arm [N*m*s/rad]. With it a stretched arm of
             0.3 kg m^2 has three quarters of the critical damping.
         distal_damping: of shoulder yaw and elbow, which move the forearm only [N*m*s/rad]; the maker's `kd_low`.
-        acceleration_time: time constant of the filter of the commanded acceleration [s]. It is short, because inverse
-            kinematics that corrects for a swaying waist turns a late torque into more sway.
-        largest_acceleration: largest commanded acceleration that is fed forward [rad/s^2].
-        friction_speed: commanded speed at which about three quarters of the drives' Coulomb friction is fed forward
-            [rad/s].
 
     Raises:
         ConfigError: if a number is not finite and above 0.
@@ -45,9 +40,6 @@ class ArmServoConfig:
     stiffness: float = 140.0
     shoulder_damping: float = 10.0
     distal_damping: float = 3.0
-    acceleration_time: float = 0.002
-    largest_acceleration: float = 60.0
-    friction_speed: float = 0.1
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -56,13 +48,26 @@ class ArmServoConfig:
                     f"ArmServoConfig.{field.name} is {getattr(self, field.name)}; give a finite number above 0"
                 )
 
+    def gains(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+        """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""
+        distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
+        kp = np.full(robot.arms.size, self.stiffness)
+        kd = np.where(distal, self.distal_damping, self.shoulder_damping)
+        for gains in (kp, kd):  # all commands share these two arrays
+            gains.setflags(write=False)
+        return kp, kd
+
 
 class ArmServo:
     """The low-level control of arms under external control.
 
     It turns the target motion of the arms into all five numbers that a joint drive takes. Its feed-forward torque
-    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. The
-    acceleration of the pelvis is not known to every controller and is left to the gains.
+    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. It
+    has no memory: equal targets and states give equal commands. `hugwbc.arm_servo_rows` does the same for many robots.
+
+    The acceleration of the pelvis is not known to every controller and is left to the gains. Therefore `UpperBody.ddq`
+    must not contain corrections for a body that sways: an arm whose base accelerates stays behind by its own inertia.
+    A torque for that motion would move it twice as far, and its reaction would drive the sway.
 
     Attributes:
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
@@ -72,31 +77,21 @@ class ArmServo:
         """Set up the servo.
 
         Args:
-            config: gains and filters; None for the defaults.
-            robot: robot whose arms it moves; None for the H1.
+            config: gains; None for the defaults.
+            robot: robot whose arms it moves, with the friction of its drives; None for the H1.
         """
         self.config = config or ArmServoConfig()
         self.robot = robot or load_robot()
         self._arms = self.robot.arms
-        distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in self.robot.arm_names])
-        self.kp = np.full(self._arms.size, self.config.stiffness)
-        self.kd = np.where(distal, self.config.distal_damping, self.config.shoulder_damping)
-        for gains in (self.kp, self.kd):  # all commands share these two arrays
-            gains.setflags(write=False)
+        self.kp, self.kd = self.config.gains(self.robot)
         self._limit = self.robot.torque_limit[self._arms]
-        self._coulomb, self._viscous = self.robot.friction[self._arms], self.robot.viscous[self._arms]
+        self._speeds = np.zeros(len(self.robot.joint_names))
         self._model = pinocchio_model(self.robot)
         self._data = self._model.createData()
         self._columns = joint_columns(self._model, self.robot)
         self._arm_columns = self._columns[self._arms]
         self._q = pin.neutral(self._model)
         self._v, self._a = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the last command, because the arms are released or a new run begins."""
-        self._dq: np.ndarray | None = None
-        self._ddq = np.zeros(self._arms.size)
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
         """Return the targets with the servo's gains and feed-forward torque.
@@ -110,10 +105,8 @@ class ArmServo:
             dt: control period [s].
         """
         if not upper_body.indicator:
-            self.reset()
             return upper_body
-        acceleration = self._acceleration(upper_body.dq, dt)
-        tau = self.torque(upper_body.q, state, upper_body.dq, acceleration) + self.friction(upper_body.dq)
+        tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
         q = upper_body.q + 0.5 * dt * upper_body.dq
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
@@ -149,18 +142,9 @@ class ArmServo:
         return pin.rnea(self._model, self._data, self._q, self._v, self._a)[self._arm_columns]
 
     def friction(self, dq_arm: np.ndarray) -> np.ndarray:
-        """Return the friction of the drives at the commanded speeds dq_arm (8,) [rad/s]: [N*m], shape (8,).
+        """Return the friction of the robot's drives at the commanded speeds dq_arm (8,) [rad/s]: [N*m], shape (8,).
 
-        The sign of the speed is smoothed, so that a joint that should rest is not shaken. The commanded speed stands
-        for the measured one, whose noise would change the sign all the time.
+        The commanded speed stands for the measured one, whose noise would change the sign all the time.
         """
-        return self._coulomb * np.tanh(dq_arm / self.config.friction_speed) + self._viscous * dq_arm
-
-    def _acceleration(self, dq: np.ndarray, dt: float) -> np.ndarray:
-        """Return the filtered derivative of the commanded velocity [rad/s^2], shape (8,)."""
-        config = self.config
-        if self._dq is not None and dt > 0.0:
-            raw = np.clip((dq - self._dq) / dt, -config.largest_acceleration, config.largest_acceleration)
-            self._ddq = self._ddq + dt / (dt + config.acceleration_time) * (raw - self._ddq)
-        self._dq = dq.copy()
-        return self._ddq
+        self._speeds[self._arms] = dq_arm
+        return self.robot.friction_torque(self._speeds)[self._arms]
