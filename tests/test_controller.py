@@ -37,6 +37,13 @@ def test_upper_body_indicator() -> None:
     assert one.indicator
 
 
+def test_bad_accelerations_and_torques_of_arms_are_refused() -> None:
+    with pytest.raises(TargetError, match="arm accelerations .* in radians per second squared"):
+        UpperBody.targets(np.zeros(8), ddq=np.full(8, np.nan))
+    with pytest.raises(TargetError, match="arm torques .* in newton metres"):
+        UpperBody.targets(np.zeros(8), tau=np.zeros(3))
+
+
 @pytest.mark.parametrize(
     ("q", "dq", "message"),
     [
