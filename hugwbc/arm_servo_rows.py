@@ -9,9 +9,9 @@ Both arms of all robots go through the recursive Newton-Euler algorithm together
     f_k = F_k + R_k+1 f_k+1,             n_k = N_k + c_k x F_k + R_k+1 n_k+1 + p_k+1 x R_k+1 f_k+1,
     tau_k = s_k . n_k + J_k ddq_k,
 
-with the rotation R_k from link k to its parent, the joint's place p_k in the parent and its axis s_k, mass m_k, centre of
-mass c_k and inertia I_k of the link, and the reflected inertia J_k of its drive. w, dw and a without an index are those
-of the parent.
+with the rotation R_k from link k to its parent, the joint's place p_k in the parent and its axis s_k, mass m_k, centre
+of mass c_k and inertia I_k of the link, and the reflected inertia J_k of its drive. w, dw and a without an index are
+those of the parent.
 """
 
 from typing import NamedTuple
@@ -86,8 +86,8 @@ class ArmServoRows:
     """Feed-forward torques and position targets of the arms of n robots. It has no memory.
 
     All arrays are NumPy's; a tensor on the CPU shares its memory with one by `tensor.numpy()`. A call for 1,024 robots
-    takes about 5 ms of processor time, so it may be made in every control step of a training. The torque then belongs to the
-    state at the beginning of the step; so does that of a controller that is called as often.
+    takes about 5 ms of processor time, so it may be made in every control step of a training. The torque then belongs
+    to the state at the beginning of the step, as it does for a controller that is called as often.
 
     Attributes:
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
@@ -181,7 +181,8 @@ class ArmServoRows:
 
         Args:
             q_arm: positions of the arm joints [rad], shape (n, 8).
-            qpos, qvel: state of the robots, shapes (n, 26) and (n, 25); their arms are replaced by the given ones.
+            qpos: positions of the robots, shape (n, 26); their arms are replaced by the given ones.
+            qvel: velocities, likewise, shape (n, 25).
             dq_arm: velocities [rad/s], shape (n, 8); None for arms and body at rest.
             ddq_arm: accelerations [rad/s^2], shape (n, 8); None for none.
         """

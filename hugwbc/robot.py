@@ -136,6 +136,15 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / _FRICTION_SPEED) + self.viscous * velocity
 
+    def with_ideal_drives(self) -> "Robot":
+        """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""
+        return self._with_ideal_drives
+
+    @functools.cached_property
+    def _with_ideal_drives(self) -> "Robot":
+        none = _frozen(np.zeros_like(self.friction))
+        return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
+
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector.
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
+from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
-from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.sim import Actuators
 from tests.upper_ik.conftest import Hanging, make_state
 
@@ -66,7 +66,6 @@ def test_torques_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_
     for q in rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms], (200, 8)):
         command = servo(UpperBody.targets(q, rng.uniform(-9.0, 9.0, 8), rng.normal(0.0, 30.0, 8)), nominal_state, DT)
         assert np.all(np.abs(command.tau) <= limit)
-    servo.reset()
     lost = make_state(nominal_state.q, orientation=[math.nan] * 4)
     command = servo(UpperBody.targets(REACHING), lost, DT)
     assert command.q.tolist() == REACHING.tolist()
@@ -82,6 +81,26 @@ def test_a_torque_of_the_targets_is_added(nominal_state):
     push = np.linspace(-2.0, 2.0, 8)
     plain, pushing = (ArmServo()(UpperBody.targets(REACHING, tau=tau), nominal_state, DT) for tau in (None, push))
     assert pushing.tau - plain.tau == pytest.approx(push)
+
+
+def test_it_has_no_memory_and_only_the_planned_acceleration_counts(robot, nominal_state):
+    """A target that jumps after the measured body must not be fed forward as an acceleration."""
+    servo, faster = ArmServo(), np.full(8, 5.0)
+    first = servo(UpperBody.targets(REACHING), nominal_state, DT)
+    servo(UpperBody.targets(REACHING, faster), nominal_state, DT)
+    again = servo(UpperBody.targets(REACHING), nominal_state, DT)
+    assert again.tau.tolist() == first.tau.tolist()
+    planned = servo(UpperBody.targets(REACHING, ddq=faster), nominal_state, DT)
+    expected = servo.torque(REACHING, nominal_state, np.zeros(8), faster)
+    assert planned.tau == pytest.approx(expected) and np.abs(planned.tau - first.tau).max() > 1.0
+
+
+def test_friction_is_that_of_the_robot_it_is_given(robot, nominal_state):
+    dq, none = np.full(8, 1.0), np.zeros(19)
+    ideal = ArmServo(robot=dataclasses.replace(robot, friction=none, viscous=none))
+    with_friction, without = (s(UpperBody.targets(REACHING, dq), nominal_state, DT) for s in (ArmServo(), ideal))
+    lost = robot.friction_torque(np.ones(19))[robot.arms]
+    assert with_friction.tau - without.tau == pytest.approx(lost) and np.all(lost > 0.0)
 
 
 def test_config_refuses_nonsense():
@@ -141,8 +160,9 @@ def test_arms_follow_a_sine_alike_at_every_control_period(robot, period):
     for tick in range(round(2.0 / period)):
         phase = 2.0 * math.pi * tick * period
         q, dq = REACHING + 0.4 * np.sin(phase), np.full(8, 0.8 * math.pi * np.cos(phase))
+        ddq = np.full(8, -1.6 * math.pi**2 * np.sin(phase))
         errors.append(np.abs(rig.state.q[robot.arms] - q))
-        targets = servo(UpperBody.targets(q, dq), rig.state, period)
+        targets = servo(UpperBody.targets(q, dq, ddq), rig.state, period)
         rig.step(override_arms(JointCommand.position(robot, robot.nominal), targets, robot), period)
     worst = np.max(errors[len(errors) // 2 :])
     print(f"period {period} s: largest error {worst:.4f} rad")  # docs/upper_ik.md

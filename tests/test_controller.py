@@ -38,9 +38,9 @@ def test_upper_body_indicator() -> None:
 
 
 def test_bad_accelerations_and_torques_of_arms_are_refused() -> None:
-    with pytest.raises(TargetError, match="arm accelerations .* in radians per second squared"):
+    with pytest.raises(TargetError, match=r"arm accelerations .* in radians per second squared"):
         UpperBody.targets(np.zeros(8), ddq=np.full(8, np.nan))
-    with pytest.raises(TargetError, match="arm torques .* in newton metres"):
+    with pytest.raises(TargetError, match=r"arm torques .* in newton metres"):
         UpperBody.targets(np.zeros(8), tau=np.zeros(3))
 
 

@@ -133,6 +133,8 @@ class ControllerParams:
     converges."""
     long_step: float = 0.4
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
+    long_step_clearance: float = 0.05
+    """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
     leg_reserve: float = 0.015
     """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)

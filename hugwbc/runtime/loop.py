@@ -106,13 +106,14 @@ class ControlLoop:
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None if the controller reads them itself.
-            robot: robot whose limits the safety filter keeps; None for the simulated one. What the controller, the
-                arms and the estimator are told is up to them.
+            robot: robot whose limits the safety filter keeps, and whose weight and friction the servo of the arms makes
+                up for; None for the simulated one with its drives. What the controller, the hand IK and the estimator
+                are told is up to them.
 
         Raises:
             ConfigError: if the controller's period is not a multiple of the physics time step.
         """
-        self.safe = SafetyFilter(controller, robot=robot or simulation.robot)
+        self.safe = SafetyFilter(controller, robot=robot or simulation.actuators.known_robot(simulation.robot))
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
         self._plan = PlanView(controller)

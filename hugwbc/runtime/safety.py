@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.robot import Robot, load_robot
-from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.state import RobotState
 
@@ -161,7 +161,7 @@ class SafetyFilter:
         Args:
             controller: the controller; the filter takes over its `name` and `period`.
             config: settings; None for the defaults.
-            robot: limits and gains; None for the H1.
+            robot: limits and gains, and the weight and friction that the arms' servo makes up for; None for the H1.
             clock: returns seconds, to time the controller.
         """
         self.controller = controller

@@ -51,6 +51,10 @@ class Actuators:
         """Return drives that follow the PD law at once, up to their torque limit, without friction."""
         return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
 
+    def known_robot(self, robot: Robot) -> Robot:
+        """Return what a controller or an estimator that is told these drives knows of a robot."""
+        return robot if self.friction > 0.0 else robot.with_ideal_drives()
+
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set friction and reflected inertia of the joints of a newly compiled model."""
         if self.friction == 0.0 and self.armature == 1.0:  # as the description has them

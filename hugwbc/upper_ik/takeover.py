@@ -107,8 +107,8 @@ class Takeover:
             dt: time since the last tick [s].
             start: the arm command before a takeover [rad], shape (8,), read only while the arms are released. None
                 starts where the last takeover ended, at first in the nominal pose.
-            ddq: accelerations of the targets' planned motion [rad/s^2], shape (8,). None takes those of the arm command,
-                which must not be done for targets that follow the measured body (`UpperBody.ddq`).
+            ddq: accelerations of the targets' planned motion [rad/s^2], shape (8,). None takes those of the arm
+                command, which would be wrong for targets that follow the measured body (`UpperBody.ddq`).
         """
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))

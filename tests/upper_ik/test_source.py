@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
-from hugwbc.arm_servo import ArmServo
 from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetCounts, TargetWatch, UpperBodySource

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.robot import load_robot
-from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.loop import substeps_of
 from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, Trace
@@ -110,7 +110,8 @@ class _BatchRun:
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)
-        self.filters = [SafetyFilter(controller, robot=self.robot) for _ in members]
+        known = self.arena.actuators.known_robot(self.robot)  # with the friction of its drives, for the arms' servo
+        self.filters = [SafetyFilter(controller, robot=known) for _ in members]
         self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
