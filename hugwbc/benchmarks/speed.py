@@ -217,9 +217,9 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
 
 
 def ik_tick(calls: int) -> dict[str, float | None]:
-    """Return median and 99th percentile of a call of the hand IK with gravity compensation on moving targets [ms]."""
+    """Return median and 99th percentile of a call of the hand IK on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
     return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))

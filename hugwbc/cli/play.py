@@ -13,12 +13,13 @@ from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
-from hugwbc.runtime.loop import ControlLoop, upper_body_source
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import ArenaChoice
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
@@ -86,7 +87,7 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
     estimator = estimator_for(arena)
-    loop = ControlLoop(controller, source, arena.simulation(), upper_body_source(controller), estimator)
+    loop = ControlLoop(controller, source, arena.simulation(), UpperBodySource(), estimator)
     draw = None if options.headless else open_view(controller.name, browser=options.browser, tell=say)
     run_live(loop, duration, draw, tell=say)
     return 0
@@ -127,7 +128,7 @@ def _run_live(options: PlayOptions) -> int:
     simulation = arena.simulation()
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
     estimator = estimator_for(arena)
-    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller), estimator)
+    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(), estimator)
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)

@@ -38,7 +38,7 @@ def rollout(
         controller: any object with the members of `Controller`.
         source: gives commands and hand targets over time.
         simulation: the robot; it is reset to the nominal stand at the origin.
-        upper_body: turns hand targets into arm targets (`upper_body_source`); without it, hand targets are ignored.
+        upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.
         duration: length of the run [s].
         estimator: estimates the state from the sensors; None if the controller reads them itself.
         forces: external forces on the robot.

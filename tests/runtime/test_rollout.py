@@ -33,7 +33,7 @@ class FixedArms:
     def update(self, state, hands, command, dt, commanded=None):
         self.commanded.append(commanded)
         q = np.full(8, 0.1)
-        self.solution = hands and IKSolution(q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
+        self.solution = hands and IKSolution(q, 0 * q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
         return (UpperBody.none() if hands is None else UpperBody.targets(q)), command
 
 
@@ -76,10 +76,11 @@ def test_two_runs_are_equal(simulation):
 
 def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
     arms = FixedArms()
-    trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.4)
+    trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.8)
     assert arms.commanded[0] is None
     np.testing.assert_array_equal(arms.commanded[5], ROBOT.nominal[ROBOT.arms])
-    np.testing.assert_array_equal(arms.commanded[12], np.full(8, 0.1))
+    # These targets do not start at the controller's arm command: the step fades over half a second.
+    np.testing.assert_array_equal(arms.commanded[37], np.full(8, 0.1))
     assert np.isnan(trace.hand_target_world[:10]).all() and np.isfinite(trace.hand_target_world[10:]).all()
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.3, 0.2, 0.1]), trace.qpos[10, 3:7])
