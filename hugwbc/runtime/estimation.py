@@ -356,8 +356,14 @@ class StateEstimator:
 _GRAVITY_CROSS = pin.skew(_DOWN)
 
 
-def estimator_for(arena: Arena) -> StateEstimator | None:
-    """Return an estimator that knows the drives of an arena; None where the sensors tell the whole state."""
+def estimator_for(arena: Arena, robot: str | None = None) -> StateEstimator | None:
+    """Return an estimator that knows robot and drives of an arena; None where the sensors tell the whole state.
+
+    Args:
+        arena: the arena.
+        robot: name of the robot that the estimator is told; None for the arena's own.
+    """
     if not arena.estimates:
         return None
-    return StateEstimator(EstimatorParams(contact=ContactParams(friction=arena.actuators.friction)))
+    params = EstimatorParams(contact=ContactParams(friction=arena.actuators.friction))
+    return StateEstimator(params, load_robot(robot or arena.robot))
