@@ -136,6 +136,15 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / _FRICTION_SPEED) + self.viscous * velocity
 
+    def with_ideal_drives(self) -> "Robot":
+        """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""
+        return self._with_ideal_drives
+
+    @functools.cached_property
+    def _with_ideal_drives(self) -> "Robot":
+        none = _frozen(np.zeros_like(self.friction))
+        return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
+
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector.
 
@@ -259,7 +268,6 @@ def _assign_drives(table: dict[str, Any]) -> None:
         joint.update({key: value for key, value in drives[part].items() if key != "joints"})
 
 
-@functools.cache
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
     """Load a robot of `models/h1/h1.yaml`.
 
@@ -270,6 +278,11 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
         ModelError: if the table or one of its fields is missing.
         UnknownNameError: if no robot has that name.
     """
+    return _load_robot(name)
+
+
+@functools.cache
+def _load_robot(name: str) -> Robot:
     table = robot_table(name)
     try:
         joints, by_name = table["joints"], {joint["name"]: joint for joint in table["joints"]}

@@ -381,14 +381,6 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 _GRAVITY_CROSS = pin.skew(_DOWN)
 
 
-def estimator_for(arena: Arena, robot: str | None = None) -> StateEstimator | None:
-    """Return an estimator that knows robot and drives of an arena; None where the sensors tell the whole state.
-
-    Args:
-        arena: the arena.
-        robot: name of the robot that the estimator is told; None for the arena's own.
-    """
-    if not arena.estimates:
-        return None
-    params = EstimatorParams(contact=ContactParams(friction=arena.actuators.friction))
-    return StateEstimator(params, load_robot(robot or arena.robot))
+def estimator_for(arena: Arena) -> StateEstimator | None:
+    """Return an estimator that knows the robot and the drives of an arena; None where the sensors tell the state."""
+    return StateEstimator(robot=arena.known_robot) if arena.estimates else None
