@@ -39,19 +39,19 @@ class EstimatorParams:
     """Standard deviation of a measured joint position [rad]."""
     joint_velocity: float = 0.1
     """Standard deviation of a measured joint velocity [rad/s]."""
-    foot_slip: float = 0.05
+    foot_slip: float = 0.03
     """Velocity of a foot that stands under load [m/s]: it slips, and rolls about its centre line."""
     landing_slip: float = 5.0
     """Further velocity of a foot that touches down [m/s]: it comes down on an edge and turns until the sole is flat."""
     landing_time: float = 0.015
     """Time constant with which that velocity fades [s]."""
-    rolling: float = 0.3
-    """Further velocity of a sole that turns, per angular velocity [m]: its centre is not where it touches the ground."""
+    rolling: float = 0.2
+    """Further velocity of a sole that turns, per angular velocity [m]: its centre is not where it touches."""
     lifting_slip: float = 1.0
     """Further velocity of a foot that carries nothing [m/s]; it falls to zero at `full_load`."""
     full_load: float = 0.4
     """Share of the robot's weight under which a sole lies still."""
-    foot_model: float = 0.004
+    foot_model: float = 0.002
     """Of a foot's position relative to the IMU, in addition to the encoders' [m]: links bend and soles give way."""
     initial_tilt: float = 0.02
     """Of the IMU's own orientation, which the filter starts from [rad]."""
