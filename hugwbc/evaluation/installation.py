@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import importlib.util
 import platform
 from collections.abc import Callable
 
@@ -58,6 +59,20 @@ def check_versions() -> str:
         except importlib.metadata.PackageNotFoundError:
             raise CheckError(f"{package} is not installed; run `pip install hugwbc` again") from None
     return f"Python {platform.python_version()}, {', '.join(found)}"
+
+
+def check_arena() -> str:
+    """Check that a robot can be put into each arena, and name the arenas' versions, on which results depend."""
+    from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, ENGINES
+
+    found = []
+    for number, arena in ARENAS.items():
+        arena.simulation()
+        default = ", the default" if number == DEFAULT_ARENA else ""
+        parts = f"{arena.robot}, {arena.drives} drives, sensors {arena.sensing}, {arena.ground} ground"
+        found.append(f"{number} ({parts}) version {arena.version}{default}")
+    engines = [name for name, kind in ENGINES.items() if importlib.util.find_spec(kind.package) is not None]
+    return f"{'; '.join(found)}; engines {', '.join(engines)}"
 
 
 def check_masses() -> str:
@@ -152,6 +167,7 @@ def check_environment() -> str:
 
 CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
+    "arenas": check_arena,
     "masses": check_masses,
     "models": check_agreement,
     "controller qp": check_standing,
