@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib.metadata
-import importlib.util
 import platform
 from collections.abc import Callable
 
@@ -71,7 +70,7 @@ def check_arena() -> str:
         default = ", the default" if number == DEFAULT_ARENA else ""
         parts = f"{arena.robot}, {arena.drives} drives, sensors {arena.sensing}, {arena.ground} ground"
         found.append(f"{number} ({parts}) version {arena.version}{default}")
-    engines = [name for name, kind in ENGINES.items() if importlib.util.find_spec(kind.package) is not None]
+    engines = [name for name, kind in ENGINES.items() if kind.is_available()]
     return f"{'; '.join(found)}; engines {', '.join(engines)}"
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from hugwbc.evaluation.protocols.contacts import ContactsProtocol
 from hugwbc.evaluation.protocols.disturbance import DisturbanceProtocol
 from hugwbc.evaluation.protocols.effort import EffortProtocol
+from hugwbc.evaluation.protocols.engines import EnginesProtocol
 from hugwbc.evaluation.protocols.estimation import EstimationProtocol
 from hugwbc.evaluation.protocols.foot_displacement import FootDisplacementProtocol
 from hugwbc.evaluation.protocols.hands import HandsProtocol
@@ -39,5 +40,6 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         SmallVelocitiesProtocol(),
         HandsProtocol(),
         EstimationProtocol(),
+        EnginesProtocol(),
     )
 }

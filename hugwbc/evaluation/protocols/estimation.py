@@ -295,7 +295,10 @@ class EstimationProtocol(PlannedProtocol[EstimationConfig, EstimationEpisode, Es
     def full(self) -> list[EstimationConfig]:
         """Return 50 walks at random, and 8 of 20 m straight ahead."""
         arena = Conditions(arena=2)
-        return [EstimationConfig(conditions=arena), EstimationConfig(8, speed=0.5, duration=41.0, conditions=arena)]
+        return [
+            EstimationConfig(conditions=arena),
+            EstimationConfig(episodes=8, speed=0.5, duration=41.0, conditions=arena),
+        ]
 
     def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
         """Return errors, contacts, drifts and consistency."""
@@ -324,8 +327,8 @@ def figure_of(name: str, values: Iterable[float | None]) -> Estimate:
     if not _FIGURES[name][3]:
         return bootstrap_mean(values)
     squares = bootstrap_mean(None if value is None else value**2 for value in values)
-    roots = (None if bound is None else math.sqrt(bound) for bound in (squares.value, squares.low, squares.high))
-    return Estimate(*roots, squares.samples)
+    value, low, high = (None if v is None else math.sqrt(v) for v in (squares.value, squares.low, squares.high))
+    return Estimate(value, low, high, squares.samples)
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:
