@@ -248,7 +248,7 @@ class ControllerParams:
     can reach."""
     balance_margin: tuple[float, float] = (0.012, 0.03)
     """Distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]."""
-    speed_lowering: float = 0.05
+    speed_lowering: float = 0.1
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
