@@ -104,10 +104,11 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """Collect `horizon` steps, update the networks and move the curricula; return the iteration's figures."""
         begin = time.monotonic()
+        self._adopt_schedules()
         observation = self.env.observe()
         reward = 0.0
         for t in range(self.config.ppo.horizon):
-            result = self.env.step(self.ppo.act(t, observation))
+            result = self.env.step(self.ppo.act(t, observation, self.env.gait))
             self.ppo.record(t, result)
             reward += float(result.reward.mean()) / self.config.ppo.horizon
             observation = self.env.observe()
@@ -135,10 +136,16 @@ class Trainer:
             **self.env.statistics.pop(),
         }
 
+    def _adopt_schedules(self) -> None:
+        """Give learner and environment the settings of the present number of steps."""
+        if self.config.schedules:
+            now = self.config.at(self.steps)
+            self.ppo.config = now.ppo
+            self.env.adopt(now.env)
+
     def _actor(self) -> Actor:
-        """Return the policy network on the CPU, where it is evaluated and saved."""
-        actor = self.ppo.network.actor
-        return actor if self.ppo.device.type == "cpu" else copy.deepcopy(actor).cpu()
+        """Return the policy in the form in which it runs, on the CPU."""
+        return copy.deepcopy(self.ppo.network.actor).cpu().plain()
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
@@ -336,7 +343,7 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
     contract = contract_of(env)
-    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu(), contract, metadata)
+    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), contract, metadata)
 
 
 def train(config: TrainConfig, report: Report) -> Trainer:
