@@ -91,6 +91,7 @@ class TorqueSpeedLimit:
             torque_limit: torque limits at low speed [N*m], shape (..., 19).
         """
         self._limit = np.array(torque_limit)
+        self._opposite = -self._limit
         self._top = robot.velocity_limit
         self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
 
@@ -101,7 +102,8 @@ class TorqueSpeedLimit:
             velocity: joint speeds [rad/s], shape (..., 19).
             force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
         """
-        # A diverged robot's speed may be NaN; MuJoCo must not see that in its model.
-        speed = np.nan_to_num(velocity)
-        force_range[..., 1] = self._limit * np.clip((self._top - speed) * self._slope, 0.0, 1.0)
-        force_range[..., 0] = -self._limit * np.clip((self._top + speed) * self._slope, 0.0, 1.0)
+        for sign, limit, column in ((-1.0, self._limit, 1), (1.0, self._opposite, 0)):
+            share = (self._top + sign * velocity) * self._slope
+            # A diverged robot's speed may be NaN; these two ignore it, since MuJoCo must not see it in its model.
+            np.fmin(np.fmax(share, 0.0, out=share), 1.0, out=share)
+            np.multiply(limit, share, out=force_range[..., column])

@@ -28,11 +28,11 @@ class CommandConfig:
     hopping_frequency: tuple[float, float] = (2.0, 2.0)
     """Range of f while hopping [Hz]; a trained policy is asked for 2. Policies find a rhythm near 4 by themselves, so a
     training that starts there and lowers the range keeps them in step with the clock."""
-    default_fraction: float = 0.4
+    default_fraction: float = 0.5
     """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
     zero_velocity_fraction: float = 0.1
     """Probability of stepping in place."""
-    resample_steps: int = 500
+    resample_steps: int = 300
     """Control steps after which a new command is drawn."""
 
     def __post_init__(self) -> None:
@@ -189,8 +189,8 @@ class CurriculumConfig:
     """Initial factor on the regularisation rewards."""
     penalty_growth: float = 1.001
     """Factor on the penalty scale per iteration, up to 1."""
-    linear_threshold: float = 0.75
-    angular_threshold: float = 0.55
+    linear_threshold: float = 0.7
+    angular_threshold: float = 0.5
     """Relative linear and angular tracking rewards of robots that move under intervention above which the noise level
     alpha rises; it falls below two thirds of either."""
     alpha_step: float = 0.01
@@ -202,7 +202,7 @@ class CurriculumConfig:
     the (v_x, omega) plane when its neighbours are tracked well."""
     speed_angular_threshold: float = 0.4
     """Relative angular tracking reward that a command on the grid needs to pass, in addition to the linear one."""
-    speed_threshold: float = 0.75
+    speed_threshold: float = 0.7
     """Relative linear tracking reward of moving robots of the agile group above which its speed grows."""
     speed_step: float = 0.02
     """Growth of the largest forward speed of the agile group per decision [m/s]."""
@@ -286,7 +286,7 @@ class RewardWeights:
 class ExtraWeights:
     """Weights of terms that the paper's table lacks; 0 switches a term off. The reasons are in docs/learned.md."""
 
-    alive: float = 2.0
+    alive: float = 4.0
     """Constant reward while the robot is up. It keeps early returns positive, so that falling never pays."""
     body_roll_tracking: float = -10.0
     """Squared roll, which the authors' code has inside its pitch term."""
@@ -306,7 +306,7 @@ class ExtraWeights:
     posture_precision: float = 3.0
     """Mean of exp(-|e| / 0.1) over h, p and w. With the squared errors alone, offsets of 0.1 m and 0.1 rad remained:
     compared with the velocities they cost almost nothing."""
-    swing_precision: float = 1.0
+    swing_precision: float = 2.0
     """exp(-|e| / 0.05) of the clearance of each swing foot, for the same reason."""
     velocity_bias: float = -5.0
     """Length of the error of v_x and v_y, filtered over half a second, up to 0.5 m/s. A steady error is small against
@@ -316,7 +316,7 @@ class ExtraWeights:
     foot_impact: float = -10.0
     """Squared excess of a sole's speed of descent over 0.3 m/s, one control step before it touches the ground, up to
     4 (m/s)^2. Without it soles met the ground at up to 3 m/s."""
-    contact_mismatch: float = -1.0
+    contact_mismatch: float = -2.0
     """sum_i |C_i - c_i|, with c_i whether foot i is on the ground; not in standing."""
     flight_contact: float = -3.0
     """sum_i (1 - C_i) c_i in jumping and hopping. A hop at twice the clock's frequency, which is easier, touches the
@@ -334,7 +334,7 @@ class ExtraWeights:
 class EnvConfig:
     """The training environment."""
 
-    count: int = 1024
+    count: int = 512
     """Robots simulated at once."""
     robot: str = "h1"
     """Robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""

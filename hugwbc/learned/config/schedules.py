@@ -42,7 +42,9 @@ class Schedule:
         require(ordered and 0 < len(self.steps) == len(self.values), name, self.steps, "ascending, one for each value")
         positive = self.scale == "linear" or all(value > 0.0 for value in self.values)
         finite = all(map(math.isfinite, self.values))
-        require(positive and finite, f"schedule of {self.setting}: values", self.values, "finite; above 0 if scale is log")
+        require(
+            positive and finite, f"schedule of {self.setting}: values", self.values, "finite; above 0 if scale is log"
+        )
 
     def at(self, steps: float) -> float:
         """Return the value after a number of environment steps."""

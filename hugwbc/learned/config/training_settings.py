@@ -62,12 +62,14 @@ class PPOConfig:
     the rate rises."""
     max_grad_norm: float = 1.0
     """Largest norm of the gradient, for actor and critic separately."""
-    std_initial: float = 0.8
+    std_initial: float = 0.6
     """Largest exploration std at the start."""
     std_final: float = 0.25
     """Largest exploration std at the end of the schedule."""
     std_steps: float = 45e6
     """Environment steps over which the largest exploration std falls geometrically from initial to final."""
+    std_limit: float = 1.0
+    """Largest exploration std whatever the three settings above say; for schedules of other forms."""
     std_min: float = 0.03
     """Smallest exploration std."""
     mixed_precision: bool = True
@@ -86,6 +88,7 @@ class PPOConfig:
             "std_initial",
             "std_final",
             "std_min",
+            "std_limit",
             "target_kl",
             "max_grad_norm",
             "critic_learning_rate",
@@ -130,6 +133,8 @@ class TrainConfig:
     """Robots of an evaluation."""
     evaluation_seconds: float = 5.0
     """Length of the episodes of an evaluation [s]."""
+    evaluation_timestep: float = 0.002
+    """Physics time step of the evaluations [s]: that of the arena, in which policies are judged."""
     device: Literal["cpu", "cuda"] = "cpu"
     """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
     CPU."""
@@ -154,6 +159,8 @@ class TrainConfig:
         require(self.evaluation_robots > 0, "evaluation_robots", self.evaluation_robots, "a positive integer")
         seconds = self.evaluation_seconds
         require(0.0 < seconds < math.inf, "evaluation_seconds", seconds, "a positive number")
+        step = self.evaluation_timestep
+        require(0.0 < step <= 0.01, "evaluation_timestep", step, "above 0, up to 0.01 s")
         if self.schedules:  # refuse unknown names and values now, not in the middle of the night
             for steps in {step for schedule in self.schedules for step in schedule.steps}:
                 scheduled(dataclasses.replace(self, schedules=()), self.schedules, steps)

@@ -292,7 +292,14 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
     "foot_swing_tracking",
     "contact_swing_tracking",
     "termination",
-} | {"joint_limits", "foot_impact"}
+} | {
+    "joint_limits",
+    "velocity_bias",
+    "yaw_rate_bias",
+    "foot_impact",
+    "contact_mismatch",
+    "flight_contact",
+}
 
 
 def evaluate_terms(

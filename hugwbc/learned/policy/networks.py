@@ -263,7 +263,9 @@ class SymmetricCritic(nn.Module):
 
     def prepared(self, observation: torch.Tensor) -> torch.Tensor:
         """Return the values of coordinates that `prepare` returned, shape (n,)."""
-        core, odd, terrain = observation.split((self._core.even, self._core.odd, observation.shape[1] - CRITIC_CORE_SIZE), 1)
+        core, odd, terrain = observation.split(
+            (self._core.even, self._core.odd, observation.shape[1] - CRITIC_CORE_SIZE), 1
+        )
         *hidden, last = self.value.layers
         if terrain.shape[1] == 1:
             even, odd = _activate(*self._first_on_a_plane(torch.cat((core, terrain), 1), odd))

@@ -112,7 +112,13 @@ def command_observation(
     """
     chosen = torch.nn.functional.one_hot(gait.long(), len(Gait)).to(command.dtype)
     quarter_later = torch.cos(2.0 * math.pi * phases)
-    parts = (command * command_scale(), chosen, gaits.clock(phases), quarter_later, indicator.to(command.dtype)[:, None])
+    parts = (
+        command * command_scale(),
+        chosen,
+        gaits.clock(phases),
+        quarter_later,
+        indicator.to(command.dtype)[:, None],
+    )
     return torch.cat(parts, dim=1)
 
 
@@ -215,7 +221,9 @@ def terrain_points() -> torch.Tensor:
 def action_mirror() -> SignedPermutation:
     """Return the mirror map of joints and actions, n = 19."""
     mirror = load_mirror()
-    return SignedPermutation(torch.as_tensor(mirror.joint_index), torch.as_tensor(mirror.joint_sign, dtype=torch.float32))
+    return SignedPermutation(
+        torch.as_tensor(mirror.joint_index), torch.as_tensor(mirror.joint_sign, dtype=torch.float32)
+    )
 
 
 @functools.cache
@@ -235,7 +243,9 @@ def history_mirror() -> SignedPermutation:
 def command_mirror() -> SignedPermutation:
     """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet."""
     commands = SignedPermutation.of_signs(COMMAND_SIGNS.tolist())
-    gait = SignedPermutation(torch.tensor([int(Gait(value).mirrored()) for value in range(len(Gait))]), torch.ones(len(Gait)))
+    gait = SignedPermutation(
+        torch.tensor([int(Gait(value).mirrored()) for value in range(len(Gait))]), torch.ones(len(Gait))
+    )
     clock = SignedPermutation.swapped([1.0])
     return SignedPermutation.joined([commands, gait, clock, clock, SignedPermutation.of_signs([1.0])])
 

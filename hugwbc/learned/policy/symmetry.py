@@ -28,7 +28,9 @@ class SignedPermutation:
             ValueError: if the image of the image is not the vector itself.
         """
         again = index[index]
-        if not (torch.equal(again, torch.arange(len(index))) and torch.equal(sign * sign[index], torch.ones(len(sign)))):
+        if not (
+            torch.equal(again, torch.arange(len(index))) and torch.equal(sign * sign[index], torch.ones(len(sign)))
+        ):
             raise ValueError("a mirror map must be its own inverse")
         self.index, self.sign = index, sign
 

@@ -164,7 +164,7 @@ class PPO:
         """
         c = self.config
         progress = min(1.0, steps / c.std_steps)
-        largest = c.std_initial * (c.std_final / c.std_initial) ** progress
+        largest = min(c.std_limit, c.std_initial * (c.std_final / c.std_initial) ** progress)
         with torch.no_grad():
             self.network.log_std.clamp_(math.log(c.std_min), math.log(largest))
 

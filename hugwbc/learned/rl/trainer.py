@@ -151,7 +151,13 @@ class Trainer:
         c = self.config
         if not c.evaluation_interval or not self.leads:
             return None
-        return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
+        return Evaluator(
+            c.env,
+            count=c.evaluation_robots,
+            seconds=c.evaluation_seconds,
+            threads=c.threads,
+            timestep=c.evaluation_timestep,
+        )
 
     def _evaluate(self) -> dict[str, float]:
         """Return the figures of an evaluation, NaN where none is due, and keep the best policy."""
