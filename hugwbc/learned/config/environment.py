@@ -181,13 +181,16 @@ class ArmServoGains:
 
 @dataclasses.dataclass(frozen=True)
 class CurriculumConfig:
-    """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima."""
+    """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima.
 
-    warm_up_iterations: int = 300
+    They move once in 24,576 environment steps, which are called an iteration here: 24 control steps of 1,024 robots.
+    """
+
+    warm_up_iterations: int = 120
     """Number of iterations before any of the three moves."""
     penalty_start: float = 0.2
     """Initial factor on the regularisation rewards."""
-    penalty_growth: float = 1.001
+    penalty_growth: float = 1.002
     """Factor on the penalty scale per iteration, up to 1."""
     linear_threshold: float = 0.7
     angular_threshold: float = 0.5

@@ -10,7 +10,6 @@ from hugwbc.learned.config.checks import require
 
 # Groups of settings that the learner and the environment read anew in every iteration.
 SCHEDULED = ("ppo", "env.command", "env.rewards", "env.extra", "env.loads", "env.curriculum")
-_FIXED = ("ppo.horizon", "ppo.epochs", "ppo.minibatches", "ppo.symmetry", "ppo.labels", "ppo.mixed_precision")
 
 Settings = TypeVar("Settings")
 
@@ -28,15 +27,14 @@ class Schedule:
     steps: tuple[float, ...]
     """Environment steps of the points, ascending; before the first and after the last the value stays."""
     values: tuple[float, ...]
-    """Value at each point."""
+    """Value at each point; a whole number, such as the horizon, is rounded."""
     scale: Literal["linear", "log"] = "linear"
     """Whether the value or its logarithm is linear between the points."""
 
     def __post_init__(self) -> None:
         """Check the name and the points."""
         group = self.setting.rpartition(".")[0]
-        valid = f"a number of {', '.join(SCHEDULED)}, but not {', '.join(_FIXED)}"
-        require(group in SCHEDULED and self.setting not in _FIXED, "schedule of", self.setting, valid)
+        require(group in SCHEDULED, "schedule of", self.setting, f"a number of {', '.join(SCHEDULED)}")
         ordered = all(a < b for a, b in zip(self.steps, self.steps[1:], strict=False))
         name = f"schedule of {self.setting}: steps"
         require(ordered and 0 < len(self.steps) == len(self.values), name, self.steps, "ascending, one for each value")
@@ -73,6 +71,8 @@ def _replaced(settings: Any, path: list[str], value: float, name: str) -> Any:  
     old = getattr(settings, path[0], None)
     if len(path) > 1:
         return dataclasses.replace(settings, **{path[0]: _replaced(old, path[1:], value, name)})
+    if isinstance(old, int) and not isinstance(old, bool):
+        return dataclasses.replace(settings, **{path[0]: round(value)})
     if not isinstance(old, float):
         raise ConfigError(f"schedule of {name}: there is no such number; valid: a number of {', '.join(SCHEDULED)}")
     return dataclasses.replace(settings, **{path[0]: value})

@@ -158,8 +158,15 @@ def _pairs(width: int) -> torch.Tensor:
 class SplitMlp(nn.Module):
     """Linear layers that commute with the mirror, and activations of pairs between them."""
 
-    def __init__(self, inputs: tuple[int, int], hidden: tuple[int, ...], outputs: tuple[int, int]) -> None:
-        """Set up the layers; `hidden` are the widths of the equivalent plain network."""
+    def __init__(
+        self, inputs: tuple[int, int], hidden: tuple[int, ...], outputs: tuple[int, int] | None = None
+    ) -> None:
+        """Set up the layers.
+
+        Args:
+            inputs, outputs: numbers of even and odd coordinates; without outputs it ends in a hidden layer.
+            hidden: widths of the equivalent plain network.
+        """
         super().__init__()
         layers: list[SplitLinear] = []
         # e and o each have the variance of a full layer's output, so their sum and difference have twice of it, before
@@ -167,7 +174,8 @@ class SplitMlp(nn.Module):
         for width in hidden:
             layers.append(SplitLinear(inputs, (width // 2, width // 2), gain=0.5 if layers else 0.5**0.5))
             inputs = (width // 2, width // 2)
-        layers.append(SplitLinear(inputs, outputs, gain=0.5**0.5))
+        if outputs is not None:
+            layers.append(SplitLinear(inputs, outputs, gain=0.5**0.5))
         self.layers = nn.ModuleList(layers)
 
     def forward(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -248,7 +256,8 @@ class SymmetricCritic(nn.Module):
         super().__init__()
         self._core, self._terrain = EvenOdd(obs.critic_mirror()), EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
-        self.value = SplitMlp(inputs, CRITIC_HIDDEN, (1, 1))
+        self.value = SplitMlp(inputs, CRITIC_HIDDEN)
+        self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
         # An even coordinate of equal samples is their sum by its row of the change of coordinates; an odd one is zero.
         self.register_buffer("_flat", self._terrain.matrix.sum(1)[: self._terrain.even, None], persistent=False)
 
@@ -266,17 +275,16 @@ class SymmetricCritic(nn.Module):
         core, odd, terrain = observation.split(
             (self._core.even, self._core.odd, observation.shape[1] - CRITIC_CORE_SIZE), 1
         )
-        *hidden, last = self.value.layers
+        first, *hidden = self.value.layers
         if terrain.shape[1] == 1:
-            even, odd = _activate(*self._first_on_a_plane(torch.cat((core, terrain), 1), odd))
-            hidden = hidden[1:]
+            even, odd = self._first_on_a_plane(torch.cat((core, terrain), 1), odd)
         else:
             heights = terrain.split(_sizes(self._terrain), 1)
-            even, odd = torch.cat((core, heights[0]), 1), torch.cat((odd, heights[1]), 1)
+            even, odd = first(torch.cat((core, heights[0]), 1), torch.cat((odd, heights[1]), 1))
+        even, odd = _activate(even, odd)
         for layer in hidden:
             even, odd = _activate(*layer(even, odd))
-        assert isinstance(last, SplitLinear)
-        return last.even(even).squeeze(1)
+        return self.output(even).squeeze(1)
 
     def _first_on_a_plane(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         layer = self.value.layers[0]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import torch
 
@@ -31,6 +32,8 @@ _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 class _Steps:
     """What the feet of n robots do: touch-downs, heights of the swings, speeds before the ground, held feet."""
+
+    FIGURES = ("f", "l", "impact", "held_foot")
 
     def __init__(self, command: torch.Tensor, gait: torch.Tensor, dt: float) -> None:
         """Take the commands, shape (n, 8), and values of `Gait`, shape (n,), of an evaluation."""
@@ -125,8 +128,8 @@ class Evaluator:
         """Names of the figures that `run` returns."""
         names = [SCORE, _FALLS]
         for gait in self._gaits:
-            own = [name for name in GAIT_SCALES if gait is not Gait.STANDING and (gait.hops or name != "held_foot")]
-            names += [f"evaluation/{gait.label}/{name}" for name in ("falls", *ERROR_SCALES, *own)]
+            own = [n for n in _Steps.FIGURES if gait is not Gait.STANDING and (gait.hops or n != "held_foot")]
+            names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *own)]
         return names
 
     @torch.no_grad()
@@ -157,16 +160,29 @@ class Evaluator:
                 samples += upright
                 steps.add(step, env.readings, upright)
         env.statistics.pop()
-        figures, scores = {}, []
+        own = {
+            one: {"falls": float((~upright[gait == one]).float().mean())} | steps.errors(gait == one)
+            for one in self._gaits
+        }
+        return self._figures(gait, sums, samples, float((~upright).float().mean()), own)
+
+    def _figures(
+        self,
+        gait: torch.Tensor,
+        sums: torch.Tensor,
+        samples: torch.Tensor,
+        falls: float,
+        steps: Mapping[Gait, Mapping[str, float]] | None = None,
+    ) -> dict[str, float]:
+        """Return the figures of `run` from sums of errors, shape (n, 6), and what the gaits have of their own."""
+        scales, figures, scores = ERROR_SCALES | GAIT_SCALES, {}, []
         for one in self._gaits:
             chosen = gait == one
             errors = dict(zip(ERROR_SCALES, (sums[chosen].sum(0) / samples[chosen].sum()).tolist(), strict=True))
-            errors |= steps.errors(chosen)
-            figures[f"evaluation/{one.label}/falls"] = float((~upright[chosen]).float().mean())
+            errors = {**errors, **(steps or {}).get(one, {})}
             figures |= {f"evaluation/{one.label}/{name}": error for name, error in errors.items()}
-            relative = [error / (ERROR_SCALES | GAIT_SCALES)[name] for name, error in errors.items()]
+            relative = [error / scales[name] for name, error in errors.items() if name in scales]
             if all(map(math.isfinite, relative)):
                 scores.append(sum(relative) / len(relative))
-        falls = float((~upright).float().mean())
         score = FALL_COST * falls + (sum(scores) / len(scores) if scores else 0.0)
         return {SCORE: score, _FALLS: falls, **figures}

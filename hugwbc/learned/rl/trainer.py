@@ -25,6 +25,7 @@ from hugwbc.robot import load_robot
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
+CURRICULUM_STEPS = 24_576  # environment steps between two moves of the curricula
 _SEED_STEP = 1_000_003  # between the seeds of two processes
 MAX_DUMPS = 3  # of skipped minibatches in the folder of a run; each takes some 20 MB
 
@@ -107,18 +108,21 @@ class Trainer:
         self._adopt_schedules()
         observation = self.env.observe()
         reward = 0.0
-        for t in range(self.config.ppo.horizon):
+        horizon = self.ppo.config.horizon
+        for t in range(horizon):
             result = self.env.step(self.ppo.act(t, observation, self.env.gait))
             self.ppo.record(t, result)
-            reward += float(result.reward.mean()) / self.config.ppo.horizon
+            reward += float(result.reward.mean()) / horizon
             observation = self.env.observe()
         collected = time.monotonic()
         losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
         self.iteration += 1
-        steps = self.config.ppo.horizon * self.config.env.count * distributed.size()
+        steps = horizon * self.config.env.count * distributed.size()
+        # The curricula count in units of steps, so that they do not depend on the length of an iteration.
+        for _ in range((self.steps + steps) // CURRICULUM_STEPS - self.steps // CURRICULUM_STEPS):
+            self.env.update_curriculum()
         self.steps += steps
         self.ppo.bound_std(self.steps)
-        self.env.update_curriculum()
         elapsed = time.monotonic() - begin
         self.seconds += elapsed
         levels = self.env.curriculum
