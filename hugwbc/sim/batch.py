@@ -39,6 +39,7 @@ class BatchSimulation:
         qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
+        forces: external forces and torques on the bodies in the world [N, N*m], shape (count, bodies, 6); writable.
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
 
@@ -74,6 +75,7 @@ class BatchSimulation:
         self.qvel = self.batch.bind("qvel")[:, self.layout.qvel]
         self.ctrl = self.batch.bind("ctrl")[:, self.layout.ctrl]
         self.torque = self.batch.bind("actuator_force")[:, self.layout.ctrl]
+        self.forces = self.batch.bind("xfrc_applied")
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
