@@ -26,7 +26,7 @@ class RecipeRun:
     profile: str | None = None
     """Profile of the recipe, such as smoke: every stage in a few seconds."""
     redo: tuple[str, ...] = ()
-    """Stages to begin again, with those that take their results; `changed` for all that the recipe has changed since."""
+    """Stages to begin again, with those that take their results; `changed` for all that differ from the recipe."""
     workers: int | None = None
     """Processes that share the episodes of evaluations; by default as the recipe says."""
 
@@ -94,7 +94,7 @@ def run(words: Sequence[str]) -> int:
 
 def _usage() -> str:
     width = max(map(len, ACTIONS))
-    lines = [f"  {name:<{width}}  {options.__doc__.splitlines()[0]}" for name, (options, _) in ACTIONS.items()]
+    lines = [f"  {name:<{width}}  {(options.__doc__ or '').splitlines()[0]}" for name, (options, _) in ACTIONS.items()]
     return "\n".join(["usage: hugwbc recipe ACTION [OPTIONS]", "", *lines])
 
 
@@ -194,8 +194,8 @@ def _verify(options: RecipeVerify) -> int:
         say(f"recipe {last.recipe}{profile} {last.recipe_digest[:10]}; the whole run: "
             f"{last.run_spent.core_hours:.3f} core-hours, {_number(last.run_spent.steps) or 0} steps, "
             f"{_number(last.run_spent.labels) or 0} labels", options.json)  # fmt: skip
-    say("\n".join([*(f"PROBLEM {one}" for one in verdict.problems), *(f"note    {one}" for one in verdict.remarks)])
-        or "the chain is whole", options.json)  # fmt: skip
+    lines = [*(f"PROBLEM {one}" for one in verdict.problems), *(f"note    {one}" for one in verdict.remarks)]
+    say("\n".join(lines if verdict.problems else [*lines, "the chain is whole"]), options.json)
     content: dict[str, Any] = {"path": str(verdict.path), "problems": verdict.problems, "remarks": verdict.remarks}
     write_json(options.json, {**content, "records": [record.as_dict() for record in verdict.records]})
     return NOT_VERIFIED if verdict.problems else 0

@@ -143,7 +143,7 @@ def settings_of(table: Table, seed: int) -> Any:  # noqa: ANN401  each protocol 
         UnknownNameError: if the protocol, the gait or a setting does not exist.
         ConfigError: if a value is out of range or of the wrong type.
     """
-    name = table.get("protocol")
+    name = str(table.get("protocol"))
     if name not in PROTOCOLS:
         raise UnknownNameError("protocol", name, PROTOCOLS)
     protocol = PROTOCOLS[name]

@@ -54,7 +54,8 @@ class Record:
         commits: commits of the source tree, in the order of the sessions.
         uncommitted_changes: whether any session ran with changes that are in no commit.
         versions: versions of Python, machine and packages, of the last session.
-        settings: settings that differ from the defaults, schedules and gates, as the recipe has them.
+        settings: all settings at the begin, defaults included.
+        plan: schedules, gates, tables and measurements, as the recipe has them.
         parents: digests of the records of the stages that it took inputs from.
         inputs: digests of the files that it read, by name of the input.
         outputs: digests of the files that it wrote.
@@ -78,6 +79,7 @@ class Record:
     uncommitted_changes: bool
     versions: Mapping[str, str]
     settings: Mapping[str, Any]
+    plan: Mapping[str, Any]
     parents: Mapping[str, str]
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
@@ -113,7 +115,7 @@ class Record:
             values |= {name: Spent.read(content[name]) for name in ("spent", "run_spent")}
             values |= {name: tuple(content[name]) for name in ("seeds", "commits")}
             values["discarded"] = tuple(Discarded(**one) for one in content["discarded"])
-            for name in ("versions", "settings", "parents", "inputs", "outputs", "figures"):
+            for name in ("versions", "settings", "plan", "parents", "inputs", "outputs", "figures"):
                 if not isinstance(content[name], dict):
                     raise ValueError(f"{name} is not a mapping")
         except TypeError as error:
@@ -224,8 +226,7 @@ def read_record(folder: pathlib.Path) -> Record | None:
         return Record.read(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
         raise RecipeError(
-            f"{path} is damaged ({error}); copy it back, or begin the stage again with "
-            f"`--redo {folder.name.partition('-')[2]}`"
+            f"{path} is damaged ({error}); copy it back, or begin the stage again with `--redo {folder.name}`"
         ) from error
 
 

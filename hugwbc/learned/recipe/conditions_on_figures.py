@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from hugwbc.errors import ConfigError
 
 Figures = Mapping[str, float]
-_FORM = re.compile(r"(<=|>=|<|>)\s*([-+0-9.eE]+)(?:\s+(best))?")
-FORM_HINT = "write < 0.02, <= 0.02, > 0.5 or >= 0.5, or relative to the best value so far: > 1.3 best"
+_FORM = re.compile(r"(below|above|<=|>=|<|>)\s*([-+0-9.eE]+)(?:\s+(best))?")
+_WORDS = {"below": "<", "above": ">"}  # YAML wants quotes around a text that begins with >
+FORM_HINT = "write below 0.02, or above 0.5, or relative to the best value so far: above 1.3 best"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Condition:
 
     @classmethod
     def parse(cls, figure: str, text: str) -> "Condition":
-        """Read a condition from its form in a recipe, such as "< 0.02" or "> 1.3 best".
+        """Read a condition from its form in a recipe, such as "below 0.02" or "above 1.3 best".
 
         Raises:
             ConfigError: if the text has another form.
@@ -42,7 +43,7 @@ class Condition:
             number = math.nan
         if match is None or not math.isfinite(number):
             raise ConfigError(f"'{text}' is not a condition on {figure}; {FORM_HINT}")
-        return cls(figure, match[1], number, match[3] is not None)
+        return cls(figure, _WORDS.get(match[1], match[1]), number, match[3] is not None)
 
     def __str__(self) -> str:
         return f"{self.figure} {self.relation} {self.number:g}{' best' if self.of_best else ''}"

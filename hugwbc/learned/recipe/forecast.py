@@ -111,7 +111,7 @@ def measure_rates(recipe: Recipe, services: Services, iterations: int = 2) -> di
             if stage.kind == "train":
                 rates["train"] = _training_rate(stage, Path(folder), iterations)
             else:
-                config = stage.config(out=Path(folder))
+                config = stage.config(own={"out": Path(folder)})
                 imitator = Imitator(config, services.teacher(load_robot(config.env.robot)))
                 imitator.collect()
                 before = cpu_seconds()
@@ -122,7 +122,7 @@ def measure_rates(recipe: Recipe, services: Services, iterations: int = 2) -> di
 
 
 def _training_rate(stage: Stage, folder: Path, iterations: int) -> float:
-    config: TrainConfig = stage.config(out=folder, start_from=None, evaluation_interval=0)
+    config: TrainConfig = stage.config(own={"out": folder, "start_from": None, "evaluation_interval": 0})
     config = dataclasses.replace(config, env=dataclasses.replace(config.env, starts=None))
     trainer = Trainer(config)
     trainer.iterate()

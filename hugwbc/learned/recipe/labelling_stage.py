@@ -24,7 +24,7 @@ def run_labelling(work: StageWork) -> Outcome:
         PolicyFileError: if a file of an earlier leg is damaged.
     """
     stage, folder = work.stage, work.folder
-    config = stage.config(out=folder, seed=work.seed(), **work.paths)
+    config = stage.config(own={"out": folder, "seed": work.seed(), **work.paths})
     dagger: Imitator | Distiller
     if stage.kind == "imitate":
         dagger = Imitator(config, work.services.teacher(load_robot(config.env.robot)))
@@ -57,6 +57,7 @@ def run_labelling(work: StageWork) -> Outcome:
         while dropped < len(counts) and sum(counts[dropped + 1 :]) >= dagger.memory.capacity:
             dropped += 1  # a later leg alone fills the memory
         state = {"counts": counts, "dropped": dropped, "seconds": state["seconds"] + time.monotonic() - begin}
+        work.session.write()  # what the file holds is in the ledger before
         # One file, so that networks and counts cannot disagree.
         checkpoint.save_file(folder / _LEG, dagger.state(), "leg", state)
         write_state(folder, {"progress": dagger.progress, "labels": dagger.samples})

@@ -217,7 +217,7 @@ def only_process(folder: pathlib.Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise RecipeError(
-                f"another process is working on {folder}; wait for it or stop it. `hugwbc recipe status {folder}` shows "
-                "how far it is"
+                f"another process is working on {folder}; wait for it or stop it. "
+                f"`hugwbc recipe status {folder}` shows how far it is"
             ) from error
         yield

@@ -5,7 +5,9 @@ import pathlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hugwbc.learned.recipe.dotted import flat
 from hugwbc.learned.recipe.recipe_file import load_recipe
+from hugwbc.learned.recipe.recipe_records import KINDS
 from hugwbc.learned.recipe.run_folder import RunFolder
 
 Row = tuple[str, str, str]  # what, in the first, in the second
@@ -27,8 +29,24 @@ def content_of(name_or_path: str, profile: str | None = None) -> tuple[dict[str,
 def recipe_rows(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[Row]:
     """Return the settings in which two recipes differ."""
     a, b = dict(_flat(first)), dict(_flat(second))
-    names = dict.fromkeys([*a, *b])
-    return [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in names if a.get(name) != b.get(name)]
+    usual = {**_defaults(first), **_defaults(second)}
+
+    def shown(one: Mapping[str, str], name: str) -> str:
+        return one.get(name) or usual.get(name, ABSENT)
+
+    rows = [(name, shown(a, name), shown(b, name)) for name in dict.fromkeys([*a, *b])]
+    return [row for row in rows if row[1] != row[2]]
+
+
+def _defaults(content: Mapping[str, Any]) -> dict[str, str]:
+    """Return the default of each setting of each stage, under the names of `_flat`; without those that are refused."""
+    found = {}
+    for stage in content["stages"]:
+        kind = KINDS.get(stage["kind"])
+        if kind is not None and stage["kind"] != "distil":  # whose defaults lack teachers
+            for setting, value in flat(kind.settings()).items():
+                found[f"{stage['name']}: {setting}"] = _text(json.loads(json.dumps(value, default=str)))
+    return found
 
 
 def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig, TrainConfig
 from hugwbc.learned.config.checks import require
-from hugwbc.learned.recipe.dotted import setting_types, with_settings
+from hugwbc.learned.recipe.dotted import flat, setting_types, with_settings
 from hugwbc.learned.recipe.schedules import Schedule
 from hugwbc.learned.recipe.stage_gates import Gate, Times
 from hugwbc.seeds import REPORT_SEED, REPORT_SEEDS, SELECTION_SEED, SELECTION_SEEDS, TRAINING_SEED, TRAINING_SEEDS
@@ -192,13 +192,17 @@ class Stage:
         """Return the names of the stages that it takes inputs from, each once."""
         return list(dict.fromkeys(source.partition("/")[0] for source in self.inputs.values()))
 
+    def resolved(self) -> dict[str, Any]:
+        """Return all settings at the stage's begin by dotted name, defaults included, as JSON."""
+        return json.loads(json.dumps(flat(self.config()), default=str))
+
     def config(
         self,
         progress: float = 0.0,
         *,
         levels: Mapping[str, int] | None = None,
         changes: Mapping[str, Any] | None = None,
-        **own: Any,  # noqa: ANN401  values of settings
+        own: Mapping[str, Any] | None = None,
     ) -> Any:  # noqa: ANN401  the settings of the kind
         """Return the settings at some progress of the stage.
 
@@ -226,7 +230,7 @@ class Stage:
                 values[name] = _typed(_scaled(value, change.factor), types.get(name))
             else:
                 values[name] = change
-        return with_settings(_made(base, inputs | values), inputs | values | own)
+        return with_settings(_made(base, inputs | values), inputs | values | dict(own or {}))
 
 
 def _made(settings: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401
@@ -259,6 +263,19 @@ def _scaled(value: Any, factor: float) -> Any:  # noqa: ANN401
 def _typed(value: Any, kind: Any) -> Any:  # noqa: ANN401
     """Round what a schedule gives to a setting that is a whole number."""
     return round(value) if kind is int and isinstance(value, float) else value
+
+
+def usual_file(name: str, parent: Stage) -> str:
+    """Return which file of a stage an input takes by its name: env.starts takes starts.safetensors.
+
+    Args:
+        name: name of the input.
+        parent: the stage.
+    """
+    own = f"{name.rpartition('.')[2]}.safetensors"
+    if name in TAKEN_BY_NAME:
+        return TAKEN_BY_NAME[name]
+    return own if own in KINDS[parent.kind].outputs else SNAPSHOT
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import pathlib
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 from hugwbc.errors import HugwbcError, RecipeError
 from hugwbc.files import write_whole
@@ -42,6 +41,7 @@ CLEANERS: Mapping[str, Callable[[pathlib.Path], None]] = {
     "train": clean_training,
     "distil": clean_labelling,
 }
+_PLAN = ("schedules", "gates", "tables", "every", "score", "keep", "if_given_up")  # fields of a stage in its record
 Progress = Callable[[float, float], None]
 
 
@@ -101,8 +101,8 @@ def run_recipe(
         except OSError as error:
             _end(session, f"error: {error.strerror}")
             raise RecipeError(
-                f"cannot write to {options.out}: {error.strerror}. Every file there is whole; make room or give access, "
-                "and run the same again: it goes on where it was"
+                f"cannot write to {options.out}: {error.strerror}. Every file there is whole; make room or give "
+                "access, and run the same again: it goes on where it was"
             ) from error
         except HugwbcError as error:
             _end(session, f"error: {error}")
@@ -190,7 +190,8 @@ class _Run:
             commits=tuple(dict.fromkeys(one.commit for one in mine)),
             uncommitted_changes=any(one.uncommitted_changes for one in mine),
             versions=mine[-1].versions,
-            settings={key: own[key] for key in ("settings", "schedules", "gates", "tables", "every")},
+            settings=stage.resolved(),
+            plan={key: own[key] for key in _PLAN} | ({"measure": content["measure"]} if stage.kind == "train" else {}),
             parents=parents,
             inputs={name: content_digest(path) for name, path in inputs.items()},
             outputs={name: content_digest(place / name) for name in OUTPUTS if (place / name).exists()},
@@ -235,4 +236,3 @@ def _repeated(outcome: Outcome, steps: float, labels: float) -> Iterable[Discard
     labels -= outcome.labels + sum(one.labels for one in outcome.discarded)
     if steps > 0.5 or labels > 0.5:
         yield Discarded("repeated after an interruption, or begun again", max(steps, 0.0), max(labels, 0.0))
-

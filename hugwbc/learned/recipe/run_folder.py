@@ -9,9 +9,8 @@ from typing import Any
 from hugwbc.errors import RecipeError
 from hugwbc.files import write_whole
 from hugwbc.learned.recipe.ancestry import Record, file_problems, read_record
-from hugwbc.learned.recipe.ledger import SessionRecord, Spent, read_sessions, spent_on
-from hugwbc.learned.recipe.recipe_file import usual_file
-from hugwbc.learned.recipe.recipe_records import Recipe, Stage
+from hugwbc.learned.recipe.ledger import LOCK, SESSIONS, SessionRecord, Spent, read_sessions, spent_on
+from hugwbc.learned.recipe.recipe_records import Recipe, Stage, json_digest, usual_file
 
 RECIPE_FILE, STAGES, ABANDONED = "recipe.json", "stages", "abandoned"
 CHANGED = "changed"  # of --redo: all stages that the recipe has changed since
@@ -103,16 +102,19 @@ class RunFolder:
         for name in redo:
             if name != CHANGED and name not in names:
                 raise RecipeError(f"--redo {name}: there is no such stage. Valid: {', '.join(names)}, {CHANGED}")
-        digests = {name: recipe.stage_digest(name) for name in names}
+        # The settings with their defaults are compared as well: another version of hugwbc may have other defaults.
+        digests = {
+            stage.name: [recipe.stage_digest(stage.name), json_digest(stage.resolved())] for stage in recipe.stages
+        }
         changed = self._changed(stored, digests)
         begun = [name for name in changed if self.stage(name).exists()]
-        is_other = bool(stored) and stored["digest"] != recipe.digest
+        is_other = bool(stored) and (stored["digest"] != recipe.digest or bool(begun))
         if is_other and CHANGED not in redo:
             raise RecipeError(
-                f"the recipe has changed since the run in {self.path} began: {self._difference(changed, begun)}. Give "
-                f"another --out for the new recipe, or --redo {CHANGED} to go on here: stages that are the same stay, "
-                "changed ones begin again, and what they cost counts as discarded. `hugwbc recipe diff "
-                f"{self.path} RECIPE` shows the difference"
+                f"the recipe, or a default of hugwbc, has changed since the run in {self.path} began: "
+                f"{self._difference(changed, begun)}. Give another --out for the new recipe, or --redo {CHANGED} to go "
+                "on here: stages that are the same stay, changed ones begin again, and what they cost counts as "
+                f"discarded. `hugwbc recipe diff {self.path} RECIPE` shows the difference"
             )
         again = set(begun if CHANGED in redo else ()) | (set(redo) - {CHANGED})
         for stage in recipe.stages:  # parents come first
@@ -128,7 +130,7 @@ class RunFolder:
         return aside
 
     @staticmethod
-    def _changed(stored: Mapping[str, Any], digests: Mapping[str, str]) -> list[str]:
+    def _changed(stored: Mapping[str, Any], digests: Mapping[str, Any]) -> list[str]:
         old = stored.get("stages", {})
         return [name for name in dict.fromkeys([*digests, *old]) if old.get(name) != digests.get(name)]
 
@@ -149,10 +151,15 @@ class RunFolder:
             parent, _, file = source.partition("/")
             file = file or usual_file(name, recipe.stage(parent))
             record = read_record(self.stage(parent))
-            if record is None or file not in record.outputs:
+            if record is None:
                 raise RecipeError(
-                    f"stage {stage.name} needs {file} of stage {parent}, which has not written it; run "
-                    f"`hugwbc recipe run ... --redo {parent}`"
+                    f"stage {stage.name} needs {file} of stage {parent}, which is not finished; its record is missing "
+                    f"in {self.stage(parent)}. Copy it back, or make it again with --redo {parent}"
+                )
+            if file not in record.outputs:
+                raise RecipeError(
+                    f"stage {stage.name} needs {file} of stage {parent}, which wrote {', '.join(record.outputs)} only; "
+                    f"change the settings of {parent} so that it is written, or leave out the input '{name}'"
                 )
             problems = file_problems(self.stage(parent), {file: record.outputs[file]}, f"stage {parent}")
             if problems:
@@ -162,3 +169,8 @@ class RunFolder:
                 )
             found[name] = self.stage(parent) / file
         return found
+
+
+def _others(folder: pathlib.Path) -> bool:
+    """Return whether a folder holds files that no run has written."""
+    return any(path.name not in (LOCK, SESSIONS) for path in folder.iterdir())

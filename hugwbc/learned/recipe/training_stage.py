@@ -10,17 +10,17 @@ import dataclasses
 import math
 import pathlib
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
 
-from hugwbc.errors import RecipeError
+from hugwbc.errors import RecipeError, UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.recipe.ancestry import Discarded
-from hugwbc.learned.recipe.recipe_records import POLICY, SNAPSHOT, Stage
+from hugwbc.learned.recipe.recipe_records import POLICY, SNAPSHOT
 from hugwbc.learned.recipe.stage_gates import PROGRESS, Gate, Times, open_gate
 from hugwbc.learned.recipe.stage_work import Outcome, StageWork, StoppedError, read_state, write_state
 from hugwbc.learned.rl.evaluator import Evaluator
@@ -98,6 +98,7 @@ class TrainingStage:
             RecipeError: if the stage is given up and the recipe does not say what then.
         """
         while not self.state.over:
+            self._check_names(self._evaluator_of_stage().names, "evaluation/")
             self._segment()
         return self._finish()
 
@@ -114,6 +115,8 @@ class TrainingStage:
             nonlocal last
             self.work.session.work(steps=row["steps"] - last)
             last = row["steps"]
+            if int(row["iteration"]) % trainer.config.save_interval == 0 or last >= trainer.config.steps:
+                self.work.session.write()  # what a checkpoint holds is in the ledger before
             self.work.progress(min(1.0, (last - state.begin_steps) / work_steps))
             trainer.stop_requested = self.work.stop.requested
 
@@ -160,24 +163,20 @@ class TrainingStage:
 
     def _settings_at(self, progress: float) -> TrainConfig:
         changes = {name: Times(value) if how == "times" else value for name, (how, value) in self.state.changes.items()}
-        return self.stage.config(progress, levels=self.state.levels, changes=changes, **self.work.paths)
+        return self.stage.config(progress, levels=self.state.levels, changes=changes, own=self.work.paths)
 
     # Measurements ---------------------------------------------------------------------------------------------------
 
     def measured_env(self) -> EnvConfig:
         """Return the environment of the measurements: that of the stage's end, so that all of them are alike."""
         highest = {name: len(schedule.values) - 1 for name, schedule in self.stage.schedules.items()}
-        return self.stage.config(1.0, levels=highest, **self.work.paths).env
+        return self.stage.config(1.0, levels=highest, own=self.work.paths).env
 
     def _measure(self, trainer: Trainer) -> dict[str, float]:
         """Return the figures of the evaluator, at a seed of selection, and the training's own over the segment."""
-        measure, state = self.work.recipe.measure, self.state
-        if self._evaluator is None:
-            threads = trainer.config.threads
-            env = self.measured_env()
-            self._evaluator = Evaluator(env, count=measure.robots, seconds=measure.seconds, threads=threads)
+        state = self.state
         actor = trainer.ppo.network.actor
-        figures = self._evaluator.run(actor if trainer.ppo.device.type == "cpu" else _on_cpu(actor))
+        figures = self._evaluator_of_stage().run(actor if trainer.ppo.device.type == "cpu" else _on_cpu(actor))
         earlier = state.measurements[-1]["iteration"] if state.measurements else state.begin_iteration
         if state.branch and not self._branch_has_measurements():
             earlier = state.best_measurement().get("iteration", state.begin_iteration)
@@ -187,13 +186,36 @@ class TrainingStage:
             "steps": float(trainer.steps),
             "iteration": float(trainer.iteration),
         }
-        figures = {name: float(value) for name, value in figures.items() if math.isfinite(value)}
-        if self.stage.score not in figures and not state.measurements:
-            raise RecipeError(
-                f"stage {self.stage.name} chooses its checkpoint by '{self.stage.score}', which was not measured; "
-                f"measured: {', '.join(sorted(figures))}. Correct 'score' in the recipe"
-            )
-        return figures
+        self._check_names([*figures, "skipped updates"])
+        return {name: float(value) for name, value in figures.items() if math.isfinite(value)}
+
+    def _evaluator_of_stage(self) -> Evaluator:
+        if self._evaluator is None:
+            measure, env = self.work.recipe.measure, self.measured_env()
+            threads = self._settings_at(0.0).threads
+            self._evaluator = Evaluator(env, count=measure.robots, seconds=measure.seconds, threads=threads)
+        return self._evaluator
+
+    def _check_names(self, measured: Iterable[str], prefix: str = "") -> None:
+        """Refuse gates, schedules and a score that ask for a figure that nobody measures: they would never act.
+
+        Args:
+            measured: names of the figures.
+            prefix: which figures to look at; the names of the training's own are known after its first segment only.
+
+        Raises:
+            RecipeError: if there is one.
+        """
+        names = list(measured)
+        schedules = self.stage.schedules.values()
+        conditions = [one for gate in self.stage.gates for one in gate.when]
+        conditions += [one for schedule in schedules for one in (*schedule.when, *schedule.back_when)]
+        for figure in (self.stage.score, *(one.figure for one in conditions)):
+            if figure.startswith(prefix) and figure not in names:
+                raise RecipeError(
+                    f"stage {self.stage.name}: {UnknownNameError('figure', figure, sorted(names))} Correct its gates, "
+                    "schedules or score in the recipe, and run it again with --redo changed"
+                )
 
     def _branch_has_measurements(self) -> bool:
         return self.state.best is None or len(self.state.measurements) > self.state.best + 1
@@ -351,10 +373,12 @@ def log_means(folder: pathlib.Path, after: int, until: int) -> dict[str, float]:
 
     Args:
         folder: folder of the training.
-        after, until: the first iteration is `after` + 1, the last one `until`.
+        after: iteration before the first one.
+        until: last iteration.
 
     Returns:
-        Means by column, without counters; "skipped updates" is the number of skipped updates per iteration.
+        Means by column, NaN where it has no numbers, without counters; "skipped updates" is the number of skipped
+        updates per iteration.
     """
     rows: dict[int, dict[str, str]] = {}
     for path in sorted(folder.glob(f"{pathlib.Path(LOG_NAME).stem}*.csv")):
@@ -366,8 +390,7 @@ def log_means(folder: pathlib.Path, after: int, until: int) -> dict[str, float]:
     figures: dict[str, float] = {}
     for name in {name for row in rows.values() for name in row if name and name not in _OWN_FIGURES}:
         values = [float(row[name]) for row in rows.values() if row.get(name)]
-        if values:
-            figures[name] = sum(values) / len(values)
+        figures[name] = sum(values) / len(values) if values else math.nan
     skipped = [float(rows[number]["skipped"]) for number in sorted(rows) if rows[number].get("skipped")]
     if len(skipped) > 1:
         figures["skipped updates"] = (skipped[-1] - skipped[0]) / (len(skipped) - 1)

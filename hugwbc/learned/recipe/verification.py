@@ -129,6 +129,6 @@ def _verify_run(folder: RunFolder) -> Verdict:
     problems += [
         f"{record.stage}: the recipe of the run says something else"
         for record in records
-        if stored["stages"].get(record.stage) != record.stage_digest
+        if stored["stages"].get(record.stage, [""])[0] != record.stage_digest
     ]
     return Verdict(folder.path, records, problems, remarks)
