@@ -85,7 +85,7 @@ class Memory:
 
         Args:
             parts: columns of samples as `newest` returned them, in the order in which they were collected.
-            before: number of samples that were collected before the first part.
+            before: number of samples that were collected before those of the parts.
         """
         capacity = self.capacity
         self._next, self.size = before % capacity, min(before, capacity)

@@ -1,10 +1,11 @@
 """Settings by dotted name: the fields of nested dataclasses, such as "env.command.walking_fraction"."""
 
 import dataclasses
+import difflib
 import pathlib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import yaml
@@ -40,6 +41,23 @@ def flat(settings: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401  an
     return found
 
 
+def unknown_setting(name: str, known: Iterable[str]) -> UnknownNameError:
+    """Return the error for a setting that does not exist; of the many that do, it lists those of the same group.
+
+    Args:
+        name: the name that was asked for.
+        known: names of all settings.
+    """
+    known = list(known)
+    near = difflib.get_close_matches(name, known, n=5, cutoff=0.7)
+    group = name.rpartition(".")[0]
+    while group and not any(one.startswith(f"{group}.") for one in known):
+        group = group.rpartition(".")[0]
+    here = [one for one in known if one.rpartition(".")[0] == group]
+    others = dict.fromkeys(f"{one.rpartition('.')[0]}.*" for one in known if one.rpartition(".")[0] not in ("", group))
+    return UnknownNameError("setting", name, dict.fromkeys([*near, *here, *others]))
+
+
 def with_settings(settings: Any, values: Mapping[str, Any]) -> Any:  # noqa: ANN401  any dataclass
     """Return settings with other values.
 
@@ -56,7 +74,7 @@ def with_settings(settings: Any, values: Mapping[str, Any]) -> Any:  # noqa: ANN
     known = setting_types(type(settings))
     for name in values:
         if name not in known:
-            raise UnknownNameError("setting", name, known)
+            raise unknown_setting(name, known)
     return _replaced(settings, values)
 
 

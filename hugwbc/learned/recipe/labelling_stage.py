@@ -37,7 +37,9 @@ def run_labelling(work: StageWork) -> Outcome:
         dagger.load_state(tensors)
         kept = range(state["dropped"], len(state["counts"]))
         parts = (checkpoint.load_file(_labels(folder, leg), "labels")[0] for leg in kept)
-        dagger.memory.restore(parts, sum(state["counts"][: state["dropped"]]))
+        # A leg with more labels than the memory holds has stored its newest ones only.
+        stored = sum(min(count, dagger.memory.capacity) for count in state["counts"][state["dropped"] :])
+        dagger.memory.restore(parts, sum(state["counts"]) - stored)
     last = dagger.samples
 
     def report(figures: dict[str, float]) -> None:

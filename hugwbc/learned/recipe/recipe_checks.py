@@ -64,7 +64,7 @@ def _setting_problems(stage: Stage) -> Iterator[tuple[str, object]]:
         except HugwbcError as error:
             if str(error) not in seen:
                 seen.add(str(error))
-                yield _named_in(str(error), [*stage.schedules, *stage.settings]), error
+                yield "gates" if changes else _named_in(str(error), [*stage.schedules, *stage.settings]), error
             continue
         if isinstance(config, TrainConfig) and "every" not in seen:
             iteration, every = config.ppo.horizon * config.env.count, stage.work / stage.segments

@@ -139,7 +139,7 @@ class RecipeReader(YamlReader):
     def setting(self, name: str, at: yaml.Node, value: yaml.Node, types: Mapping[str, Any]) -> Any:  # noqa: ANN401
         """Return the value of a setting."""
         if name not in types:
-            self.fail(at, UnknownNameError("setting", name, types))
+            self.fail(at, dotted.unknown_setting(name, types))
         return dotted.read_value(self, value, types[name])
 
     # Stages ---------------------------------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ class RecipeReader(YamlReader):
         known = {name for kind in KINDS.values() for name in dotted.setting_types(kind.settings)}
         for name, at, _ in shared:
             if name not in known:
-                self.note(at, UnknownNameError("setting", name, sorted(known)))
+                self.note(at, dotted.unknown_setting(name, sorted(known)))
             elif name not in used:
                 self.note(at, f"no stage of this recipe has the setting '{name}'; leave it out")
 
@@ -307,7 +307,7 @@ class RecipeReader(YamlReader):
                 factor = float(text.removeprefix("times ")) if _is_number(text.removeprefix("times ")) else math.nan
                 types = dotted.setting_types(KINDS[stage.kind].settings)
                 if name not in types:
-                    self.fail(at, UnknownNameError("setting", name, types))
+                    self.fail(at, dotted.unknown_setting(name, types))
                 if not 0.0 < factor < math.inf:
                     self.fail(value, f"'{text}' is not a factor; write times 0.5")
                 yield name, Times(factor)
@@ -364,15 +364,15 @@ class RecipeReader(YamlReader):
                 draft.fields |= {} if measure is None else {"measure": measure}
                 continue
             chosen = [s for s in draft.stages.values() if target in (s.name, s.kind, ALL)]
-            if not chosen:
+            if not chosen and target not in KINDS:  # a recipe may leave out all stages of a kind
                 self.note(at, UnknownNameError("stage", target, [*draft.stages, *KINDS, "measure", ALL]))
                 continue
-            for name, key, setting in self.pairs(value, f"changes of {target}"):
+            for name, key, setting in self.pairs(value, f"changes of {target}") if chosen else []:
                 takers = [stage for stage in chosen if _takes(stage, name)]
                 if not takers:
                     valid = [n for stage in chosen for n in dotted.setting_types(KINDS[stage.kind].settings)]
                     fields = ("every", "gates", "inputs", "tables", "keep", "if_given_up")
-                    self.note(key, UnknownNameError("setting", name, dict.fromkeys([*valid, *fields])))
+                    self.note(key, dotted.unknown_setting(name, dict.fromkeys([*valid, *fields])))
                 for stage in takers:
                     draft.stages[stage.name] = self._changed(draft, draft.stages[stage.name], name, key, setting)
 
