@@ -14,8 +14,7 @@ import yaml
 from hugwbc.errors import ModelError, UnknownNameError
 
 SIDES = ("left", "right")
-_FULL_TABLE = "h1"  # the robot that the table describes in full; others are lists of differences
-DEFAULT_ROBOT = "h1-2023"  # until every figure is measured with "h1" (docs/arena.md)
+DEFAULT_ROBOT = "h1"  # the one that the table describes in full; others are lists of differences
 _LEG_PARTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 _ARM_PARTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
@@ -136,6 +135,15 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / _FRICTION_SPEED) + self.viscous * velocity
 
+    def with_ideal_drives(self) -> "Robot":
+        """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""
+        return self._with_ideal_drives
+
+    @functools.cached_property
+    def _with_ideal_drives(self) -> "Robot":
+        none = _frozen(np.zeros_like(self.friction))
+        return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
+
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector.
 
@@ -211,7 +219,7 @@ def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of all robots of the table, the default first."""
-    return (_FULL_TABLE, *_raw_table().get("robots", ()))
+    return (DEFAULT_ROBOT, *_raw_table().get("robots", ()))
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
@@ -223,7 +231,7 @@ def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
     """
     table = copy.deepcopy(_raw_table())
     variants = table.pop("robots", {})
-    if name != _FULL_TABLE and name not in variants:
+    if name != DEFAULT_ROBOT and name not in variants:
         raise UnknownNameError("robot", name, robot_names())
     difference = variants.get(name, {})
     try:
@@ -259,7 +267,6 @@ def _assign_drives(table: dict[str, Any]) -> None:
         joint.update({key: value for key, value in drives[part].items() if key != "joints"})
 
 
-@functools.cache
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
     """Load a robot of `models/h1/h1.yaml`.
 
@@ -270,6 +277,11 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
         ModelError: if the table or one of its fields is missing.
         UnknownNameError: if no robot has that name.
     """
+    return _load_robot(name)
+
+
+@functools.cache
+def _load_robot(name: str) -> Robot:
     table = robot_table(name)
     try:
         joints, by_name = table["joints"], {joint["name"]: joint for joint in table["joints"]}

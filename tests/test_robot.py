@@ -64,7 +64,7 @@ def test_missing_table_field_is_named(tmp_path, monkeypatch) -> None:
     (tmp_path / "h1.yaml").write_text("joints: []\narmature: 0.01\n")
     monkeypatch.setattr(robot_module, "model_dir", lambda: tmp_path)
     with pytest.raises(ModelError, match=r"h1.yaml lacks the field 'drives'; restore it"):
-        load_robot.__wrapped__("h1")
+        robot_module._load_robot.__wrapped__("h1")
 
 
 def test_robots_by_name() -> None:
@@ -94,6 +94,15 @@ def test_drives_by_joint() -> None:
     motor = {"knee": 8.8 / 16.0, "hip_roll": 14.0 / 25.6, "ankle": 13.5 / 30.0, "elbow": 13.5 / 30.0}
     for part, expected in motor.items():
         assert share[robot.index(f"left_{part}_joint")] == pytest.approx(expected, abs=0.005)
+
+
+def test_ideal_drives_have_no_friction_and_everything_else_is_the_same() -> None:
+    robot = load_robot()
+    ideal = robot.with_ideal_drives()
+    assert ideal is robot.with_ideal_drives() and (ideal.name, ideal.mass) == (robot.name, robot.mass)
+    assert not ideal.friction_torque(np.ones(19)).any() and robot.friction_torque(np.ones(19)).all()
+    assert ideal.command_delay == 0.0 < robot.command_delay
+    np.testing.assert_array_equal(ideal.armature, robot.armature)
 
 
 def test_dimensions_follow_from_the_joints() -> None:

@@ -77,7 +77,7 @@ def episode(controller: str, command: str, engine: str, seed: int, arena: Arena,
     angle, start = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(1.0, 2.0)
     push = Force((PUSH * np.cos(angle), PUSH * np.sin(angle), 0.0), start=start, duration=PUSH_TIME, link="pelvis")
     trace = rollout(
-        ControllerSpec(controller).build(),
+        ControllerSpec(controller).told(arena).build(),
         Constant(COMMANDS[command]),
         arena.simulation_in(ENGINES[engine], seed=seed),
         duration=duration,

@@ -105,7 +105,7 @@ def run(
         settling: time at the start that does not count [s].
     """
     simulation = physics.simulation()
-    controller = SafetyFilter(controller_named(name, simulation.robot, physics.timestep))
+    controller = SafetyFilter(controller_named(name, physics.actuators.known_robot(simulation.robot), physics.timestep))
     state = simulation.reset()
     controller.reset(state)
     substeps = max(1, round(controller.period / physics.timestep))

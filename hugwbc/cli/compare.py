@@ -55,7 +55,7 @@ def run(words: Sequence[str]) -> int:
     script = load_script(options.script)
     if options.walk is not None:
         script = while_walking(script, options.walk)
-    controllers = [spec.told(arena.robot).build() for spec in _specs(options)]
+    controllers = [spec.told(arena).build() for spec in _specs(options)]
     check_names(controllers)
     check_folder(options.out)
     check_writable(options.json)

@@ -120,7 +120,7 @@ def run(words: Sequence[str]) -> int:
             read = 0 if execution.store is None else execution.store.restored
             advance(*(min(count / settings.episodes, 1.0) for count in (done, min(done, read))))
 
-        told = spec.told(settings.conditions.chosen_arena.robot)
+        told = spec.told(settings.conditions.told_arena)
         result = protocol.run(told.build, settings, on_episode)
     say(protocol.describe(result), options["json"])
     content = dataclasses.asdict(result)

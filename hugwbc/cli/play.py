@@ -83,7 +83,7 @@ def run(words: Sequence[str]) -> int:
         return _run_live(options)
     _refuse_options_of_the_page(options)
     source, duration = _source(options)
-    controller = ControllerSpec(options.controller, options.policy).told(options.chosen.robot).build()
+    controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
     estimator = estimator_for(arena)
     loop = ControlLoop(controller, source, arena.simulation(), upper_body_source(controller), estimator)
@@ -122,7 +122,7 @@ def _run_live(options: PlayOptions) -> int:
         from hugwbc.viz.live import LivePage
     except ImportError as error:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
-    controller = ControllerSpec(options.controller, options.policy).told(options.chosen.robot).build()
+    controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
     simulation = arena.simulation()
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)

@@ -47,6 +47,8 @@ class Conditions:
         sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state); by default the arena's.
         ground: ground: firm, or soft; by default the arena's.
+        told: robot that the state estimator and a model-based controller are told; by default the simulated one.
+            Another one shows what wrong masses do.
         intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
             (motion files).
         motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
@@ -70,6 +72,7 @@ class Conditions:
     drives: str | None = None
     sensing: str | None = None
     ground: str | None = None
+    told: str | None = None
     intervention: str = "none"
     motions: str | None = None
     payload: float = 0.0
@@ -96,7 +99,7 @@ class Conditions:
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
-        _ = self.chosen_arena
+        _ = self.told_arena
 
     @property
     def chosen_arena(self) -> Arena:
@@ -108,10 +111,21 @@ class Conditions:
         """
         return ArenaChoice(self.arena, self.robot, self.drives, self.sensing, self.ground).chosen
 
+    @property
+    def told_arena(self) -> Arena:
+        """The arena as the controller and the estimator are told it: perhaps with another robot.
+
+        Raises:
+            UnknownNameError: if there is no such robot.
+        """
+        arena = self.chosen_arena
+        return arena if self.told is None else dataclasses.replace(arena, robot=self.told)
+
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
+        fields["told"] = self.told_arena.robot
         if self.engine == PhysxSimulation.engine:
             fields["sapien"] = importlib.metadata.version("sapien")
         if self.motions is not None:
@@ -178,7 +192,7 @@ class Conditions:
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
-        return estimator_for(self.chosen_arena)
+        return estimator_for(self.told_arena)
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode; None leaves them to the controller.

@@ -286,8 +286,8 @@ class ControllerParams:
     """Stiffness of the joint PD between two ticks, as a share of the robot's nominal kp."""
     joint_damping: float = 0.3
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
-    drive_friction: float = 0.0
-    """Share of the drives' friction, as the robot's table has it, that the torques make up for; 0 for ideal drives."""
+    drive_friction: float = 1.0
+    """Share of the friction of the robot's drives that the torques make up for; a robot with ideal drives has none."""
     hold_time: float = 0.06
     """Time for which the last good command is held when no new one can be found, before the joints are only damped
     [s]."""

@@ -33,9 +33,9 @@ class ContactParams:
     """Normal force above which a foot that was in the air stands [N]."""
     lift: float = 60.0
     """Normal force below which a foot that stood is in the air [N]; the gap to `touch` keeps noise from chattering."""
-    friction: float = 0.0
-    """Share of the friction in the robot's table that the drives have; 0 for ideal drives. Motors measure their own
-    torque, of which friction takes a part before it reaches the link."""
+    friction: float = 1.0
+    """Share of the friction of the robot's drives that counts; a robot with ideal drives has none. Motors measure their
+    own torque, of which friction takes a part before it reaches the link."""
     base_weight: float = 0.3
     """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
     pelvis is less certain than the joints'."""

@@ -2,7 +2,8 @@
 
 A plug-in is an entry point in the group `hugwbc.controllers`: a callable that returns an object with the members of
 `hugwbc.controller.Controller`. If the callable has a parameter `policy`, it receives the value of --policy, or None; if
-it has a parameter `robot`, it receives the `Robot` that the controller is told, or None for the default one.
+it has a parameter `robot`, it receives the `Robot` that the controller is told, with its drives, or None for the
+default one.
 The built-in controllers are registered in the same way.
 """
 
@@ -25,6 +26,7 @@ from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.runtime.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
 from hugwbc.runtime.foreign.network import SUFFIXES
+from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
 from hugwbc.state import RobotState
 
 GROUP = "hugwbc.controllers"
@@ -70,21 +72,27 @@ def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
     return load_policy() if policy is None else load_policy(policy)
 
 
-def load_controller(name: str, policy: str | pathlib.Path | None = None, robot: str | None = None) -> Controller:
+def load_controller(
+    name: str,
+    policy: str | pathlib.Path | None = None,
+    robot: str | None = None,
+    drives: str | None = None,
+) -> Controller:
     """Build a controller.
 
     Args:
         name: one of `controller_names()`, or the path of a policy or of a contract (`ControllerSpec`).
         policy: name of a shipped policy or path of a policy, for a controller that takes one.
         robot: name of the robot that a model-based controller is told, such as "h1-2023"; None for the default one.
+        drives: drives that it is told, "real" or "ideal"; None for real ones.
 
     Raises:
-        UnknownNameError: if neither a controller nor a file has that name, or no robot has its name.
-        ConfigError: if the controller does not take a policy or a robot.
+        UnknownNameError: if neither a controller nor a file has that name, or no robot or drives have theirs.
+        ConfigError: if the controller does not take a policy, or is told no robot.
         ContractError: if a contract is malformed.
         PolicyFileError: if a policy file is missing, truncated or foreign.
     """
-    return ControllerSpec(name, policy, robot).build()
+    return ControllerSpec(name, policy, robot, drives).build()
 
 
 @functools.cache
@@ -121,11 +129,13 @@ class ControllerSpec:
             policy, the file of its network; for a plug-in, whatever it takes; None for the default.
         robot: name of the robot that the controller is told, for one that takes a robot; None for the default. The
             simulated robot may be another one.
+        drives: drives that it is told, "real" or "ideal"; None for the default, real ones.
     """
 
     name: str
     policy: str | pathlib.Path | None = None
     robot: str | None = None
+    drives: str | None = None
 
     def __post_init__(self) -> None:
         path = pathlib.Path(self.name)
@@ -137,12 +147,13 @@ class ControllerSpec:
             raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
         if self.policy is not None and not self._is_foreign:
             self._check_policy()
-        if self.robot is not None:
-            load_robot(self.robot)
+        given = [f"'{word}'" for word in (self.robot, self.drives) if word is not None]
+        if given:
+            _ = self._known_robot
             if not self.takes_robot:
                 raise ConfigError(
                     f"controller '{self.name}' is not told a robot: it has no model of one, or learned one in its "
-                    f"training; leave out '{self.robot}', or choose a controller that takes a robot, such as qp"
+                    f"training; leave out {' and '.join(given)}, or choose a controller that takes a robot, such as qp"
                 )
 
     def _check_policy(self) -> None:
@@ -174,17 +185,28 @@ class ControllerSpec:
         """
         return self.name in plugins() and _takes(_loaded(plugins()[self.name]), "robot")
 
-    def told(self, robot: str) -> "ControllerSpec":
-        """Return the controller told a robot, or unchanged if it takes none or knows it already."""
-        known = robot == DEFAULT_ROBOT and self.robot is None
-        return dataclasses.replace(self, robot=robot) if self.takes_robot and not known else self
+    def told(self, arena: Arena) -> "ControllerSpec":
+        """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot."""
+        if not self.takes_robot:
+            return self
+        robot = None if arena.robot == DEFAULT_ROBOT else arena.robot
+        drives = None if arena.drives == DEFAULT_DRIVES else arena.drives
+        return dataclasses.replace(self, robot=robot, drives=drives)
+
+    @property
+    def _known_robot(self) -> Robot | None:
+        """What the controller is told of the robot; None for the default."""
+        if self.robot is None and self.drives is None:
+            return None
+        return known_robot(self.robot or DEFAULT_ROBOT, self.drives or DEFAULT_DRIVES)
 
     @property
     def label(self) -> str:
-        """Short name for tables, which includes the policy and the robot."""
+        """Short name for tables, which includes the policy, the robot and the drives."""
         name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
         policy = None if self.policy is None else pathlib.Path(self.policy).stem
-        return " ".join(word for word in (name, policy, self.robot) if word is not None)
+        drives = None if self.drives is None else f"{self.drives} drives"
+        return " ".join(word for word in (name, policy, self.robot, drives) if word is not None)
 
     def build(self) -> Controller:
         """Build the controller, ready to `reset`.
@@ -195,7 +217,7 @@ class ControllerSpec:
             ConfigError: if a plug-in cannot be loaded or does not return a controller.
         """
         if self.name in plugins():
-            return _build_plugin(plugins()[self.name], self.policy, self.robot)
+            return _build_plugin(plugins()[self.name], self.policy, self._known_robot)
         if self._is_foreign:
             from hugwbc.runtime.foreign import load_foreign_policy
 
@@ -242,8 +264,12 @@ class ControllerSpec:
             "modules": [entry.value.partition(":")[0] if entry else "hugwbc.runtime.controllers"],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
             "policy": self._policy_word,
-            **({"robot": self.robot or DEFAULT_ROBOT} if self.takes_robot else {}),
+            **(self._told_names if self.takes_robot else {}),
         }
+
+    @property
+    def _told_names(self) -> dict[str, str]:
+        return {"robot": self.robot or DEFAULT_ROBOT, "drives": self.drives or DEFAULT_DRIVES}
 
     @property
     def _policy_word(self) -> str | None:
@@ -288,11 +314,10 @@ def _takes(factory: Callable[..., Any], parameter: str) -> bool:
     return parameter in inspect.signature(factory).parameters
 
 
-def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None, robot: str | None) -> Controller:
+def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None, robot: Robot | None) -> Controller:
     """Build a plug-in and check that it is a controller."""
     factory = _loaded(entry)
-    told = None if robot is None else load_robot(robot)
-    given = {name: value for name, value in (("policy", policy), ("robot", told)) if _takes(factory, name)}
+    given = {name: value for name, value in (("policy", policy), ("robot", robot)) if _takes(factory, name)}
     controller = factory(**given)
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]

@@ -357,7 +357,5 @@ _GRAVITY_CROSS = pin.skew(_DOWN)
 
 
 def estimator_for(arena: Arena) -> StateEstimator | None:
-    """Return an estimator that knows the drives of an arena; None where the sensors tell the whole state."""
-    if not arena.estimates:
-        return None
-    return StateEstimator(EstimatorParams(contact=ContactParams(friction=arena.actuators.friction)))
+    """Return an estimator that knows the robot and the drives of an arena; None where the sensors tell the state."""
+    return StateEstimator(robot=arena.known_robot) if arena.estimates else None

@@ -20,6 +20,11 @@ from hugwbc.robot import Robot
 
 _FACTORS = ("friction", "armature")
 _LONGEST_DELAY = 0.1  # [s]
+# MuJoCo's Coulomb friction is a soft constraint. As soft as its defaults make it, a joint at rest creeps by 0.03 rad/s
+# under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s (docs/arena.md).
+_STICK_IMPEDANCE = 0.99
+_STICK_STEPS = 2.0
+_LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +56,10 @@ class Actuators:
         """Return drives that follow the PD law at once, up to their torque limit, without friction."""
         return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
 
+    def known_robot(self, robot: Robot) -> Robot:
+        """Return what a controller or an estimator that is told these drives knows of a robot."""
+        return robot if self.friction > 0.0 else robot.with_ideal_drives()
+
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set friction and reflected inertia of the joints of a newly compiled model."""
         if self.friction == 0.0 and self.armature == 1.0:  # as the description has them
@@ -59,6 +68,10 @@ class Actuators:
         model.dof_armature[columns] = self.armature * robot.armature
         model.dof_damping[columns] = robot.damping + self.friction * robot.viscous
         model.dof_frictionloss[columns] = self.friction * robot.friction
+        if self.friction > 0.0:
+            model.dof_solref[columns, 0] = _STICK_STEPS * model.opt.timestep
+            model.dof_solimp[columns, :2] = _STICK_IMPEDANCE
+            model.opt.ls_iterations = _LINE_SEARCH
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def delay_steps(self, robot: Robot, timestep: float) -> int:
@@ -78,6 +91,7 @@ class TorqueSpeedLimit:
             torque_limit: torque limits at low speed [N*m], shape (..., 19).
         """
         self._limit = np.array(torque_limit)
+        self._opposite = -self._limit
         self._top = robot.velocity_limit
         self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
 
@@ -88,7 +102,8 @@ class TorqueSpeedLimit:
             velocity: joint speeds [rad/s], shape (..., 19).
             force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
         """
-        # A diverged robot's speed may be NaN; MuJoCo must not see that in its model.
-        speed = np.nan_to_num(velocity)
-        force_range[..., 1] = self._limit * np.clip((self._top - speed) * self._slope, 0.0, 1.0)
-        force_range[..., 0] = -self._limit * np.clip((self._top + speed) * self._slope, 0.0, 1.0)
+        for sign, limit, column in ((-1.0, self._limit, 1), (1.0, self._opposite, 0)):
+            share = (self._top + sign * velocity) * self._slope
+            # A diverged robot's speed may be NaN; these two ignore it, since MuJoCo must not see it in its model.
+            np.fmin(np.fmax(share, 0.0, out=share), 1.0, out=share)
+            np.multiply(limit, share, out=force_range[..., column])

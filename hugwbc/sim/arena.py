@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import load_robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.physx import PhysxSimulation
@@ -23,9 +23,21 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 
 ENGINES: Mapping[str, type[Engine]] = {kind.engine: kind for kind in (Simulation, PhysxSimulation)}
-DRIVES = {"real": Actuators(), "ideal": Actuators.ideal()}
+DEFAULT_DRIVES = "real"
+DRIVES = {DEFAULT_DRIVES: Actuators(), "ideal": Actuators.ideal()}
 
 EngineT = TypeVar("EngineT", bound=Engine)
+
+
+def known_robot(robot: str = DEFAULT_ROBOT, drives: str = DEFAULT_DRIVES) -> Robot:
+    """Return what a controller or an estimator knows of a robot and its drives, by their names.
+
+    Raises:
+        UnknownNameError: if there is no such robot, or are no such drives.
+    """
+    if drives not in DRIVES:
+        raise UnknownNameError("drives", drives, DRIVES)
+    return DRIVES[drives].known_robot(load_robot(robot))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,9 +61,7 @@ class Arena:
     ground: str
 
     def __post_init__(self) -> None:
-        load_robot(self.robot)
-        if self.drives not in DRIVES:
-            raise UnknownNameError("drives", self.drives, DRIVES)
+        known_robot(self.robot, self.drives)
         sensor_profile(self.sensing)
         Ground.named(self.ground)
 
@@ -64,6 +74,11 @@ class Arena:
     def estimates(self) -> bool:
         """Whether a controller needs the state estimated: the sensors do not tell the pelvis's position."""
         return not self.profile.position
+
+    @property
+    def known_robot(self) -> Robot:
+        """What a controller or an estimator knows of the robot, if it is told the arena's."""
+        return known_robot(self.robot, self.drives)
 
     @property
     def actuators(self) -> Actuators:
@@ -121,7 +136,7 @@ class Arena:
 
 
 ARENAS = {1: Arena("h1-2023", "ideal", "exact", "soft"), 2: Arena("h1", "real", "robot", "firm")}
-DEFAULT_ARENA = 1
+DEFAULT_ARENA = 2
 
 
 @dataclasses.dataclass(frozen=True)

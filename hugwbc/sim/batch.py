@@ -21,11 +21,12 @@ _FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADC
 WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warnings; column 0 holds the last index
 
 
-class _Limited(NamedTuple):
-    """Robots with a torque-speed limit: their indices, the limit, and live views of joint speeds and torque ranges."""
+class _Block(NamedTuple):
+    """Robots that step by themselves: their rows, their torque-speed limit, live views of joint speeds and torque ranges."""
 
+    rows: slice
     ids: np.ndarray
-    limit: TorqueSpeedLimit
+    limit: TorqueSpeedLimit | None
     velocity: np.ndarray
     force_range: np.ndarray
 
@@ -38,6 +39,7 @@ class BatchSimulation:
         qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
+        forces: external forces and torques on the bodies in the world [N, N*m], shape (count, bodies, 6); writable.
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
 
@@ -60,10 +62,10 @@ class BatchSimulation:
             terrain: height field to stand on; None for a plane.
             threads: number of threads; 0 for one per processor.
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones. Their delay is left to the caller, who sets `ctrl`.
+            ground: firmness of the ground; None for firm.
         """
-        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.robot, actuators = robot or load_robot(), actuators or Actuators()
         self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self.terrain = terrain
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
@@ -73,24 +75,27 @@ class BatchSimulation:
         self.qvel = self.batch.bind("qvel")[:, self.layout.qvel]
         self.ctrl = self.batch.bind("ctrl")[:, self.layout.ctrl]
         self.torque = self.batch.bind("actuator_force")[:, self.layout.ctrl]
+        self.forces = self.batch.bind("xfrc_applied")
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()
-        self._limited = self._limit_torque() if actuators.torque_speed else []
+        self._limited = actuators.torque_speed
+        self._blocks = self._make_blocks()
         self._footing = None if terrain is None else Footing(self.model, terrain)
         if self._footing is not None:
             self._geom_pos = self.batch.expand("geom_pos")
             self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
         self.batch.reset(keyframe=0)
 
-    def _limit_torque(self) -> list[_Limited]:
-        """Divide the robots into blocks that step by themselves, each with the torque-speed limit of its robots."""
-        force_range, blocks = self.batch.expand("actuator_forcerange")[:, self.layout.ctrl], []
+    def _make_blocks(self) -> list[_Block]:
+        """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one."""
+        source = self.batch.expand("actuator_forcerange") if self._limited else self.model.actuator_forcerange[None]
+        force_range, blocks = source[:, self.layout.ctrl], []
         size = _BLOCK * max(1, self.batch.nthread)
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
-            limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1])
-            blocks.append(_Limited(np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
+            limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1]) if self._limited else None
+            blocks.append(_Block(rows, np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
         return blocks
 
     def _index_sensors(self) -> None:
@@ -115,23 +120,34 @@ class BatchSimulation:
         """Number of robots."""
         return self.batch.nsim
 
-    def step(self, substeps: int) -> np.ndarray:
+    def step(self, substeps: int, targets: np.ndarray | None = None) -> np.ndarray:
         """Advance all robots and update everything that depends on positions and velocities.
 
         MuJoCo silently resets a simulation that diverges. Only its warning counters show it, so they are cleared first.
+
+        Args:
+            substeps: number of physics steps.
+            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
 
         Returns:
             Which robots diverged, bool, shape (count,).
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
-        if not self._limited:
+        if targets is None and not self._limited:
             self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        for block in self._limited:
-            for _ in range(substeps):
-                block.limit.write(block.velocity, block.force_range)
-                self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        else:
+            for block in self._blocks:
+                self._step_block(block, substeps, targets)
         return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
+
+    def _step_block(self, block: _Block, substeps: int, targets: np.ndarray | None) -> None:
+        for substep in range(substeps):
+            if targets is not None:
+                self.ctrl[block.rows] = targets[substep, block.rows]
+            if block.limit is not None:
+                block.limit.write(block.velocity, block.force_range)
+            self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def states(self) -> list[RobotState]:
         """Return the true state of every robot in the form that a controller of one robot expects."""

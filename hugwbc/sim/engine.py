@@ -77,7 +77,7 @@ class Engine(abc.ABC):
         self.sensing = profile
         self.variation = variation or Variation()
         self.robot = robot or load_robot()
-        self.actuators = actuators or Actuators.ideal()
+        self.actuators = actuators or Actuators()
         self.ground = ground or Ground()
         self.rejected_commands = 0
         self.diverged = False
@@ -186,7 +186,7 @@ class Engine(abc.ABC):
             self._expire_forces()
             self._advance(*self._pending.popleft())
             self._readings.append(self._reading())
-        return self.state()
+        return self._sensors.truth(self._readings[-1])
 
     def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
         """Pull a link with a force in the world frame [N], shape (3,), for a duration [s].
@@ -222,13 +222,13 @@ class Engine(abc.ABC):
     @property
     def fallen(self) -> bool:
         """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
-        state = self.state()
-        assert state.position is not None
+        qpos = self.qpos
+        orientation = qpos[3:7] / np.linalg.norm(qpos[3:7])
         return bool(
             self.diverged
-            or abs(rotations.pitch_of(state.orientation)) > FALL_PITCH
-            or abs(rotations.roll_of(state.orientation)) > FALL_ROLL
-            or state.position[2] - self.ground_height(state.position[:2]) < FALL_HEIGHT
+            or abs(rotations.pitch_of(orientation)) > FALL_PITCH
+            or abs(rotations.roll_of(orientation)) > FALL_ROLL
+            or qpos[2] - self.ground_height(qpos[:2]) < FALL_HEIGHT
             or self._trunk_on_ground()
         )
 

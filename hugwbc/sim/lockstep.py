@@ -56,10 +56,10 @@ class LockstepSimulation:
             timestep: physics time step [s].
             threads: number of threads that share the robots.
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones.
+            ground: firmness of the ground; None for firm.
         """
-        self.robot, actuators = robot or load_robot(), actuators or Actuators.ideal()
+        self.robot, actuators = robot or load_robot(), actuators or Actuators()
         self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self._layout = robot_layout(self.model, self.robot)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)

@@ -122,7 +122,7 @@ class PhysxSimulation(Engine):
             seed: random seed of the sensors' noise, biases and offsets.
             variation: difference of the robot from its description; None for no difference.
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones.
+            actuators: drives of the joints; None for real ones.
             ground: None, or the firm one; contacts are rigid.
 
         Raises:

@@ -31,7 +31,7 @@ class Ground:
         iterations: largest number of iterations of the solver.
     """
 
-    time_constant: float = 0.02
+    time_constant: float = 0.005
     cone: str = "pyramidal"
     impratio: float = 1.0
     iterations: int = 8
@@ -55,7 +55,7 @@ class Ground:
         """
         if name not in GROUNDS:
             raise UnknownNameError("ground", name, GROUNDS)
-        return cls(time_constant=0.005) if name == "firm" else cls()
+        return cls() if name == "firm" else cls(time_constant=0.02)
 
     def apply_to(self, model: mujoco.MjModel) -> None:
         """Set the contacts and the solver of a newly compiled model."""
@@ -83,8 +83,8 @@ def load_model(
             for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
             time.
         robot: robot to simulate; None for the H1.
-        actuators: drives of the joints, whose friction and inertia the model gets; None for ideal ones.
-        ground: firmness of the ground; None for the default.
+        actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
+        ground: firmness of the ground; None for firm.
 
     Raises:
         ConfigError: if the time step is not in (0, 0.01] s.
@@ -99,7 +99,7 @@ def load_model(
         _replace_floor(spec, terrain)
     model = spec.compile()
     (ground or Ground()).apply_to(model)
-    (actuators or Actuators.ideal()).apply_to(model, robot)
+    (actuators or Actuators()).apply_to(model, robot)
     return model
 
 

@@ -54,8 +54,8 @@ class Simulation(Engine):
             seed: random seed of the sensors' noise, biases and offsets.
             variation: difference of the robot from its description; None for no difference.
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones.
+            ground: firmness of the ground; None for firm.
 
         Raises:
             ConfigError: if time step, latency or seed is out of range.
@@ -73,6 +73,12 @@ class Simulation(Engine):
         )
         self.model = load_model(timestep, terrain, robot=self.robot, actuators=self.actuators, ground=self.ground)
         self._layout = robot_layout(self.model, self.robot)
+        # Where each sensor's values are; looking up a name at every step takes longer than a reading.
+        self._places = {
+            self.model.sensor(i).name: slice(int(start), int(start + size))
+            for i, (start, size) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
+        }
+        self._floor, self._trunk = self.model.geom("floor").id, self.model.geom("torso_link").id
         self.variation.apply_to(self.model)
         torque_limit = self.model.actuator_forcerange[self._layout.ctrl, 1]
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
@@ -111,7 +117,7 @@ class Simulation(Engine):
             mujoco.mj_kinematics(self.model, self.data)
             self._place_feet(self._footing)
         mujoco.mj_forward(self.model, self.data)
-        self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+        self._accelerometer = self._sensed("imu_accelerometer")
         self._torque = self.torque
         self._start_sensors()
         return self.state()
@@ -129,7 +135,7 @@ class Simulation(Engine):
         mujoco.mj_step(self.model, self.data)
         self.diverged |= any(self.data.warning[w].number for w in DIVERGED)
         # The acceleration during this step; `mj_forward` computes that of the next one.
-        self._accelerometer = self.data.sensor("imu_accelerometer").data.copy()
+        self._accelerometer = self._sensed("imu_accelerometer")
         self._torque = self.torque
         mujoco.mj_forward(self.model, self.data)
 
@@ -148,15 +154,14 @@ class Simulation(Engine):
         self.model.geom_pos[footing.geoms] = footing.positions(self.data.xpos, self.data.xmat)
 
     def _reading(self) -> Reading:
-        data = self.data
         return Reading(
             time=self.time,
             qpos=self.qpos,
             qvel=self.qvel,
-            imu_orientation=data.sensor("imu_orientation").data.copy(),
-            imu_gyro=data.sensor("imu_gyro").data.copy(),
+            imu_orientation=self._sensed("imu_orientation"),
+            imu_gyro=self._sensed("imu_gyro"),
             # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-            foot_force=np.array([-data.sensor(f"{side}_foot_force").data for side in SIDES]),
+            foot_force=np.array([-self._sensed(f"{side}_foot_force") for side in SIDES]),
             accelerometer=self._accelerometer,
             torque=self._torque,
         )
@@ -184,7 +189,7 @@ class Simulation(Engine):
     @property
     def sole_velocity(self) -> np.ndarray:
         """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
-        return np.stack([self.data.sensor(f"{side}_sole_velocity").data for side in SIDES])
+        return np.array([self._sensed(f"{side}_sole_velocity") for side in SIDES])
 
     @property
     def pressure_centres(self) -> np.ndarray:
@@ -203,9 +208,11 @@ class Simulation(Engine):
 
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""
-        return self.data.sensor(f"{side}_hand_position").data.copy()
+        return self._sensed(f"{side}_hand_position")
+
+    def _sensed(self, name: str) -> np.ndarray:
+        return self.data.sensordata[self._places[name]].copy()
 
     def _trunk_on_ground(self) -> bool:
-        floor, torso = self.model.geom("floor").id, self.model.geom("torso_link").id
-        contacts = self.data.contact.geom
-        return bool(np.any(np.all(np.sort(contacts, axis=1) == sorted((floor, torso)), axis=1)))
+        pair = {self._floor, self._trunk}
+        return any({a, b} == pair for a, b in self.data.contact.geom.tolist())

@@ -1,5 +1,6 @@
 """Many H1s at once on `mujoco_warp`: the interface of `sim.batch` with the physics on a GPU."""
 
+import dataclasses
 from typing import Any
 
 import mujoco
@@ -60,13 +61,14 @@ class WarpSimulation(BatchSimulation):
             terrain: height field to stand on; None for a plane.
             device: warp's device: "cuda", or "cpu" for tests (its first use compiles for minutes).
             robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for ideal ones. Their delay is left to the caller, who sets `ctrl`.
-            ground: firmness of the ground; None for the default.
+            actuators: drives of the joints; None for real ones without a torque-speed limit. Their delay is left to the
+                caller, who sets `ctrl`.
+            ground: firmness of the ground; None for firm.
 
         Raises:
             ConfigError: if mujoco_warp or the device is missing, or the drives have a torque-speed limit.
         """
-        actuators = actuators or Actuators.ideal()
+        actuators = actuators or dataclasses.replace(Actuators(), torque_speed=False)
         if actuators.torque_speed:
             raise ConfigError("physics on a GPU has no torque-speed limit; use --device cpu, or other drives")
         self._wp, self._mjw = _warp(device)
@@ -92,10 +94,14 @@ class WarpSimulation(BatchSimulation):
         self._stepped = False
         self.forward(np.arange(count))
 
-    def step(self, substeps: int) -> np.ndarray:
+    def step(self, substeps: int, targets: np.ndarray | None = None) -> np.ndarray:
         """Advance all robots and update everything that depends on positions and velocities.
 
         A robot whose state is not finite or too large is reset to the nominal pose, as MuJoCo does.
+
+        Args:
+            substeps: number of physics steps.
+            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
 
         Returns:
             Which robots diverged, bool, shape (count,).
@@ -106,7 +112,10 @@ class WarpSimulation(BatchSimulation):
         with self._wp.ScopedDevice(self._device):
             self._upload()
             self._stepped = True
-            for _ in range(substeps):
+            for substep in range(substeps):
+                if targets is not None:
+                    self.ctrl[:] = targets[substep]
+                    data.ctrl.assign(self._ctrl.astype(np.float32))
                 mjw.step(model, data)
             self._download_state()
             diverged |= self._restart_runaways()
@@ -164,8 +173,10 @@ def robots_on(
     threads: int,
     robot: Robot | None = None,
     actuators: Actuators | None = None,
+    ground: Ground | None = None,
+    timestep: float = TRAINING_TIMESTEP,
 ) -> BatchSimulation:
-    """Build a batch of robots with the time step of training, on the processor or on a GPU.
+    """Build a batch of robots for training, on the processor or on a GPU.
 
     Args:
         device: "cpu" for `mujoco.batch`, "cuda" for `mujoco_warp`.
@@ -173,11 +184,17 @@ def robots_on(
         terrain: height field to stand on; None for a plane.
         threads: number of threads on the processor.
         robot: robot to simulate; None for the H1.
-        actuators: drives of the joints; None for ideal ones.
+        actuators: drives of the joints; None for the default of the device's class.
+        ground: firmness of the ground; None for firm.
+        timestep: physics time step [s].
 
     Raises:
         ConfigError: if the device cannot be used.
     """
     if device == "cpu":
-        return BatchSimulation(count, terrain=terrain, threads=threads, robot=robot, actuators=actuators)
-    return WarpSimulation(count, terrain=terrain, device=device, robot=robot, actuators=actuators)
+        return BatchSimulation(
+            count, timestep=timestep, terrain=terrain, threads=threads, robot=robot, actuators=actuators, ground=ground
+        )
+    return WarpSimulation(
+        count, timestep=timestep, terrain=terrain, device=device, robot=robot, actuators=actuators, ground=ground
+    )

@@ -8,6 +8,7 @@ from hugwbc.cli import main
 def test_compare_writes_summary_report_and_replay(tmp_path, capsys):
     out, path = tmp_path / "out", tmp_path / "compare.json"
     words = ["compare", "--script", "stand", "--controllers", "hold", "--seed", "0", "--no-video"]
+    words += ["--sensing", "exact"]
     assert main([*words, "--out", str(out), "--json", str(path)]) == 0
     summary = json.loads(path.read_text())
     assert summary == json.loads((out / "summary.json").read_text())

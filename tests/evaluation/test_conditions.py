@@ -69,8 +69,8 @@ def test_robot_and_sensors_vary_as_told():
     assert simulation.variation == Variation(5.0, 0.5, 0.9, 0.8)
     hold = JointCommand.position(load_robot(), load_robot().nominal)
     for conditions, age in (
-        (Conditions(), 0.0), (Conditions(latency=0.02), 0.02),
-        (Conditions(sensing="robot"), 0.01), (Conditions(sensing="robot", latency=0.03), 0.03),
+        (Conditions(sensing="exact"), 0.0), (Conditions(sensing="exact", latency=0.02), 0.02),
+        (Conditions(), 0.01), (Conditions(latency=0.03), 0.03),
     ):  # fmt: skip
         simulation = conditions.simulation(1.0, (0,))
         simulation.step(hold, 0.1)
@@ -78,6 +78,16 @@ def test_robot_and_sensors_vary_as_told():
     for values in ({"latency": 1.0}, {"latency": math.nan}, {"strength": 0.0}):
         with pytest.raises(ConfigError, match=next(iter(values))):
             Conditions(**values)
+
+
+def test_the_controller_may_be_told_another_robot_than_moves():
+    right, wrong = Conditions(arena=2), Conditions(arena=2, told="h1-2023")
+    assert right.told_arena == right.chosen_arena
+    assert wrong.told_arena == dataclasses.replace(wrong.chosen_arena, robot="h1-2023")
+    assert wrong.simulation(1.0, (0,)).robot is load_robot("h1")
+    assert wrong.identity() != right.identity() == Conditions(arena=2, told="h1").identity()
+    with pytest.raises(UnknownNameError, match="robot"):
+        Conditions(told="h2")
 
 
 def test_an_engine_is_refused_where_it_cannot_be_used(monkeypatch):

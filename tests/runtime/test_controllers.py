@@ -13,8 +13,13 @@ from hugwbc.learned.policy import policy_dir
 from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
 from hugwbc.runtime import controllers
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
+from hugwbc.sim import Arena
 
 CONTRACT = "period: 0.02\njoints: all\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\nobservation: [gravity]\n"
+
+
+def arena_of(robot, drives="real"):
+    return Arena(robot, drives, "exact", "firm")
 
 
 class Tuned(HoldController):
@@ -68,19 +73,34 @@ def test_a_controller_is_told_a_robot_by_name():
         assert load_controller(name).robot is load_robot()
     assert load_controller("qp", robot="h1").dynamics.mass == pytest.approx(load_robot("h1").mass)
     spec, twin = ControllerSpec("qp", robot="h1-2023"), ControllerSpec("qp", robot="h1")
-    assert twin.label == "qp h1" and ControllerSpec("qp").told("h1") == twin
-    assert ControllerSpec("qp").told(DEFAULT_ROBOT) == ControllerSpec("qp"), "it knows the default already"
+    (other,) = set(robot_names()) - {DEFAULT_ROBOT}
+    assert ControllerSpec("qp").told(arena_of(other)) == ControllerSpec("qp", robot=other)
+    assert twin.label == "qp h1"
+    assert ControllerSpec("qp").told(arena_of(DEFAULT_ROBOT)) == ControllerSpec("qp"), "it knows the default already"
     assert spec.identity() != twin.identity()
     assert ControllerSpec("qp").identity() == ControllerSpec("qp", robot=DEFAULT_ROBOT).identity()
     with pytest.raises(UnknownNameError, match="robot"):
         ControllerSpec("qp", robot="g1")
 
 
+def test_a_controller_is_told_the_drives_by_name():
+    real, ideal = (load_controller("qp", drives=drives).robot for drives in ("real", "ideal"))
+    assert real is load_robot() and real.friction.all() and not ideal.friction.any() and ideal.name == real.name
+    told = ControllerSpec("qp").told(arena_of(DEFAULT_ROBOT, "ideal"))
+    assert told == ControllerSpec("qp", drives="ideal") and told.label == "qp ideal drives"
+    assert told.identity() != ControllerSpec("qp").identity() == ControllerSpec("qp", drives="real").identity()
+    assert told.told(arena_of(DEFAULT_ROBOT)) == ControllerSpec("qp"), "told again, it forgets what it was told before"
+    with pytest.raises(UnknownNameError, match="drives"):
+        ControllerSpec("qp", drives="geared")
+
+
 @pytest.mark.parametrize("name", ["learned", "unitree-h1"])
 def test_a_policy_is_told_no_robot(name):
-    assert ControllerSpec(name).told("h1-2023") == ControllerSpec(name)
+    assert ControllerSpec(name).told(arena_of("h1-2023", "ideal")) == ControllerSpec(name)
     with pytest.raises(ConfigError, match=f"controller '{name}' is not told a robot: .* leave out 'h1-2023'"):
         load_controller(name, robot="h1-2023")
+    with pytest.raises(ConfigError, match=f"controller '{name}' is not told a robot: .* leave out 'ideal'"):
+        load_controller(name, drives="ideal")
 
 
 def test_plugins_that_do_not_work_are_refused(third_party):
@@ -128,7 +148,7 @@ def test_identity_is_that_of_the_files(tmp_path):
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
         "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
-        "policy": None, "robot": DEFAULT_ROBOT,
+        "policy": None, "robot": DEFAULT_ROBOT, "drives": "real",
     }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
     network.write_bytes(b"a")

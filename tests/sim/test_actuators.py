@@ -108,6 +108,57 @@ def test_friction_holds_a_joint_against_a_smaller_torque() -> None:
         assert bool(np.abs(simulation.state().q - start).max() > 0.05) is moves
 
 
+def driven_by_torques(timestep: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Robot with real drives in free space, whose control inputs are joint torques."""
+    model = load_model(timestep, robot=ROBOT, actuators=Actuators())
+    model.opt.gravity[:] = 0.0
+    model.actuator_gainprm[:, 0], model.actuator_biasprm[:] = 1.0, 0.0
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qpos[2] = 5.0
+    return model, data
+
+
+@pytest.mark.parametrize(("timestep", "creep"), [(0.002, 0.001), (0.005, 0.002)])
+def test_a_joint_that_sticks_does_not_creep(timestep: float, creep: float) -> None:
+    model, data = driven_by_torques(timestep)
+    data.ctrl[:] = np.where(np.arange(19) % 2, 0.9, -0.9) * ROBOT.friction
+    for _ in range(round(1.0 / timestep)):
+        mujoco.mj_step(model, data)
+    assert np.abs(data.qvel[6:]).max() < creep
+
+
+@pytest.mark.parametrize("timestep", [0.002, 0.005])
+def test_the_solver_converges_with_friction(timestep: float) -> None:
+    model, data = driven_by_torques(timestep)
+    rng, off = np.random.default_rng(0), []
+    iterations = model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance
+    for step in range(400):
+        if step % 10 == 0:
+            data.ctrl[:] = 0.2 * ROBOT.torque_limit * rng.uniform(-1.0, 1.0, 19)
+        model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 200, 200, 1e-14
+        mujoco.mj_forward(model, data)
+        exact = data.qacc.copy()
+        data.qacc_warmstart[:] = 0.0
+        model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = iterations
+        mujoco.mj_step(model, data)
+        off.append(np.abs(data.qacc - exact).max() / np.abs(exact).max())
+    assert np.quantile(off, 0.99) < 1e-6
+
+
+def test_friction_takes_energy_out_and_never_puts_any_in() -> None:
+    simulation = floating(NO_DELAY)
+    simulation.data.qvel[6:] = np.random.default_rng(0).uniform(-2.0, 2.0, 19)
+    energies = []
+    for _ in range(500):
+        simulation.step(torque(ZERO), 0.002)
+        momentum = np.zeros(25)
+        mujoco.mj_mulM(simulation.model, simulation.data, momentum, simulation.data.qvel)
+        energies.append(0.5 * momentum @ simulation.data.qvel)
+    assert np.diff(energies).max() < 1e-3 * energies[0]
+    assert np.abs(simulation.data.qvel[6:]).max() < 0.01, "after a second every joint stands still"
+
+
 def test_reflected_inertia_adds_to_the_mass_matrix() -> None:
     diagonals = []
     for factor in (0.5, 1.0, 2.0):

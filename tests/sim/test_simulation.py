@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.sim import HeightField, Simulation, rough_terrain
+from hugwbc.sim import Actuators, HeightField, Simulation, rough_terrain
 
 ROBOT = load_robot()
 WEIGHT = ROBOT.mass * 9.81
@@ -117,9 +117,8 @@ def test_time_advances_by_whole_physics_steps(plane: Simulation) -> None:
     assert plane.step(HOLD, 0.0001).time == pytest.approx(0.022)  # never less than one step
 
 
-def test_torque_is_the_pd_law_within_the_limits(plane: Simulation) -> None:
-    rng = np.random.default_rng(0)
-    plane.reset()
+def test_torque_of_ideal_drives_is_the_pd_law_within_the_limits() -> None:
+    plane, rng = Simulation(actuators=Actuators.ideal()), np.random.default_rng(0)
     clamped = 0
     for scale in (0.02, 0.3, 2.0):
         for _ in range(5):

@@ -28,7 +28,7 @@ def test_payload_adds_to_the_weight_on_the_feet():
 @pytest.mark.parametrize("terrain", [None, rough_terrain(0.0, np.random.default_rng(0), size=4.0)])
 def test_contacts_with_the_ground_have_the_friction(friction, terrain):
     simulation = Simulation(terrain=terrain, variation=Variation(friction=friction))
-    simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.05)
+    simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.03)
     contacts = simulation.data.contact.friction
     assert len(contacts) >= 4
     np.testing.assert_allclose(contacts[:, :2], friction)

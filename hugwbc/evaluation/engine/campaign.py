@@ -36,13 +36,18 @@ class Cell:
     run: Callable[..., Any]
 
     @property
+    def told(self) -> ControllerSpec:
+        """The controller, told the robot and the drives of the settings; its label leaves them out."""
+        return self.spec.told(self.config.conditions.told_arena)
+
+    @property
     def work(self) -> float:
         """The simulated seconds of the cell, an estimate of its share of the whole campaign."""
         return float(self.config.episodes * self.config.duration)
 
     def identity(self) -> dict[str, Any]:
         """Return everything that determines the result, as JSON."""
-        controller = self.spec.identity()
+        controller = self.told.identity()
         return {
             "protocol": self.protocol,
             "config": to_json(self.config),
@@ -152,7 +157,7 @@ def _run(
     config = cell.config
     if any(field.name == "execution" for field in dataclasses.fields(config)):
         config = dataclasses.replace(config, execution=execution)
-    result = finite_json(dataclasses.asdict(cell.run(cell.spec.build, config, on_episode)))
+    result = finite_json(dataclasses.asdict(cell.run(cell.told.build, config, on_episode)))
     content = {"format": FORMAT, "version": VERSION, "identity": identity, "result": result}
     text = json.dumps(content, allow_nan=False)
     if path is not None:

@@ -43,9 +43,10 @@ def randomize(
     stiffness = rng.uniform(*config.gains, (count, model.nu))
     damping = damping_factor * rng.uniform(*config.gains, (count, model.nu))
     _scale_actuators(simulation, stiffness, damping)
-    # Draw last what is off by default: switching it on then leaves all other draws as they are.
+    # Draw last what can be switched off: all other draws then stay as they are.
     _randomize_links(simulation, config, rng)
     _randomize_motors(simulation, config, rng)
+    _randomize_drives(simulation, config, rng)
     batch.set_const()
     return friction
 
@@ -60,6 +61,10 @@ def _scale_actuators(simulation: BatchSimulation, stiffness: np.ndarray, damping
 
 def _randomize_links(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
     batch, shape = simulation.batch, (simulation.count, simulation.model.nbody)
+    if config.mass != _UNCHANGED:
+        factor = rng.uniform(*config.mass, simulation.count)
+        batch.expand("body_mass")[:] *= factor[:, None]
+        batch.expand("body_inertia")[:] *= factor[:, None, None]
     if config.link_mass != _UNCHANGED:
         factor = rng.uniform(*config.link_mass, shape)
         batch.expand("body_mass")[:] *= factor
@@ -79,6 +84,16 @@ def _randomize_motors(simulation: BatchSimulation, config: RandomizationConfig, 
         bias = simulation.batch.expand("actuator_biasprm")
         # tau = kp (target + offset - q) - kd dq: an offset of the target is a constant torque of kp offset.
         bias[:, :, 0] += stiffness * rng.uniform(-config.offset, config.offset, shape)
+
+
+def _randomize_drives(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
+    """Scale the Coulomb and viscous friction of every drive, if the drives have friction."""
+    columns = simulation.layout.qvel
+    friction = simulation.model.dof_frictionloss[columns][6:]
+    if config.drive_friction != _UNCHANGED and friction.any():
+        factor = rng.uniform(*config.drive_friction, (simulation.count, friction.size))
+        for name in ("dof_frictionloss", "dof_damping"):
+            simulation.batch.expand(name)[:, columns][:, 6:] *= factor
 
 
 def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> None:
@@ -135,10 +150,8 @@ class Latency:
         newest = torch.from_numpy(simulation.ctrl.copy())
         self.targets = torch.cat((newest[None], self.targets[:-1]))
         targets = self.targets.numpy()
-        diverged = np.zeros(len(self._robots), dtype=bool)
-        for substep in range(self._substeps):
-            simulation.ctrl[:] = targets[self._age(substep), self._robots]
-            diverged |= simulation.step(1)
+        acting = [targets[self._age(substep), self._robots] for substep in range(self._substeps)]
+        diverged = simulation.step(self._substeps, np.stack(acting))
         simulation.ctrl[:] = targets[0]
         return diverged
 

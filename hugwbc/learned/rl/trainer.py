@@ -21,11 +21,11 @@ from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
 from hugwbc.robot import load_robot
-from hugwbc.sim.scene import TRAINING_TIMESTEP
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
+CURRICULUM_STEPS = 24_576  # environment steps between two moves of the curricula
 _SEED_STEP = 1_000_003  # between the seeds of two processes
 MAX_DUMPS = 3  # of skipped minibatches in the folder of a run; each takes some 20 MB
 
@@ -105,20 +105,24 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """Collect `horizon` steps, update the networks and move the curricula; return the iteration's figures."""
         begin = time.monotonic()
+        self._adopt_schedules()
         observation = self.env.observe()
         reward = 0.0
-        for t in range(self.config.ppo.horizon):
-            result = self.env.step(self.ppo.act(t, observation))
+        horizon = self.ppo.config.horizon
+        for t in range(horizon):
+            result = self.env.step(self.ppo.act(t, observation, self.env.gait))
             self.ppo.record(t, result)
-            reward += float(result.reward.mean()) / self.config.ppo.horizon
+            reward += float(result.reward.mean()) / horizon
             observation = self.env.observe()
         collected = time.monotonic()
         losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
         self.iteration += 1
-        steps = self.config.ppo.horizon * self.config.env.count * distributed.size()
+        steps = horizon * self.config.env.count * distributed.size()
+        # The curricula count in units of steps, so that they do not depend on the length of an iteration.
+        for _ in range((self.steps + steps) // CURRICULUM_STEPS - self.steps // CURRICULUM_STEPS):
+            self.env.update_curriculum()
         self.steps += steps
         self.ppo.bound_std(self.steps)
-        self.env.update_curriculum()
         elapsed = time.monotonic() - begin
         self.seconds += elapsed
         levels = self.env.curriculum
@@ -136,16 +140,28 @@ class Trainer:
             **self.env.statistics.pop(),
         }
 
+    def _adopt_schedules(self) -> None:
+        """Give learner and environment the settings of the present number of steps."""
+        if self.config.schedules:
+            now = self.config.at(self.steps)
+            self.ppo.config = now.ppo
+            self.env.adopt(now.env)
+
     def _actor(self) -> Actor:
-        """Return the policy network on the CPU, where it is evaluated and saved."""
-        actor = self.ppo.network.actor
-        return actor if self.ppo.device.type == "cpu" else copy.deepcopy(actor).cpu()
+        """Return the policy in the form in which it runs, on the CPU."""
+        return copy.deepcopy(self.ppo.network.actor).cpu().plain()
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
         if not c.evaluation_interval or not self.leads:
             return None
-        return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
+        return Evaluator(
+            c.env,
+            count=c.evaluation_robots,
+            seconds=c.evaluation_seconds,
+            threads=c.threads,
+            timestep=c.evaluation_timestep,
+        )
 
     def _evaluate(self) -> dict[str, float]:
         """Return the figures of an evaluation, NaN where none is due, and keep the best policy."""
@@ -317,7 +333,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
     robot = load_robot(env.robot)
     return policy_contract(
         robot=robot,
-        period=TRAINING_TIMESTEP * env.substeps,
+        period=env.period,
         action_scale=env.action_scales(robot),
         kd=env.damping(robot),
         waist_rate=env.waist_rate,
@@ -337,7 +353,7 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
     contract = contract_of(env)
-    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu(), contract, metadata)
+    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), contract, metadata)
 
 
 def train(config: TrainConfig, report: Report) -> Trainer:

@@ -17,7 +17,7 @@ from hugwbc.scripts import Constant
 from hugwbc.sim import Force, Simulation, Variation
 from hugwbc.sim.lockstep import LockstepSimulation
 
-COARSE = Conditions(timestep=0.005)
+COARSE = Conditions(timestep=0.005, sensing="exact")
 WALK, STAND = Command(v_x=0.6, gait=Gait.WALKING), Command(h=-0.1, w=0.4, gait=Gait.STANDING)
 TURN = Schedule((Knot(0.0, WALK), Knot(0.3, Command(v_x=0.3, omega=2.0, gait=Gait.WALKING), ramp=0.4)))
 SHOVE = Force((0.0, 400.0, 0.0), start=0.3, duration=0.3, frame="heading")

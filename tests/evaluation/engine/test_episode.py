@@ -102,10 +102,10 @@ def test_a_controller_is_made_once_for_equal_factories_in_each_thread():
 
 
 @pytest.mark.parametrize(("conditions", "timed", "joins"), [
-    (Conditions(), False, True),
-    (Conditions(), True, False),
+    (Conditions(sensing="exact"), False, True),
+    (Conditions(sensing="exact"), True, False),
     (NOISY, False, False),
-    (Conditions(terrain_roughness=0.02), False, False),
+    (Conditions(sensing="exact", terrain_roughness=0.02), False, False),
 ])  # fmt: skip
 def test_what_shares_a_batch(conditions, timed, joins):
     plan = EpisodePlan(Command(gait=Gait.WALKING), timed=timed)
