@@ -10,7 +10,7 @@ executed value is the commanded one. The student learns the resulting actions un
 """
 
 import pathlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import torch
@@ -173,6 +173,20 @@ class Distiller(Dagger[DistillationConfig]):
         """Return what the policy and the snapshot say of their training: the student's past and this run."""
         own = {"labels": self.samples, "calibration": self.calibration.as_dict()}
         return self._metadata | {"distillation": own | record}
+
+    def begin_leg(self, number: int) -> None:
+        """Begin new episodes."""
+        super().begin_leg(number)
+        self._swings = SwingHeights(self.env.count)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return what the next leg needs besides the memory: the teachers' calibration as well."""
+        return super().state() | {"asked": self.calibration.asked}
+
+    def load_state(self, tensors: Mapping[str, torch.Tensor]) -> None:
+        """Restore what `state` returned."""
+        super().load_state(tensors)
+        self.calibration.asked = tensors["asked"].clone()
 
     def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
         """Return the squared error."""

@@ -10,6 +10,7 @@ from torch import nn
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
+from hugwbc.learned.policy import feed_forward
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import command_size
@@ -43,6 +44,7 @@ class PolicyRows:
         self._nominal, self._scale, self.kp, self.kd = vectors
         self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
         self._network = network
+        self._feed_forward = feed_forward.of_contract(metadata)
         self._period = float(metadata["period"])
         self._waist_step = float(metadata["waist_rate"]) * self._period
         self._waist_joint = load_robot(metadata["robot"]).waist
@@ -98,6 +100,7 @@ class PolicyRows:
             indicator: whether the arms are under external control, shape (n,), bool.
         """
         self.phase = gaits.advance_phase(self.phase, command[:, _F], self._period)
+        command = self._feed_forward.asked(command, gait)
         gait_row = torch.as_tensor(gait)
         feet = gaits.foot_phases(_tensor(self.phase), gait_row)
         phases = gaits.homogenised_phase(feet)
