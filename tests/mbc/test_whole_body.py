@@ -38,7 +38,7 @@ def test_a_period_that_is_no_time_is_refused(period):
 
 
 def test_standing_still_it_carries_the_weight(standing_state):
-    controller = WholeBodyController(robot=load_robot("h1"))
+    controller = WholeBodyController()
     controller.reset(standing_state)
     for _ in range(3):
         command = controller.act(standing_state, Command(), NONE)
