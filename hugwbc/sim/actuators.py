@@ -21,7 +21,8 @@ from hugwbc.robot import Robot
 _FACTORS = ("friction", "armature")
 _LONGEST_DELAY = 0.1  # [s]
 # MuJoCo's Coulomb friction is a soft constraint. As soft as its defaults make it, a joint at rest creeps by 0.03 rad/s
-# under 0.9 of its friction; with this impedance and a time constant of two steps, by 0.0006 rad/s (docs/arena.md).
+# under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s
+# (docs/arena.md).
 _STICK_IMPEDANCE = 0.99
 _STICK_STEPS = 2.0
 _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
