@@ -15,8 +15,8 @@ SOLES = tuple(f"{side}_sole" for side in SIDES)
 """Frames at the centres of the soles."""
 _SHANKS = tuple(f"{side}_knee_link" for side in SIDES)
 _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
-# Share of the weight at which a foot has found the ground. Loads that are inferred from joint torques are noisy: those of
-# a swinging foot stay below 50 N in 99 % of the time, and a foot that is believed to stand too early hangs in the air.
+# Share of the weight at which a foot has found the ground. Loads that are inferred from joint torques are noisy: those
+# of a swinging foot stay below 50 N in 99 % of the time. A foot that is believed to stand too early hangs in the air.
 _TOUCH_SHARE = 0.25
 _CARRYING_LOAD = 20.0  # [N], below it a foot that should stand is not on the ground
 _RESTING_LOAD, _RESTING_RATE = 100.0, 0.5  # [N], [rad/s]: above and below these a sole lies on heel and toe
