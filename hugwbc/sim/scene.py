@@ -121,7 +121,7 @@ def check_timestep(timestep: float) -> None:
 
 
 def _make_lean(spec: mujoco.MjSpec, *, imu: bool) -> None:
-    dropped = ("imu_accelerometer",) if imu else ("imu_accelerometer", "imu_orientation", "imu_gyro")
+    dropped = () if imu else ("imu_orientation", "imu_gyro")
     spec.compiler.discardvisual = True
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     for sensor in list(spec.sensors):
