@@ -11,7 +11,7 @@ from hugwbc.runtime.contact import ContactObserver
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
-from hugwbc.sim import Simulation
+from hugwbc.sim import Actuators, Ground, Simulation
 from hugwbc.sim.sensors import ROBOT
 
 TOUCHING = 1.0  # [N]
@@ -29,9 +29,11 @@ def test_a_stand_at_rest_is_known_from_the_start():
 def _walk(seed, duration, v_x=0.5, omega=0.0, settle=1.0, biases=None):
     """Walk on the estimate; errors of tilt and velocity, the filter's covariance, inferred and true contacts."""
     profile = ROBOT if biases is None else dataclasses.replace(ROBOT, gyro_bias=biases[0], accelerometer_bias=biases[1])
-    simulation, estimator = Simulation(sensing=profile, seed=seed), StateEstimator()
+    robot = load_robot("h1")
+    simulation = Simulation(sensing=profile, seed=seed, robot=robot, actuators=Actuators(), ground=Ground.named("firm"))
+    estimator = StateEstimator(robot=robot)
     command = Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
-    loop = ControlLoop(WholeBodyController(), Constant(command), simulation, None, estimator)
+    loop = ControlLoop(WholeBodyController(robot=robot), Constant(command), simulation, None, estimator)
     loop.reset()
     delay = round(profile.latency / simulation.timestep)
     errors, contacts, covariances, truths = [], [], [], []
