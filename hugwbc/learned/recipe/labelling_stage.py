@@ -10,10 +10,12 @@ from typing import Any
 
 from hugwbc.learned.imitation import Distiller, Imitator
 from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.recipe.recipe_records import LABELS, usual_file
 from hugwbc.learned.recipe.stage_work import Outcome, StageWork, write_state
+from hugwbc.learned.rl.cloning import save_labels
 from hugwbc.robot import load_robot
 
-_LEG, _LABELS = "leg.safetensors", "labels-*.safetensors"
+_LEG, _LABELS = "leg.safetensors", "leg-*-labels.safetensors"
 
 
 def run_labelling(work: StageWork) -> Outcome:
@@ -36,7 +38,7 @@ def run_labelling(work: StageWork) -> Outcome:
         tensors, state = checkpoint.load_file(folder / _LEG, "leg")
         dagger.load_state(tensors)
         kept = range(state["dropped"], len(state["counts"]))
-        parts = (checkpoint.load_file(_labels(folder, leg), "labels")[0] for leg in kept)
+        parts = (checkpoint.load_file(_labels(folder, leg), "leg labels")[0] for leg in kept)
         # A leg with more labels than the memory holds has stored its newest ones only.
         stored = sum(min(count, dagger.memory.capacity) for count in state["counts"][state["dropped"] :])
         dagger.memory.restore(parts, sum(state["counts"]) - stored)
@@ -54,7 +56,7 @@ def run_labelling(work: StageWork) -> Outcome:
         dagger.begin_leg(leg)
         dagger.advance(min(stage.end_of(leg), config.samples), report)
         counts = [*state["counts"], dagger.samples - before]
-        checkpoint.save_file(_labels(folder, leg), dagger.memory.newest(counts[-1]), "labels", {})
+        checkpoint.save_file(_labels(folder, leg), dagger.memory.newest(counts[-1]), "leg labels", {})
         dropped = state["dropped"]
         while dropped < len(counts) and sum(counts[dropped + 1 :]) >= dagger.memory.capacity:
             dropped += 1  # a later leg alone fills the memory
@@ -67,7 +69,19 @@ def run_labelling(work: StageWork) -> Outcome:
             _labels(folder, old).unlink(missing_ok=True)
         work.say(f"{stage.name}: {dagger.samples} of {config.samples:.0f} labels")
     dagger.write(state["seconds"])
+    if stage.kind == "imitate" and _takes_labels(work):
+        save_labels(folder / LABELS, dagger.memory.newest(dagger.memory.size), {})
     return Outcome(labels=float(dagger.samples), seeds=(config.seed,))
+
+
+def _takes_labels(work: StageWork) -> bool:
+    """Return whether a later stage takes the labels themselves; they are many, and written only then."""
+    sources = [
+        source if "/" in source else f"{source}/{usual_file(name, work.recipe.stage(source))}"
+        for stage in work.recipe.stages
+        for name, source in stage.inputs.items()
+    ]
+    return f"{work.stage.name}/{LABELS}" in sources
 
 
 def clean_labelling(folder: pathlib.Path) -> None:

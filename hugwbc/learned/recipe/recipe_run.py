@@ -18,16 +18,23 @@ from hugwbc.learned.recipe.ancestry import (
     seal,
     write_record,
 )
-from hugwbc.learned.recipe.closing_stages import CALIBRATION, ONNX, run_calibration, run_evaluation, run_export
+from hugwbc.learned.recipe.closing_stages import (
+    CALIBRATION,
+    ONNX,
+    UNCALIBRATED,
+    run_calibration,
+    run_evaluation,
+    run_export,
+)
 from hugwbc.learned.recipe.forecast import forecast
 from hugwbc.learned.recipe.labelling_stage import clean_labelling, run_labelling
 from hugwbc.learned.recipe.ledger import Session, now, only_process
-from hugwbc.learned.recipe.recipe_records import FIGURES, POLICY, SNAPSHOT, STARTS, Recipe, Stage
+from hugwbc.learned.recipe.recipe_records import FIGURES, LABELS, POLICY, SNAPSHOT, STARTS, Recipe, Stage
 from hugwbc.learned.recipe.run_folder import ABANDONED, RunFolder
 from hugwbc.learned.recipe.stage_work import Outcome, Services, StageWork, Stop, StoppedError
 from hugwbc.learned.recipe.training_stage import TrainingStage, clean_training
 
-OUTPUTS = (POLICY, SNAPSHOT, STARTS, FIGURES, CALIBRATION, ONNX)
+OUTPUTS = (POLICY, SNAPSHOT, STARTS, LABELS, FIGURES, CALIBRATION, UNCALIBRATED, ONNX)
 RUNNERS: Mapping[str, Callable[[StageWork], Outcome]] = {
     "imitate": run_labelling,
     "train": lambda work: TrainingStage(work).run(),

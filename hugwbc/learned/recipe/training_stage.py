@@ -1,10 +1,12 @@
 """Stages of reinforcement learning: segments with constant settings, a measurement after each, gates between them.
 
 A segment is a continued training: `Trainer` restores everything from a checkpoint, bit for bit. A schedule is therefore
-only a rule for the next segment's settings, and any setting can have one. What gates and schedules decide rests on the
+a rule for the next segment's settings, and any setting can have one; the ramps of those that the trainer reads anew in
+every iteration are handed to it and are smooth. What gates and schedules decide rests on the
 measurements in the stage's state file and on the log, not on anything that a killed process would have forgotten.
 """
 
+import copy
 import csv
 import dataclasses
 import math
@@ -159,6 +161,7 @@ class TrainingStage:
             seed=self.work.seed() + state.branch,
             critic_warm_up=left,
             evaluation_interval=0,
+            schedules=stage.smooth_schedules(state.begin_steps, without=state.changes),
         )
 
     def _settings_at(self, progress: float) -> TrainConfig:
@@ -175,8 +178,8 @@ class TrainingStage:
     def _measure(self, trainer: Trainer) -> dict[str, float]:
         """Return the figures of the evaluator, at a seed of selection, and the training's own over the segment."""
         state = self.state
-        actor = trainer.ppo.network.actor
-        figures = self._evaluator_of_stage().run(actor if trainer.ppo.device.type == "cpu" else _on_cpu(actor))
+        # In the form in which the policy runs, on the CPU.
+        figures = self._evaluator_of_stage().run(copy.deepcopy(trainer.ppo.network.actor).cpu().plain())
         earlier = state.measurements[-1]["iteration"] if state.measurements else state.begin_iteration
         if state.branch and not self._branch_has_measurements():
             earlier = state.best_measurement().get("iteration", state.begin_iteration)
@@ -192,8 +195,14 @@ class TrainingStage:
     def _evaluator_of_stage(self) -> Evaluator:
         if self._evaluator is None:
             measure, env = self.work.recipe.measure, self.measured_env()
-            threads = self._settings_at(0.0).threads
-            self._evaluator = Evaluator(env, count=measure.robots, seconds=measure.seconds, threads=threads)
+            settings = self._settings_at(0.0)
+            self._evaluator = Evaluator(
+                env,
+                count=measure.robots,
+                seconds=measure.seconds,
+                threads=settings.threads,
+                timestep=settings.evaluation_timestep,
+            )
         return self._evaluator
 
     def _check_names(self, measured: Iterable[str], prefix: str = "") -> None:
@@ -351,12 +360,6 @@ def clean_training(folder: pathlib.Path) -> None:
 def _words(figures: Mapping[str, float]) -> str:
     shown = {name: value for name, value in figures.items() if name.startswith("evaluation/") and name.count("/") == 1}
     return ", ".join(f"{name.removeprefix('evaluation/')} {value:.3g}" for name, value in shown.items()) or "none"
-
-
-def _on_cpu(actor: torch.nn.Module) -> Any:  # noqa: ANN401  an actor
-    import copy
-
-    return copy.deepcopy(actor).cpu()
 
 
 def _write_start(source: pathlib.Path, target: pathlib.Path) -> None:

@@ -74,7 +74,7 @@ def test_a_recipe_runs_from_labels_to_a_policy_with_its_ancestry(
     assert records["figures"].spent.episodes == 12
     # What only an unfinished run needs is gone.
     left = {path.name for path in (tmp_path / "run").rglob("*.safetensors")}
-    assert left <= {"policy.safetensors", "snapshot.safetensors", "starts.safetensors"}
+    assert left <= {"policy.safetensors", "snapshot.safetensors", "starts.safetensors", "labels.safetensors"}
     # A second run finds everything done.
     tables = len(services.tables)
     assert run(recipe, tmp_path / "run", services) and len(services.tables) == tables

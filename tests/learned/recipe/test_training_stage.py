@@ -73,8 +73,11 @@ def test_a_schedule_is_read_at_every_segment(
     tmp_path: pathlib.Path, make_recipe: Callable[..., Recipe], services: Any, configs: list[Any]
 ) -> None:
     run(alone(make_recipe, "    schedules: {ppo.beta: {linear: [0.5, 0.0]}}\n"), tmp_path / "run", services)
-    betas = [config.ppo.beta for config in configs if "gaits" in str(config.out)]
+    mine = [config for config in configs if "gaits" in str(config.out)]
+    betas = [config.ppo.beta for config in mine]
     assert betas == pytest.approx([0.5, 0.4, 0.3, 0.2, 0.1, 0.0])
+    # Between measurements the trainer follows the ramp by itself.
+    assert mine[0].at(32 + 96).ppo.beta == pytest.approx(0.25)
     # Steps are counted on from the snapshot that the stage started from.
     assert [config.steps for config in configs] == [32, 64, 96, 128, 160, 192, 224]
 
