@@ -82,10 +82,11 @@ def run(words: Sequence[str]) -> int:
 
     Raises:
         UnknownNameError: if there is no such action.
+        SystemExit: after printing the list of actions, if that is what was asked for.
     """
     if not words or words[0] in ("-h", "--help"):
         say(_usage())
-        return 0 if words else 2
+        raise SystemExit(0 if words else 2)
     if words[0] not in ACTIONS:
         raise UnknownNameError("action of recipe", words[0], ACTIONS)
     options, act = ACTIONS[words[0]]

@@ -18,8 +18,8 @@ from hugwbc.seeds import REPORT_SEED, REPORT_SEEDS, SELECTION_SEED, SELECTION_SE
 
 POLICY, SNAPSHOT, STARTS, FIGURES = "policy.safetensors", "snapshot.safetensors", "starts.safetensors", "figures.json"
 LABELS = "labels.safetensors"
-# Groups that the trainer reads anew in every iteration. Not env.command: shares of the gaits are valid together only, and
-# the trainer changes one after the other.
+# Groups that the trainer reads anew in every iteration. Not env.command: shares of the gaits are valid together only,
+# and the trainer changes one after the other.
 _SMOOTH = frozenset(SCHEDULED) - {"env.command"}
 PLACEHOLDER = pathlib.Path("from-an-earlier-stage")  # stands for an input while settings are only checked
 
