@@ -69,6 +69,14 @@ def test_a_folder_without_a_run_is_refused(tmp_path: pathlib.Path, capsys: pytes
     assert "Did you mean 'smoke'?" in capsys.readouterr().err
 
 
+def test_a_recipe_does_not_run_under_torchrun(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert main(["recipe", "run", "h1", "--out", str(tmp_path / "run")]) == 2
+    assert "runs in one process" in capsys.readouterr().err and not (tmp_path / "run").exists()
+
+
 @pytest.mark.slow
 def test_the_smoke_profile_runs_every_stage(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"

@@ -20,8 +20,8 @@ USUAL_RATES: Mapping[str, float] = {
     "train": 4500.0,
     "imitate": 250.0,
     "distil": 4000.0,
-    "evaluate": 4.0,
-    "calibrate": 4.0,
+    "evaluate": 1.4,
+    "calibrate": 1.4,
 }
 _EXPORT = 10.0  # [s]
 _CONTROL_STEPS = 50.0  # per second

@@ -46,6 +46,7 @@ class TrainingState:
         measurements: of the finished segments, without those that were discarded.
         best: index of the best measurement; None before the first.
         levels: levels of the gated schedules.
+        best_levels: the same when the best checkpoint was measured.
         changes: settings that gates have changed: ["to", value] or ["times", factor].
         gates: how often each gate has acted.
         discarded: branches that were left.
@@ -59,6 +60,7 @@ class TrainingState:
     measurements: list[dict[str, float]] = dataclasses.field(default_factory=list)
     best: int | None = None
     levels: dict[str, int] = dataclasses.field(default_factory=dict)
+    best_levels: dict[str, int] = dataclasses.field(default_factory=dict)
     changes: dict[str, list[Any]] = dataclasses.field(default_factory=dict)
     gates: dict[str, int] = dataclasses.field(default_factory=dict)
     discarded: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -236,7 +238,7 @@ class TrainingStage:
         if state.best is None or value < state.best_measurement().get(score, math.inf):
             for name in (POLICY, SNAPSHOT, CHECKPOINT_NAME):
                 write_whole(self.folder / BEST / name, (self._branch_folder / name).read_bytes())
-            state.best = len(state.measurements) - 1
+            state.best, state.best_levels = len(state.measurements) - 1, dict(state.levels)
 
     def _diverged(self, trainer: Trainer, figures: Mapping[str, float]) -> str:
         """Return in words that the learner has diverged; empty if it has not."""
@@ -305,7 +307,7 @@ class TrainingStage:
                 value *= state.changes[name][1]
             state.changes[name] = [how, value]
         state.measurements = state.measurements[: state.best + 1]
-        state.segment = state.best + 1
+        state.segment, state.levels = state.best + 1, dict(state.best_levels)
         state.branch += 1
         return f"back to {state.best_measurement()['steps'] - state.begin_steps:.3g} steps: {reason}"
 

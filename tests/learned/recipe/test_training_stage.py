@@ -178,6 +178,21 @@ def test_too_many_returns_give_a_stage_up(
         run(alone(make_recipe, BACK), tmp_path / "run", services)
 
 
+def test_a_return_takes_gated_schedules_back_as_well(
+    tmp_path: pathlib.Path,
+    make_recipe: Callable[..., Recipe],
+    services: Any,
+    configs: list[Any],
+    scores: Callable[..., None],
+) -> None:
+    # The level rises after the second measurement, which is the best; then it gets worse, and back.
+    scores(9.0, 4.0, 1.5, 1.9, 6.0, 6.0, 1.9, 1.9, 1.9, 1.9)
+    gated = "    schedules: {ppo.beta: {gated: [0.5, 0.25, 0.125], when: {evaluation/score: below 2}}}\n"
+    run(alone(make_recipe, gated + BACK), tmp_path / "run", services)
+    branches = [[c.ppo.beta for c in configs if f"gaits/branch-{i}" in str(c.out)] for i in (0, 1)]
+    assert branches == [[0.5, 0.5, 0.25, 0.125, 0.125], [0.5, 0.25, 0.125, 0.125]]
+
+
 @pytest.mark.parametrize("choice", ["skip", "best"])
 def test_a_stage_that_is_given_up_can_be_skipped_or_end_with_its_best(
     tmp_path: pathlib.Path, make_recipe: Callable[..., Recipe], services: Any, scores: Callable[..., None], choice: str
