@@ -72,6 +72,10 @@ class Memory:
         self._next = int(rows[-1] + 1) % capacity
         self.size = min(self.size + len(action), capacity)
 
+    def columns(self) -> dict[str, torch.Tensor]:
+        """Return all samples by column, in the order in which they are stored; live views."""
+        return {name: column[: self.size] for name, column in self._columns.items()}
+
     def sample(self, count: int) -> dict[str, torch.Tensor]:
         """Draw random rows and mirror half of them: the robot is symmetric, so each label also holds mirrored."""
         rows = torch.randint(self.size, (count,), generator=self._generator)
