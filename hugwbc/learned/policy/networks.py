@@ -2,8 +2,8 @@
 
 There are two forms of each. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
 trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left
-step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to odd
-coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
+step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to
+odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
 coordinates are turned into pairs h = (e + o, e - o), which the mirror swaps, so that an activation of each number by
 itself commutes with it. `SymmetricActor.plain` multiplies all this out.
 """

@@ -90,9 +90,7 @@ def test_a_force_on_a_hand_acts_at_the_hand() -> None:
 
 
 def test_loaded_robots_do_not_hop_and_the_agile_group_is_not_loaded() -> None:
-    command = dataclasses.replace(
-        EnvConfig().command, standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0
-    )
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
     loads = LoadConfig(payload=4.0, loaded_share=1.0)
     env = HumanoidEnv(EnvConfig(count=8, command=command, loads=loads), seed=0, threads=1)
     assert not env.loads.payload[:4].any() and bool((env.loads.payload[4:] > 0.0).all())
