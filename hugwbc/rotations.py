@@ -40,12 +40,14 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the Hamilton product a b: the rotation b followed by a."""
     if a.ndim == b.ndim == 1:
         (p, q, r, s), (w, x, y, z) = a.tolist(), b.tolist()
-        return np.array([
-            p * w - (q * x + r * y + s * z),
-            p * x + w * q + (r * z - s * y),
-            p * y + w * r + (s * x - q * z),
-            p * z + w * s + (q * y - r * x),
-        ])
+        return np.array(
+            [
+                p * w - (q * x + r * y + s * z),
+                p * x + w * q + (r * z - s * y),
+                p * y + w * r + (s * x - q * z),
+                p * z + w * s + (q * y - r * x),
+            ]
+        )
     aw, bw, au, bu = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
     w = aw * bw - np.sum(au * bu, axis=-1, keepdims=True)
     return np.concatenate((w, aw * bu + bw * au + _cross(au, bu)), axis=-1)

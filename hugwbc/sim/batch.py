@@ -22,7 +22,7 @@ WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warning
 
 
 class _Block(NamedTuple):
-    """Robots that step by themselves: their rows, their torque-speed limit, live views of joint speeds and torque ranges."""
+    """Robots that step by themselves: rows, torque-speed limit, and live views of joint speeds and torque ranges."""
 
     rows: slice
     ids: np.ndarray

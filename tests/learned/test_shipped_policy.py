@@ -7,7 +7,7 @@ import pytest
 from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import held_foot_contact, stepping_feet, touch_downs
 from hugwbc.gait import Gait
-from hugwbc.learned.config import EnvConfig, TrainConfig
+from hugwbc.learned.config import EnvConfig, PPOConfig, TrainConfig
 from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies, trained_with
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.runtime import Constant, rollout
@@ -70,7 +70,11 @@ def test_the_ablation_differs_in_what_moves_the_arms_alone() -> None:
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
     settings = TrainConfig(
-        out=tmp_path, start_from=policy_dir() / "h1" / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
+        out=tmp_path,
+        start_from=policy_dir() / "h1" / SNAPSHOT_NAME,
+        threads=1,
+        env=EnvConfig(count=8),
+        ppo=PPOConfig(symmetry="loss"),
     )
     resumed, shipped = Trainer(settings), load_policy("h1")
     assert resumed.steps == shipped.metadata["training"]["steps"]

@@ -98,6 +98,31 @@ class RandomizationConfig:
     """Factor on the sensor errors of the arena (`hugwbc.sim.sensors.ROBOT`: noise, biases and offsets of encoders,
     joint speeds, gyro and attitude), one value per robot; 0 for the true state."""
 
+    @classmethod
+    def off(cls, friction: float = 0.8) -> "RandomizationConfig":
+        """Return settings under which all robots are as described, sense their true state and are never pushed.
+
+        Args:
+            friction: sliding friction of all robots.
+        """
+        one = (1.0, 1.0)
+        none = (0.0, 0.0)
+        return cls(
+            friction=(friction, friction),
+            mass=one,
+            torso_mass=none,
+            torso_centre=0.0,
+            gains=one,
+            link_mass=one,
+            link_centre=0.0,
+            strength=one,
+            offset=0.0,
+            drive_friction=one,
+            latency=none,
+            push_velocity=0.0,
+            sensing=none,
+        )
+
     def __post_init__(self) -> None:
         """Check the ranges."""
         may_vanish = ("latency", "drive_friction", "sensing")
@@ -183,9 +208,11 @@ class ArmServoGains:
 class CurriculumConfig:
     """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima.
 
-    They move once in 24,576 environment steps, which are called an iteration here: 24 control steps of 1,024 robots.
+    They move after every so many environment steps, called an iteration here, whatever the length of the learner's own.
     """
 
+    steps: int = 24_576
+    """Environment steps between two moves: 24 control steps of 1,024 robots."""
     warm_up_iterations: int = 120
     """Number of iterations before any of the three moves."""
     penalty_start: float = 0.2
@@ -217,7 +244,7 @@ class CurriculumConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         require_finite(self, "curriculum.")
-        for name in ("alpha_interval", "speed_interval"):
+        for name in ("steps", "alpha_interval", "speed_interval"):
             value = getattr(self, name)
             require(value > 0, f"curriculum.{name}", value, "a positive integer")
         for name in ("penalty_start", "penalty_growth"):

@@ -8,7 +8,6 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import terminations
 from hugwbc.learned.env.arm_gains import ArmGains
@@ -324,7 +323,7 @@ class HumanoidEnv:
         """Move the curricula after an iteration, based on the tracking rewards of moving robots of both groups."""
         self.curriculum.update(
             self.statistics.gate("speed") if bool(self.agile.any()) else None,
-            self.statistics.gate("alpha") if self.config.intervention != "none" else None,
+            self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,
             terrain_mastered=self.ground is None or self.ground.mastered,
         )
         if self.ground is not None:

@@ -24,6 +24,7 @@ from hugwbc.learned.imitation.dagger import Dagger
 from hugwbc.learned.policy import checkpoint, observations
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.snapshots import network_of
 
 # Speed, angular velocity or roll (or a mixture) from which a standing robot is caught rather than held.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
@@ -262,10 +263,9 @@ def _load(path: pathlib.Path | None) -> tuple[ActorCritic, dict[str, object]]:
     if path is None:
         raise ConfigError("start_from is missing; give --start-from SNAPSHOT, the network that the student starts as")
     tensors, metadata = checkpoint.load_file(path, "checkpoint")
-    network = ActorCritic()
     prefix = "network."
     try:
-        network.load_state_dict({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
-    except RuntimeError as error:
+        network = network_of({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
+    except (RuntimeError, KeyError) as error:
         raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
     return network, metadata

@@ -12,7 +12,6 @@ from hugwbc.learned.imitation import Distiller, Imitator
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.recipe.recipe_records import LABELS, usual_file
 from hugwbc.learned.recipe.stage_work import Outcome, StageWork, write_state
-from hugwbc.learned.rl.cloning import save_labels
 from hugwbc.robot import load_robot
 
 _LEG, _LABELS = "leg.safetensors", "leg-*-labels.safetensors"
@@ -26,7 +25,8 @@ def run_labelling(work: StageWork) -> Outcome:
         PolicyFileError: if a file of an earlier leg is damaged.
     """
     stage, folder = work.stage, work.folder
-    config = stage.config(own={"out": folder, "seed": work.seed(), **work.paths})
+    keep = {"keep_labels": _takes_labels(work)} if stage.kind == "imitate" else {}
+    config = stage.config(own={"out": folder, "seed": work.seed(), **keep, **work.paths})
     dagger: Imitator | Distiller
     if stage.kind == "imitate":
         dagger = Imitator(config, work.services.teacher(load_robot(config.env.robot)))
@@ -69,8 +69,6 @@ def run_labelling(work: StageWork) -> Outcome:
             _labels(folder, old).unlink(missing_ok=True)
         work.say(f"{stage.name}: {dagger.samples} of {config.samples:.0f} labels")
     dagger.write(state["seconds"])
-    if stage.kind == "imitate" and _takes_labels(work):
-        save_labels(folder / LABELS, dagger.memory.newest(dagger.memory.size), {})
     return Outcome(labels=float(dagger.samples), seeds=(config.seed,))
 
 

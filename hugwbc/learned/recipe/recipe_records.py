@@ -116,7 +116,7 @@ class Kind:
 
 
 KINDS: Mapping[str, Kind] = {
-    "imitate": Kind(ImitationConfig, (POLICY, SNAPSHOT, STARTS, LABELS), own=("out",), work="samples"),
+    "imitate": Kind(ImitationConfig, (POLICY, SNAPSHOT, STARTS, LABELS), own=("out", "keep_labels"), work="samples"),
     "train": Kind(
         TrainConfig,
         (POLICY, SNAPSHOT),

@@ -17,6 +17,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.policy_contract import policy_contract, settings_record, versions
+from hugwbc.learned.policy.snapshots import is_symmetric, load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
@@ -25,7 +26,6 @@ from hugwbc.robot import load_robot
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
-CURRICULUM_STEPS = 24_576  # environment steps between two moves of the curricula
 _SEED_STEP = 1_000_003  # between the seeds of two processes
 MAX_DUMPS = 3  # of skipped minibatches in the folder of a run; each takes some 20 MB
 
@@ -118,8 +118,9 @@ class Trainer:
         losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
         self.iteration += 1
         steps = horizon * self.config.env.count * distributed.size()
-        # The curricula count in units of steps, so that they do not depend on the length of an iteration.
-        for _ in range((self.steps + steps) // CURRICULUM_STEPS - self.steps // CURRICULUM_STEPS):
+        # The curricula count steps, so that they do not depend on the length of an iteration.
+        each = self.config.env.curriculum.steps
+        for _ in range((self.steps + steps) // each - self.steps // each):
             self.env.update_curriculum()
         self.steps += steps
         self.ppo.bound_std(self.steps)
@@ -246,9 +247,13 @@ class Trainer:
         if not self.leads:
             tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
+        symmetric = is_symmetric(groups["network"])
+        if symmetric != self.ppo.network.symmetric:
+            kind, remedy = ("symmetric", "network") if symmetric else ("plain", "loss")
+            raise PolicyFileError(f"{path} has {kind} networks; continue from it with --ppo.symmetry {remedy}")
         try:
-            self.ppo.network.load_state_dict(groups["network"])
-        except RuntimeError as error:
+            load_into(self.ppo.network, groups["network"])
+        except (RuntimeError, KeyError) as error:
             raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
         if groups["env"]:
             self._restore_robots(groups["env"], tensors, path)

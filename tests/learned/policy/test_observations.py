@@ -15,7 +15,7 @@ from hugwbc.state import RobotState
 
 def test_sizes_are_the_paper_s() -> None:
     assert (obs.PROPRIOCEPTION_SIZE, obs.PRIVILEGED_SIZE, obs.TERRAIN_SIZE) == (63, 40, 221)
-    assert obs.COMMAND_SIZE == 8 + len(Gait) + 2 * 2 + 1
+    assert 8 + len(Gait) + 2 * 2 + 1 == obs.COMMAND_SIZE
     assert obs.CRITIC_SIZE == 63 + 18 + 40 + 221
     n = 2
     rows = obs.privileged(
@@ -117,7 +117,12 @@ def test_no_two_gaits_or_phases_look_alike() -> None:
 
 def test_the_first_layout_is_made_of_the_present_one() -> None:
     command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7)
-    expected = {Gait.STANDING: (0.0, 1.0), Gait.WALKING: (0.5, 0.5), Gait.JUMPING: (0.0, 0.5), Gait.HOPPING_LEFT: (0.0, 0.5)}
+    expected = {
+        Gait.STANDING: (0.0, 1.0),
+        Gait.WALKING: (0.5, 0.5),
+        Gait.JUMPING: (0.0, 0.5),
+        Gait.HOPPING_LEFT: (0.0, 0.5),
+    }
     for gait, parameters in expected.items():
         row = command_row(dataclasses.replace(command, gait=gait), (0.1, 0.6))
         old = obs.in_layout(row, obs.FIRST_COMMAND_SIZE)

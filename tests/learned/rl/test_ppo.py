@@ -69,7 +69,9 @@ def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: floa
     torch.manual_seed(0)
     config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3, value_clip=value_clip)
     learner = PPO(config, 64, torch.Generator().manual_seed(0))
-    observation = Observation(torch.zeros(64, 315), torch.zeros(64, 18), torch.zeros(64, CRITIC_SIZE), torch.zeros(64, 6))
+    observation = Observation(
+        torch.zeros(64, 315), torch.zeros(64, 18), torch.zeros(64, CRITIC_SIZE), torch.zeros(64, 6)
+    )
     before = float(learner.value(observation.critic).detach().mean())
     for t in range(4):
         learner.act(t, observation, GAIT[: len(observation.command)])
@@ -166,7 +168,9 @@ def test_the_critic_can_learn_alone() -> None:
         before = {name: value.clone() for name, value in learner.network.state_dict().items()}
         for t, done in enumerate((nobody, everybody)):
             learner.act(t, observation, GAIT[: len(observation.command)])
-            learner.record(t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, CRITIC_SIZE)))
+            learner.record(
+                t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, CRITIC_SIZE))
+            )
         learner.update(observation, critic_only=critic_only)
         after = learner.network.state_dict()
         return {name: (after[name] - value).abs().max() for name, value in before.items()}, learner.learning_rate
