@@ -1,6 +1,7 @@
 """`hugwbc recipe ACTION`: make a policy by a recipe, plan and compare recipes, verify how a policy was made."""
 
 import dataclasses
+import os
 import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -82,10 +83,11 @@ def run(words: Sequence[str]) -> int:
 
     Raises:
         UnknownNameError: if there is no such action.
+        SystemExit: after printing the list of actions, if that is what was asked for.
     """
     if not words or words[0] in ("-h", "--help"):
         say(_usage())
-        return 0 if words else 2
+        raise SystemExit(0 if words else 2)
     if words[0] not in ACTIONS:
         raise UnknownNameError("action of recipe", words[0], ACTIONS)
     options, act = ACTIONS[words[0]]
@@ -108,6 +110,8 @@ def _run(options: RecipeRun) -> int:
     out = options.out or pathlib.Path("runs") / recipe.name
     if options.workers is not None and options.workers < 1:
         raise RecipeError(f"--workers {options.workers}; give 1 or more")
+    if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+        raise RecipeError("a recipe runs in one process; start it without torchrun, with more threads in its settings")
     check_folder(out)
     with progress(f"recipe {recipe.name}") as advance:
         finished = run_recipe(

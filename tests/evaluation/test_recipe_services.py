@@ -31,7 +31,11 @@ def test_a_table_is_the_settings_of_its_protocol() -> None:
     [
         ({"protocol": "singel-command"}, UnknownNameError, r"unknown protocol 'singel-command'\. Did you mean 'single"),
         ({"gait": "strolling"}, UnknownNameError, "unknown gait 'strolling'"),
-        ({"episode": 8}, UnknownNameError, r"setting of the single-command protocol 'episode'\. Did you mean 'episodes'"),
+        (
+            {"episode": 8},
+            UnknownNameError,
+            r"setting of the single-command protocol 'episode'\. Did you mean 'episodes'",
+        ),
         ({"seed": 4}, UnknownNameError, "'seed'"),
         ({"episodes": 2}, ConfigError, "episodes is 2; give 8 or more"),
         ({"episodes": "many"}, ConfigError, "episodes is 'many'; give a value of type int"),
@@ -76,8 +80,14 @@ def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
     assert stand["h"] == pytest.approx(-0.2, abs=0.05) and np.isnan(stand["l"])
 
 
-def test_a_fall_executes_nothing(make_trace: Callable[..., Any]) -> None:
-    trace = make_trace()
-    fallen = dataclasses.replace(trace, fell=True)
+def test_the_means_of_a_trace(synthetic_trace: Callable[..., Any]) -> None:
+    trace = synthetic_trace()
+    means = executed_means(trace)
+    kept = trace.time >= 1.0
+    assert means["v_x"] == pytest.approx(float(trace.measured[kept, 0].mean()))
+    assert means["l"] > 0.0
+
+
+def test_a_fall_executes_nothing(synthetic_trace: Callable[..., Any]) -> None:
+    fallen = dataclasses.replace(synthetic_trace(), fell=True)
     assert all(np.isnan(value) for value in executed_means(fallen).values())
-    assert executed_means(trace, settle=0.0)["v_x"] == pytest.approx(float(trace.measured[:, 0].mean()))

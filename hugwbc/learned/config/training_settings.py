@@ -27,13 +27,13 @@ class PPOConfig:
     """Trace decay lambda of the generalised advantage estimate. With the discount it gives credit over 1 / (1 - gamma
     lam) = 17 control steps, two thirds of a hop's cycle."""
     advantages: Literal["gait", "all"] = "gait"
-    """Over which samples advantages are standardised: those of each gait, or all. Over all, the rare falls of a hard gait
-    make up the variance, and the cost of a small error in an easy one cannot be seen."""
+    """Over which samples advantages are standardised: those of each gait, or all. Over all, the rare falls of a hard
+    gait make up the variance, and the cost of a small error in an easy one cannot be seen."""
     clip: float = 0.2
     """Largest change of the probability ratio that the surrogate rewards."""
     value_clip: float = 0.0
-    """Largest change of a value in an update [reward]; 0 for no limit. With a limit of 0.2 the values of the hop drifted
-    to 13 above its returns (docs/log/training.md)."""
+    """Largest change of a value in an update [reward]; 0 for no limit. With a limit of 0.2 the values of the hop
+    drifted to 13 above its returns (docs/log/training.md)."""
     policy_weight: float = 1.0
     """Weight of the surrogate loss (the paper's lambda_policy)."""
     estimation_weight: float = 1.0
@@ -141,7 +141,7 @@ class TrainConfig:
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
     schedules: tuple[Schedule, ...] = ()
-    """Settings that change with the steps; they replace the values above. Recipes have them, the command line has not."""
+    """Settings that change with the steps and replace the values above. They have no options: recipes have them."""
 
     def at(self, steps: float) -> "TrainConfig":
         """Return the configuration with the scheduled settings at their values after a number of steps."""

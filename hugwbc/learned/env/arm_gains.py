@@ -1,4 +1,4 @@
-"""Gains of the arms in training: the policy's own, or those of the arm servo while the arms are under external control."""
+"""Gains of the arms in training: the policy's own, or the arm servo's while they are under external control."""
 
 import numpy as np
 import torch

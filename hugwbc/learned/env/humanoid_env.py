@@ -8,7 +8,6 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import terminations
 from hugwbc.learned.env.arm_gains import ArmGains

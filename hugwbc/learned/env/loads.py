@@ -17,8 +17,8 @@ _STATE = ("payload", "hand_force", "hand_time", "trunk_force", "trunk_time")
 class Loads:
     """What n robots carry and what pulls and pushes them.
 
-    A payload is a point mass in a hand: it changes mass, centre and inertia of the forearm. A force acts from one control
-    step to the next in a fixed direction of the world.
+    A payload is a point mass in a hand: it changes mass, centre and inertia of the forearm. A force has a fixed
+    direction in the world.
 
     Attributes:
         config: the largest values, which may change between steps.

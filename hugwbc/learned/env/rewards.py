@@ -211,9 +211,9 @@ def yaw_rate_bias(t: Transition, body: Body) -> torch.Tensor:
 
 
 def foot_impact(t: Transition, body: Body) -> torch.Tensor:
-    """sum_i max(0, d_i - 0.3)^2, at most 4, over feet that touch down; d_i is the descent a step before (not in the paper).
+    """sum_i min(4, max(0, d_i - 0.3)^2) over feet that touch down (not in the paper).
 
-    The step before, because contact stops a sole within one control step, and because it must slow down before.
+    d_i is the speed of descent one control step before: contact stops a sole within a step.
     """
     excess = (t.descent - SOFT_DESCENT).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
     return (t.touch_down * excess).sum(1)

@@ -97,6 +97,10 @@ class Memory:
             self._next = (self._next + count) % capacity
             self.size = min(self.size + count, capacity)
 
+    def columns(self) -> dict[str, torch.Tensor]:
+        """Return all samples by column, in the order in which they are stored; live views."""
+        return {name: column[: self.size] for name, column in self._columns.items()}
+
     def sample(self, count: int) -> dict[str, torch.Tensor]:
         """Draw random rows and mirror half of them: the robot is symmetric, so each label also holds mirrored."""
         rows = torch.randint(self.size, (count,), generator=self._generator)

@@ -15,6 +15,8 @@ from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.imitation.dagger import Dagger
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.policy.policy_contract import settings_record
+from hugwbc.learned.rl.cloning import LABELS_FILE, save_labels
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -93,8 +95,15 @@ class Imitator(Dagger[ImitationConfig]):
         self._agreed = torch.zeros(self.env.count)
 
     def write(self, seconds: float) -> None:
-        """Write a policy, a snapshot to train from, and states to start episodes in; `seconds` as in `Dagger`."""
+        """Write a policy, a snapshot to train from, states to start episodes in, and the labels.
+
+        Args:
+            seconds: how long it took [s], for the record.
+        """
         super().write(seconds)
+        if self.config.keep_labels:
+            record = {"robot": self._robot.name, "config": settings_record(self.config)}
+            save_labels(self.config.out / LABELS_FILE, self.memory.columns(), record)
         if self._starts.count:
             self._starts.save(self.config.out / STARTS_FILE)
 

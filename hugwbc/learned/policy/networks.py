@@ -1,9 +1,9 @@
 """The paper's networks: history encoder, state estimator, low-level policy and privileged critic.
 
 There are two forms of each. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
-trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left step,
-a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to odd
-coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
+trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left
+step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to
+odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
 coordinates are turned into pairs h = (e + o, e - o), which the mirror swaps, so that an activation of each number by
 itself commutes with it. `SymmetricActor.plain` multiplies all this out.
 """
@@ -121,7 +121,8 @@ class SplitLinear(nn.Module):
         """Draw weights as a full layer has them.
 
         Args:
-            inputs, outputs: numbers of even and odd coordinates.
+            inputs: numbers of even and odd coordinates.
+            outputs: the same of what comes out.
             gain: factor on the initial weights.
         """
         super().__init__()
@@ -164,8 +165,9 @@ class SplitMlp(nn.Module):
         """Set up the layers.
 
         Args:
-            inputs, outputs: numbers of even and odd coordinates; without outputs it ends in a hidden layer.
+            inputs: numbers of even and odd coordinates.
             hidden: widths of the equivalent plain network.
+            outputs: numbers of even and odd coordinates that come out; None to end in a hidden layer.
         """
         super().__init__()
         layers: list[SplitLinear] = []

@@ -101,8 +101,8 @@ def command_observation(
     """Build the observation of commands, gait, clocks and indicator, shape (n, 18).
 
     Order: the eight scaled commands, one number for each gait (1 for the commanded one), sin 2 pi phi of the left and
-    the right foot, cos 2 pi phi of both, I. The paper has psi and one clock per foot. Then a jump and hops on either leg
-    look alike where the held foot's clock equals that of the other, and no clock tells phi from 0.5 - phi.
+    the right foot, cos 2 pi phi of both, I. The paper has psi and one clock per foot. Then a jump and hops on either
+    leg look alike where both clocks are equal, and no clock tells phi from 0.5 - phi.
 
     Args:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
@@ -182,8 +182,8 @@ def privileged(
         foot_force: ground reaction on both feet [N], shape (n, 2, 3).
         link_contact: contact flags of trunk, hips, thighs, shanks, shoulders and arms, shape (n, 11), bool.
         bias: filtered errors of v_x, v_y [m/s] and omega [rad/s], which some rewards depend on, shape (n, 3).
-        load: payload of the left and the right hand [kg], then the forces on the left hand, the right hand and the trunk
-            in the heading frame [N], shape (n, 11).
+        load: payload of the left and the right hand [kg], then the forces on the left hand, the right hand and the
+            trunk in the heading frame [N], shape (n, 11).
         body: mass of the robot relative to its description, and latency [s], shape (n, 2).
     """
     payload, forces = load[:, :2], load[:, 2:]

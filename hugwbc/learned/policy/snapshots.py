@@ -1,4 +1,4 @@
-"""Networks from the tensors of a snapshot or checkpoint, of this version or with the first layout of the observations."""
+"""Networks from the tensors of a snapshot or checkpoint, with this or the first layout of the observations."""
 
 from collections.abc import Mapping
 

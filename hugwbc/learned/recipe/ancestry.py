@@ -23,7 +23,7 @@ from hugwbc.learned.recipe.recipe_records import json_digest
 FORMAT = "hugwbc ancestry 1"
 KEY = "ancestry"
 RECORD_FILE, CHAIN_FILE = "record.json", "ancestry.json"
-_SEALED = ("policy", "checkpoint", "starts")  # kinds of files whose metadata take records
+_SEALED = ("policy", "checkpoint", "starts", "labels")  # kinds of files whose metadata take records
 _LONGEST_HEADER = 100_000_000  # [byte]
 
 

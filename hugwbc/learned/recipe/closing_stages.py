@@ -23,6 +23,7 @@ from hugwbc.learned.recipe.recipe_records import (
 from hugwbc.learned.recipe.stage_work import Outcome, StageWork, read_state, write_state
 
 CALIBRATION, ONNX, TRIAL = "calibration.json", "policy.onnx", "trial.safetensors"
+UNCALIBRATED = "figures_uncalibrated.json"
 _DECIMALS = 4
 
 Curves = dict[str, dict[str, list[list[float]]]]
@@ -198,7 +199,8 @@ def run_export(work: StageWork) -> Outcome:
     """
     settings: ExportSettings = work.stage.config()
     for name, path in work.inputs.items():
-        write_whole(work.folder / TAKEN_BY_NAME[name], path.read_bytes())
+        target = UNCALIBRATED if name == "uncalibrated" else TAKEN_BY_NAME[name]
+        write_whole(work.folder / target, path.read_bytes())
     if settings.onnx:
         from hugwbc.learned.policy.onnx_export import export_onnx
 

@@ -10,10 +10,11 @@ from typing import Any
 
 from hugwbc.learned.imitation import Distiller, Imitator
 from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.recipe.recipe_records import LABELS, usual_file
 from hugwbc.learned.recipe.stage_work import Outcome, StageWork, write_state
 from hugwbc.robot import load_robot
 
-_LEG, _LABELS = "leg.safetensors", "labels-*.safetensors"
+_LEG, _LABELS = "leg.safetensors", "leg-*-labels.safetensors"
 
 
 def run_labelling(work: StageWork) -> Outcome:
@@ -24,7 +25,8 @@ def run_labelling(work: StageWork) -> Outcome:
         PolicyFileError: if a file of an earlier leg is damaged.
     """
     stage, folder = work.stage, work.folder
-    config = stage.config(own={"out": folder, "seed": work.seed(), **work.paths})
+    keep = {"keep_labels": _takes_labels(work)} if stage.kind == "imitate" else {}
+    config = stage.config(own={"out": folder, "seed": work.seed(), **keep, **work.paths})
     dagger: Imitator | Distiller
     if stage.kind == "imitate":
         dagger = Imitator(config, work.services.teacher(load_robot(config.env.robot)))
@@ -36,7 +38,7 @@ def run_labelling(work: StageWork) -> Outcome:
         tensors, state = checkpoint.load_file(folder / _LEG, "leg")
         dagger.load_state(tensors)
         kept = range(state["dropped"], len(state["counts"]))
-        parts = (checkpoint.load_file(_labels(folder, leg), "labels")[0] for leg in kept)
+        parts = (checkpoint.load_file(_labels(folder, leg), "leg labels")[0] for leg in kept)
         # A leg with more labels than the memory holds has stored its newest ones only.
         stored = sum(min(count, dagger.memory.capacity) for count in state["counts"][state["dropped"] :])
         dagger.memory.restore(parts, sum(state["counts"]) - stored)
@@ -54,7 +56,7 @@ def run_labelling(work: StageWork) -> Outcome:
         dagger.begin_leg(leg)
         dagger.advance(min(stage.end_of(leg), config.samples), report)
         counts = [*state["counts"], dagger.samples - before]
-        checkpoint.save_file(_labels(folder, leg), dagger.memory.newest(counts[-1]), "labels", {})
+        checkpoint.save_file(_labels(folder, leg), dagger.memory.newest(counts[-1]), "leg labels", {})
         dropped = state["dropped"]
         while dropped < len(counts) and sum(counts[dropped + 1 :]) >= dagger.memory.capacity:
             dropped += 1  # a later leg alone fills the memory
@@ -68,6 +70,16 @@ def run_labelling(work: StageWork) -> Outcome:
         work.say(f"{stage.name}: {dagger.samples} of {config.samples:.0f} labels")
     dagger.write(state["seconds"])
     return Outcome(labels=float(dagger.samples), seeds=(config.seed,))
+
+
+def _takes_labels(work: StageWork) -> bool:
+    """Return whether a later stage takes the labels themselves; they are many, and written only then."""
+    sources = [
+        source if "/" in source else f"{source}/{usual_file(name, work.recipe.stage(source))}"
+        for stage in work.recipe.stages
+        for name, source in stage.inputs.items()
+    ]
+    return f"{work.stage.name}/{LABELS}" in sources
 
 
 def clean_labelling(folder: pathlib.Path) -> None:

@@ -1,5 +1,6 @@
 """Checks of a recipe as a whole: where inputs come from, and settings at every measurement and level."""
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -61,6 +62,8 @@ def _setting_problems(stage: Stage) -> Iterator[tuple[str, object]]:
     for progress, level, changes in trials:
         try:
             config = stage.config(progress, levels=dict.fromkeys(stage.schedules, level), changes=changes)
+            if isinstance(config, TrainConfig):
+                dataclasses.replace(config, schedules=stage.smooth_schedules(0.0, without=changes))
         except HugwbcError as error:
             if str(error) not in seen:
                 seen.add(str(error))

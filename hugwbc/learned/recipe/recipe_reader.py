@@ -12,8 +12,8 @@ from hugwbc.errors import HugwbcError, RecipeError, UnknownNameError
 from hugwbc.learned.recipe import dotted
 from hugwbc.learned.recipe.conditions_on_figures import Condition
 from hugwbc.learned.recipe.recipe_records import KINDS, MeasureSettings, Recipe, Stage, input_names
-from hugwbc.learned.recipe.schedules import SHAPES, Schedule
 from hugwbc.learned.recipe.stage_gates import ACTIONS, Gate, Times
+from hugwbc.learned.recipe.stage_schedules import SHAPES, StageSchedule
 from hugwbc.robot import model_dir
 from hugwbc.yaml_file import YamlReader
 
@@ -314,7 +314,7 @@ class RecipeReader(YamlReader):
             else:
                 yield name, self._value(stage, name, at, value)
 
-    def _schedule(self, stage: Stage, name: str, at: yaml.Node, node: yaml.Node) -> Schedule:
+    def _schedule(self, stage: Stage, name: str, at: yaml.Node, node: yaml.Node) -> StageSchedule:
         entries = {key: value for key, _, value in self.pairs(node, "schedule")}
         shapes = [key for key in entries if key in SHAPES]
         if len(shapes) != 1:
@@ -338,7 +338,7 @@ class RecipeReader(YamlReader):
         for key in ("when", "back_when"):
             if key in rest:
                 fields[key] = self.conditions(rest[key])
-        return self.checked(node, Schedule, shape, **fields)
+        return self.checked(node, StageSchedule, shape, **fields)
 
     # Differences ----------------------------------------------------------------------------------------------------
 

@@ -4,18 +4,23 @@ import dataclasses
 import hashlib
 import json
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Literal
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig, TrainConfig
+from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig, Schedule, TrainConfig
 from hugwbc.learned.config.checks import require
+from hugwbc.learned.config.schedules import SCHEDULED
 from hugwbc.learned.recipe.dotted import flat, setting_types, with_settings
-from hugwbc.learned.recipe.schedules import Schedule
 from hugwbc.learned.recipe.stage_gates import Gate, Times
+from hugwbc.learned.recipe.stage_schedules import StageSchedule
 from hugwbc.seeds import REPORT_SEED, REPORT_SEEDS, SELECTION_SEED, SELECTION_SEEDS, TRAINING_SEED, TRAINING_SEEDS
 
 POLICY, SNAPSHOT, STARTS, FIGURES = "policy.safetensors", "snapshot.safetensors", "starts.safetensors", "figures.json"
+LABELS = "labels.safetensors"
+# Groups that the trainer reads anew in every iteration. Not env.command: shares of the gaits are valid together only,
+# and the trainer changes one after the other.
+_SMOOTH = frozenset(SCHEDULED) - {"env.command"}
 PLACEHOLDER = pathlib.Path("from-an-earlier-stage")  # stands for an input while settings are only checked
 
 
@@ -111,14 +116,20 @@ class Kind:
 
 
 KINDS: Mapping[str, Kind] = {
-    "imitate": Kind(ImitationConfig, (POLICY, SNAPSHOT, STARTS), own=("out",), work="samples"),
-    "train": Kind(TrainConfig, (POLICY, SNAPSHOT), own=("out", "resume", "hours", "evaluation_interval"), work="steps"),
+    "imitate": Kind(ImitationConfig, (POLICY, SNAPSHOT, STARTS, LABELS), own=("out", "keep_labels"), work="samples"),
+    "train": Kind(
+        TrainConfig,
+        (POLICY, SNAPSHOT),
+        own=("out", "resume", "hours", "evaluation_interval", "schedules"),
+        work="steps",
+    ),
     "distil": Kind(DistillationConfig, (POLICY, SNAPSHOT), required=("start_from",), own=("out",), work="samples"),
     "calibrate": Kind(CalibrationSettings, (POLICY, "calibration.json"), ("policy",), ("policy",)),
     "evaluate": Kind(EvaluationSettings, (FIGURES,), ("policy",), ("policy",)),
-    "export": Kind(ExportSettings, (POLICY,), ("policy", "snapshot", "figures"), ("policy",)),
+    "export": Kind(ExportSettings, (POLICY,), ("policy", "snapshot", "figures", "uncalibrated"), ("policy",)),
 }
-TAKEN_BY_NAME = {"policy": POLICY, "snapshot": SNAPSHOT, "figures": FIGURES}  # files of the inputs of these names
+# Files of the inputs of these names.
+TAKEN_BY_NAME = {"policy": POLICY, "snapshot": SNAPSHOT, "figures": FIGURES, "uncalibrated": FIGURES}
 
 
 def path_settings(kind: str) -> list[str]:
@@ -159,7 +170,7 @@ class Stage:
     about: str = ""
     inputs: Mapping[str, str] = dataclasses.field(default_factory=dict)
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    schedules: Mapping[str, Schedule] = dataclasses.field(default_factory=dict)
+    schedules: Mapping[str, StageSchedule] = dataclasses.field(default_factory=dict)
     gates: tuple[Gate, ...] = ()
     every: float | None = None
     score: str = "evaluation/score"
@@ -191,6 +202,23 @@ class Stage:
     def parents(self) -> list[str]:
         """Return the names of the stages that it takes inputs from, each once."""
         return list(dict.fromkeys(source.partition("/")[0] for source in self.inputs.values()))
+
+    def smooth_schedules(self, begin: float, without: Collection[str] = ()) -> tuple[Schedule, ...]:
+        """Return the ramps that a trainer can follow in every iteration; the others change from segment to segment.
+
+        Args:
+            begin: steps of the network before the stage.
+            without: settings to leave out, since a gate has changed them.
+        """
+        found = []
+        for name, schedule in self.schedules.items():
+            scale: Literal["linear", "log"] | None
+            scale = {"linear": "linear", "geometric": "log"}.get(schedule.shape)  # type: ignore[assignment]
+            numbers = all(isinstance(value, int | float) for value in schedule.values)
+            if scale and numbers and name.rpartition(".")[0] in _SMOOTH and name not in without:
+                steps = tuple(begin + place * self.work for place in schedule.places)
+                found.append(Schedule(name, steps, tuple(map(float, schedule.values)), scale))
+        return tuple(found)
 
     def resolved(self) -> dict[str, Any]:
         """Return all settings at the stage's begin by dotted name, defaults included, as JSON."""

@@ -18,16 +18,23 @@ from hugwbc.learned.recipe.ancestry import (
     seal,
     write_record,
 )
-from hugwbc.learned.recipe.closing_stages import CALIBRATION, ONNX, run_calibration, run_evaluation, run_export
+from hugwbc.learned.recipe.closing_stages import (
+    CALIBRATION,
+    ONNX,
+    UNCALIBRATED,
+    run_calibration,
+    run_evaluation,
+    run_export,
+)
 from hugwbc.learned.recipe.forecast import forecast
 from hugwbc.learned.recipe.labelling_stage import clean_labelling, run_labelling
 from hugwbc.learned.recipe.ledger import Session, now, only_process
-from hugwbc.learned.recipe.recipe_records import FIGURES, POLICY, SNAPSHOT, STARTS, Recipe, Stage
-from hugwbc.learned.recipe.run_folder import ABANDONED, RunFolder
+from hugwbc.learned.recipe.recipe_records import FIGURES, LABELS, POLICY, SNAPSHOT, STARTS, Recipe, Stage
+from hugwbc.learned.recipe.run_folder import ABANDONED, PLAN_FILE, RunFolder
 from hugwbc.learned.recipe.stage_work import Outcome, Services, StageWork, Stop, StoppedError
 from hugwbc.learned.recipe.training_stage import TrainingStage, clean_training
 
-OUTPUTS = (POLICY, SNAPSHOT, STARTS, FIGURES, CALIBRATION, ONNX)
+OUTPUTS = (POLICY, SNAPSHOT, STARTS, LABELS, FIGURES, CALIBRATION, UNCALIBRATED, ONNX)
 RUNNERS: Mapping[str, Callable[[StageWork], Outcome]] = {
     "imitate": run_labelling,
     "train": lambda work: TrainingStage(work).run(),
@@ -136,19 +143,35 @@ class _Run:
     def all_stages(self) -> None:
         costs = {one.stage: one.cpu_seconds for one in forecast(self.recipe, self.services)}
         everything = max(sum(costs.values()), 1e-9)
+        write_whole(self.folder.path / PLAN_FILE, json.dumps(costs, indent=1) + "\n")
         done = read = 0.0
         for stage in self.recipe.stages:
             self.stop.check()
             cost = costs[stage.name] / everything
             if read_record(self.folder.stage(stage.name)) is None:
-                self._stage(stage, lambda fraction, b=done, c=cost, r=read: self.progress(b + c * fraction, r))
+                read += self._stage(stage, cost, done, read)
             else:
                 read += cost
                 self._finish_files(stage)
             done += cost
             self.progress(min(done, 1.0), min(read, done, 1.0))
 
-    def _stage(self, stage: Stage, progress: Callable[[float], None]) -> None:
+    def _stage(self, stage: Stage, cost: float, done: float, read: float) -> float:
+        """Run one stage; return the share of all work that an earlier session has done of it.
+
+        Args:
+            stage: the stage.
+            cost: its share of all work.
+            done: share that is done before it.
+            read: share that earlier sessions did.
+        """
+        begun: float | None = None
+
+        def progress(fraction: float) -> None:
+            nonlocal begun
+            begun = fraction if begun is None else begun
+            self.progress(done + cost * fraction, read + cost * begun)
+
         place = self.folder.stage(stage.name)
         place.mkdir(parents=True, exist_ok=True)
         inputs = self.folder.inputs(self.recipe, stage)
@@ -164,6 +187,7 @@ class _Run:
         self._finish_files(stage)
         spent = record.spent
         self.say(f"{stage.name}: {record.outcome}, {spent.core_hours:.2f} core-hours")
+        return cost * (begun or 0.0)
 
     def _record(self, stage: Stage, outcome: Outcome, inputs: Mapping[str, pathlib.Path]) -> Record:
         place = self.folder.stage(stage.name)

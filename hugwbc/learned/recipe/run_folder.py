@@ -13,6 +13,7 @@ from hugwbc.learned.recipe.ledger import LOCK, SESSIONS, SessionRecord, Spent, r
 from hugwbc.learned.recipe.recipe_records import Recipe, Stage, json_digest, usual_file
 
 RECIPE_FILE, STAGES, ABANDONED = "recipe.json", "stages", "abandoned"
+PLAN_FILE = "plan.json"  # planned CPU seconds of each stage
 CHANGED = "changed"  # of --redo: all stages that the recipe has changed since
 
 

@@ -1,10 +1,12 @@
 """Stages of reinforcement learning: segments with constant settings, a measurement after each, gates between them.
 
 A segment is a continued training: `Trainer` restores everything from a checkpoint, bit for bit. A schedule is therefore
-only a rule for the next segment's settings, and any setting can have one. What gates and schedules decide rests on the
+a rule for the next segment's settings, and any setting can have one; the ramps of those that the trainer reads anew in
+every iteration are handed to it and are smooth. What gates and schedules decide rests on the
 measurements in the stage's state file and on the log, not on anything that a killed process would have forgotten.
 """
 
+import copy
 import csv
 import dataclasses
 import math
@@ -44,6 +46,7 @@ class TrainingState:
         measurements: of the finished segments, without those that were discarded.
         best: index of the best measurement; None before the first.
         levels: levels of the gated schedules.
+        best_levels: the same when the best checkpoint was measured.
         changes: settings that gates have changed: ["to", value] or ["times", factor].
         gates: how often each gate has acted.
         discarded: branches that were left.
@@ -57,6 +60,7 @@ class TrainingState:
     measurements: list[dict[str, float]] = dataclasses.field(default_factory=list)
     best: int | None = None
     levels: dict[str, int] = dataclasses.field(default_factory=dict)
+    best_levels: dict[str, int] = dataclasses.field(default_factory=dict)
     changes: dict[str, list[Any]] = dataclasses.field(default_factory=dict)
     gates: dict[str, int] = dataclasses.field(default_factory=dict)
     discarded: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -159,6 +163,7 @@ class TrainingStage:
             seed=self.work.seed() + state.branch,
             critic_warm_up=left,
             evaluation_interval=0,
+            schedules=stage.smooth_schedules(state.begin_steps, without=state.changes),
         )
 
     def _settings_at(self, progress: float) -> TrainConfig:
@@ -175,8 +180,8 @@ class TrainingStage:
     def _measure(self, trainer: Trainer) -> dict[str, float]:
         """Return the figures of the evaluator, at a seed of selection, and the training's own over the segment."""
         state = self.state
-        actor = trainer.ppo.network.actor
-        figures = self._evaluator_of_stage().run(actor if trainer.ppo.device.type == "cpu" else _on_cpu(actor))
+        # In the form in which the policy runs, on the CPU.
+        figures = self._evaluator_of_stage().run(copy.deepcopy(trainer.ppo.network.actor).cpu().plain())
         earlier = state.measurements[-1]["iteration"] if state.measurements else state.begin_iteration
         if state.branch and not self._branch_has_measurements():
             earlier = state.best_measurement().get("iteration", state.begin_iteration)
@@ -192,8 +197,14 @@ class TrainingStage:
     def _evaluator_of_stage(self) -> Evaluator:
         if self._evaluator is None:
             measure, env = self.work.recipe.measure, self.measured_env()
-            threads = self._settings_at(0.0).threads
-            self._evaluator = Evaluator(env, count=measure.robots, seconds=measure.seconds, threads=threads)
+            settings = self._settings_at(0.0)
+            self._evaluator = Evaluator(
+                env,
+                count=measure.robots,
+                seconds=measure.seconds,
+                threads=settings.threads,
+                timestep=settings.evaluation_timestep,
+            )
         return self._evaluator
 
     def _check_names(self, measured: Iterable[str], prefix: str = "") -> None:
@@ -227,7 +238,7 @@ class TrainingStage:
         if state.best is None or value < state.best_measurement().get(score, math.inf):
             for name in (POLICY, SNAPSHOT, CHECKPOINT_NAME):
                 write_whole(self.folder / BEST / name, (self._branch_folder / name).read_bytes())
-            state.best = len(state.measurements) - 1
+            state.best, state.best_levels = len(state.measurements) - 1, dict(state.levels)
 
     def _diverged(self, trainer: Trainer, figures: Mapping[str, float]) -> str:
         """Return in words that the learner has diverged; empty if it has not."""
@@ -296,7 +307,7 @@ class TrainingStage:
                 value *= state.changes[name][1]
             state.changes[name] = [how, value]
         state.measurements = state.measurements[: state.best + 1]
-        state.segment = state.best + 1
+        state.segment, state.levels = state.best + 1, dict(state.best_levels)
         state.branch += 1
         return f"back to {state.best_measurement()['steps'] - state.begin_steps:.3g} steps: {reason}"
 
@@ -351,12 +362,6 @@ def clean_training(folder: pathlib.Path) -> None:
 def _words(figures: Mapping[str, float]) -> str:
     shown = {name: value for name, value in figures.items() if name.startswith("evaluation/") and name.count("/") == 1}
     return ", ".join(f"{name.removeprefix('evaluation/')} {value:.3g}" for name, value in shown.items()) or "none"
-
-
-def _on_cpu(actor: torch.nn.Module) -> Any:  # noqa: ANN401  an actor
-    import copy
-
-    return copy.deepcopy(actor).cpu()
 
 
 def _write_start(source: pathlib.Path, target: pathlib.Path) -> None:

@@ -62,8 +62,8 @@ class Labels:
             found = tuple(columns[name].shape) if name in columns else None
             if not self.count or found != (self.count, width):
                 raise PolicyFileError(
-                    f"{path} has no usable labels: '{name}' has the shape {found}, not {(self.count, width)}; give a file "
-                    "that this version collected"
+                    f"{path} has no usable labels: '{name}' has the shape {found}, not {(self.count, width)}; "
+                    "give a file that this version collected"
                 )
         self._columns = {name: columns[name] for name in _WIDTHS}
         self._network, self._generator = network, generator

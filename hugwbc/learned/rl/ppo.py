@@ -181,6 +181,10 @@ class PPO:
             raise RuntimeError("there is no experience yet: call act for step 0 first")
         return self._rollout
 
+    def allocate(self, critic: int) -> None:
+        """Make room for an iteration of the present horizon, with a critic's observation of `critic` numbers."""
+        self._rollout = Rollout.empty(self.config.horizon, self._count, critic, self.device)
+
     @torch.no_grad()
     def act(self, t: int, observation: Observation, gait: torch.Tensor) -> torch.Tensor:
         """Sample actions for step t, shape (n, 19), and store what the update needs.
@@ -192,8 +196,8 @@ class PPO:
         """
         seen = self.network.prepare(observation)
         if self._rollout is None or len(self._rollout.reward) != self.config.horizon:
-            self._rollout = Rollout.empty(self.config.horizon, self._count, seen.critic.shape[1], self.device)
-        r = self._rollout
+            self.allocate(seen.critic.shape[1])
+        r = self.rollout
         for field in dataclasses.fields(seen):
             getattr(r, field.name)[t] = getattr(seen, field.name)
         r.group[t] = _GROUPS[gait]

@@ -15,7 +15,7 @@ from hugwbc.state import RobotState
 
 def test_sizes_are_the_paper_s() -> None:
     assert (obs.PROPRIOCEPTION_SIZE, obs.PRIVILEGED_SIZE, obs.TERRAIN_SIZE) == (63, 40, 221)
-    assert obs.COMMAND_SIZE == 8 + len(Gait) + 2 * 2 + 1
+    assert 8 + len(Gait) + 2 * 2 + 1 == obs.COMMAND_SIZE
     assert obs.CRITIC_SIZE == 63 + 18 + 40 + 221
     n = 2
     rows = obs.privileged(

@@ -34,10 +34,10 @@ stages:
     every: 320
   gaits:
     kind: train
-    inputs: {start_from: labels}
+    inputs: {start_from: labels, ppo.labels: labels}
     every: 64
     settings: {steps: 192, ppo.horizon: 4, ppo.minibatches: 2, ppo.epochs: 1, critic_warm_up: 1,
-               env.command.resample_steps: 3}
+               ppo.cloning_batch: 32, ppo.cloning_weight: 0.1, env.command.resample_steps: 3}
     schedules:
       ppo.beta: {linear: [0.5, 0.1]}
       env.randomization.push_velocity: {steps: {0: 0.1, 0.5: 0.6}}

@@ -38,7 +38,10 @@ def test_a_record_names_everything_that_made_its_files(records: list[Record]) ->
     assert gaits.settings["ppo.horizon"] == 4 and gaits.settings["ppo.gamma"] > 0.0  # defaults included
     assert gaits.plan["schedules"]["ppo.beta"]["values"] == [0.5, 0.1]
     assert set(gaits.outputs) == {"policy.safetensors", "snapshot.safetensors"}
-    assert gaits.inputs == {"start_from": records[0].outputs["snapshot.safetensors"]}
+    assert gaits.inputs == {
+        "start_from": records[0].outputs["snapshot.safetensors"],
+        "ppo.labels": records[0].outputs["labels.safetensors"],
+    }
     assert gaits.figures["evaluation/falls"] >= 0.0
     assert gaits.commits and {"python", "torch", "mujoco"} <= set(gaits.versions)
 

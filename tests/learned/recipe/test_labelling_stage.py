@@ -7,7 +7,7 @@ import torch
 
 from hugwbc.learned.imitation.dagger import Memory
 from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.observations import COMMAND_SIZE, Observation
 from hugwbc.learned.recipe import labelling_stage
 from hugwbc.learned.recipe.recipe_records import Recipe
 from hugwbc.learned.recipe.recipe_run import RunOptions, run_recipe
@@ -18,7 +18,7 @@ def fill(memory: Memory, numbers: range) -> None:
     for i in numbers:
         value = torch.full((3,), float(i))
         observation = Observation(
-            history=value[:, None].expand(3, 315), command=value[:, None].expand(3, 13),
+            history=value[:, None].expand(3, 315), command=value[:, None].expand(3, COMMAND_SIZE),
             critic=value[:, None], estimate=value[:, None].expand(3, 6),
         )  # fmt: skip
         memory.add(observation, value[:, None].expand(3, 19), torch.ones(3, 19))
@@ -86,4 +86,4 @@ def test_legs_that_were_interrupted_make_the_same_network(
     assert calls[0] < calls[1]
     after = checkpoint.load_file(folder.stage(stage) / "snapshot.safetensors", "checkpoint")[0]
     assert all(torch.equal(before[name], after[name]) for name in before)
-    assert not list(folder.stage(stage).glob("labels-*")) and not list(folder.stage(stage).glob("leg*"))
+    assert not list(folder.stage(stage).glob("leg*"))

@@ -8,7 +8,7 @@ import pytest
 from hugwbc.errors import RecipeError, UnknownNameError
 from hugwbc.learned.recipe.recipe_file import load_recipe
 from hugwbc.learned.recipe.recipe_reader import shipped_recipes
-from hugwbc.learned.recipe.recipe_records import Recipe
+from hugwbc.learned.recipe.recipe_records import Recipe, Stage
 from hugwbc.learned.recipe.stage_gates import Times
 
 BASE = """seed: 2001
@@ -83,7 +83,7 @@ MISTAKES = [
     ("kind: train\n    every: 1e6\n    settings:", "kind: training\n    settings:", 4, r"of stage 'training'"),
     ("    every: 1e6\n    settings:\n", "    evry: 1\n    settings:\n", 5, r"field 'evry'. Did you mean 'every'"),
     ("    every: 1e6\n    settings:\n", "    every: -1\n    settings:\n", 5, r"every is -1; give a number of steps"),
-    ("    every: 1e6\n    settings:\n", "    every: 100\n    settings:\n", 5, r"an iteration alone has 24576"),
+    ("    every: 1e6\n    settings:\n", "    every: 100\n    settings:\n", 5, r"an iteration alone has [0-9]+"),
     ("seed: 2001", "seed: 3", 1, r"seed = 3; valid: a seed of training, 2000 to 2999"),
     ("seed: 2001", "sed: 2001", 1, r"unknown recipe field 'sed'\. Did you mean 'seed'"),
     ("start_from: warm", "start_from: worm", 11, r"unknown stage 'worm'\. Did you mean 'warm'"),
@@ -216,6 +216,10 @@ def test_digests_follow_what_is_done_and_not_the_words(tmp_path: pathlib.Path) -
 # Shipped recipes
 
 
+def trainings(recipe: Recipe) -> list[Stage]:
+    return [stage for stage in recipe.stages if stage.kind == "train"]
+
+
 def test_all_shipped_recipes_are_valid_in_every_profile() -> None:
     assert {"h1", "without-qp", "without-symmetry", "without-intervention"} <= set(shipped_recipes())
     from hugwbc.evaluation.recipe_services import RecipeServices
@@ -230,15 +234,18 @@ def test_all_shipped_recipes_are_valid_in_every_profile() -> None:
     ("name", "holds"),
     [
         ("without-qp", lambda recipe: all(stage.kind != "imitate" for stage in recipe.stages)),
-        ("without-symmetry", lambda recipe: {s.config().ppo.beta for s in recipe.stages if s.kind == "train"} == {0.0}),
+        (
+            "without-symmetry",
+            lambda recipe: {s.config().ppo.symmetry for s in recipe.stages if s.kind == "train"} == {"none"},
+        ),
         (
             "without-intervention",
-            lambda recipe: {s.config().env.intervention for s in recipe.stages if s.kind == "train"} == {"none"},
+            lambda recipe: all(s.config().env.intervention == "none" for s in trainings(recipe)),
         ),
     ],
 )
 def test_the_ablations_do_what_their_names_say(name: str, holds: Callable[[Recipe], bool]) -> None:
     recipe, whole = load_recipe(name), load_recipe("h1")
     assert holds(recipe) and not holds(whole)
-    steps = {stage.name: stage.work for stage in whole.stages if stage.kind == "train"}
-    assert all(stage.work == 0.25 * steps[stage.name] for stage in recipe.stages if stage.kind == "train")
+    steps = {stage.name: stage.work for stage in trainings(whole)}
+    assert all(stage.work == 0.25 * steps[stage.name] for stage in trainings(recipe))

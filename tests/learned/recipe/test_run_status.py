@@ -26,6 +26,9 @@ def test_the_status_of_a_run_in_the_middle(finished: pathlib.Path) -> None:
     assert states["merged"] == "begun" and states["policy"] == "waits"
     assert "merged (100 %)" in status.left and "policy (0 %)" in status.left
     assert "runs, or was killed" in status.newest
+    assert "core-hours" in status.left
+    (finished / "plan.json").unlink()
+    assert "core-hours" not in status_of(finished).left
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: pathlib.Path) -> None:

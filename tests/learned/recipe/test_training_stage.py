@@ -73,8 +73,11 @@ def test_a_schedule_is_read_at_every_segment(
     tmp_path: pathlib.Path, make_recipe: Callable[..., Recipe], services: Any, configs: list[Any]
 ) -> None:
     run(alone(make_recipe, "    schedules: {ppo.beta: {linear: [0.5, 0.0]}}\n"), tmp_path / "run", services)
-    betas = [config.ppo.beta for config in configs if "gaits" in str(config.out)]
+    mine = [config for config in configs if "gaits" in str(config.out)]
+    betas = [config.ppo.beta for config in mine]
     assert betas == pytest.approx([0.5, 0.4, 0.3, 0.2, 0.1, 0.0])
+    # Between measurements the trainer follows the ramp by itself.
+    assert mine[0].at(32 + 96).ppo.beta == pytest.approx(0.25)
     # Steps are counted on from the snapshot that the stage started from.
     assert [config.steps for config in configs] == [32, 64, 96, 128, 160, 192, 224]
 
@@ -173,6 +176,21 @@ def test_too_many_returns_give_a_stage_up(
     # The same command says the same, without training.
     with pytest.raises(RecipeError, match="given up after 1 returns"):
         run(alone(make_recipe, BACK), tmp_path / "run", services)
+
+
+def test_a_return_takes_gated_schedules_back_as_well(
+    tmp_path: pathlib.Path,
+    make_recipe: Callable[..., Recipe],
+    services: Any,
+    configs: list[Any],
+    scores: Callable[..., None],
+) -> None:
+    # The level rises after the second measurement, which is the best; then it gets worse, and back.
+    scores(9.0, 4.0, 1.5, 1.9, 6.0, 6.0, 1.9, 1.9, 1.9, 1.9)
+    gated = "    schedules: {ppo.beta: {gated: [0.5, 0.25, 0.125], when: {evaluation/score: below 2}}}\n"
+    run(alone(make_recipe, gated + BACK), tmp_path / "run", services)
+    branches = [[c.ppo.beta for c in configs if f"gaits/branch-{i}" in str(c.out)] for i in (0, 1)]
+    assert branches == [[0.5, 0.5, 0.25, 0.125, 0.125], [0.5, 0.25, 0.125, 0.125]]
 
 
 @pytest.mark.parametrize("choice", ["skip", "best"])

@@ -25,8 +25,10 @@ from hugwbc.learned.rl.run_log import LOG_NAME
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
-ENV = EnvConfig(count=16, curriculum=CurriculumConfig(steps=64, warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
-                                                      angular_threshold=0.0))  # fmt: skip
+CURRICULUM = CurriculumConfig(
+    steps=64, warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0, angular_threshold=0.0
+)
+ENV = EnvConfig(count=16, curriculum=CURRICULUM)
 PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
 
 

@@ -6,34 +6,34 @@ from hypothesis import strategies as st
 
 from hugwbc.errors import ConfigError
 from hugwbc.learned.recipe.conditions_on_figures import Condition
-from hugwbc.learned.recipe.schedules import Schedule
+from hugwbc.learned.recipe.stage_schedules import StageSchedule
 
 GOOD = (Condition("evaluation/falls", "<", 0.02),)
 
 
 @pytest.mark.parametrize(("shape", "halfway"), [("linear", 0.3), ("cosine", 0.3), ("geometric", math.sqrt(0.5 * 0.1))])
 def test_a_ramp_goes_from_its_first_to_its_second_value(shape: str, halfway: float) -> None:
-    schedule = Schedule(shape, (0.5, 0.1), (0.2, 0.8))
+    schedule = StageSchedule(shape, (0.5, 0.1), (0.2, 0.8))
     assert [schedule.value(progress) for progress in (0.0, 0.2, 0.8, 1.0)] == [0.5, 0.5, 0.1, 0.1]
     assert schedule.value(0.5) == pytest.approx(halfway)
 
 
 def test_a_cosine_is_flat_at_its_ends_and_a_line_is_not() -> None:
-    slopes = [Schedule(shape, (0.0, 1.0)).value(0.01) / 0.01 for shape in ("linear", "cosine")]
+    slopes = [StageSchedule(shape, (0.0, 1.0)).value(0.01) / 0.01 for shape in ("linear", "cosine")]
     assert slopes == pytest.approx([1.0, 0.0247], abs=1e-3)
 
 
 def test_steps_change_at_their_places() -> None:
-    schedule = Schedule("steps", ("none", "noise", "motion"), (0.0, 0.25, 0.5))
+    schedule = StageSchedule("steps", ("none", "noise", "motion"), (0.0, 0.25, 0.5))
     assert [schedule.value(p) for p in (0.0, 0.249, 0.25, 0.5, 1.0)] == ["none", "none", "noise", "motion", "motion"]
 
 
 def test_tuples_move_entry_by_entry() -> None:
-    assert Schedule("linear", ((3.6, 4.2), (2.0, 2.0))).value(0.5) == pytest.approx((2.8, 3.1))
+    assert StageSchedule("linear", ((3.6, 4.2), (2.0, 2.0))).value(0.5) == pytest.approx((2.8, 3.1))
 
 
 def test_a_gated_value_moves_when_its_conditions_hold() -> None:
-    schedule = Schedule("gated", (0.0, 0.5, 1.0), when=GOOD, back_when=(Condition("evaluation/falls", ">", 0.2),))
+    schedule = StageSchedule("gated", (0.0, 0.5, 1.0), when=GOOD, back_when=(Condition("evaluation/falls", ">", 0.2),))
     level, values = 0, []
     for falls in (0.5, 0.01, 0.1, 0.0, 0.0, 0.3):
         level = schedule.next_level(level, {"evaluation/falls": falls}, [])
@@ -42,13 +42,13 @@ def test_a_gated_value_moves_when_its_conditions_hold() -> None:
 
 
 def test_other_shapes_have_no_levels() -> None:
-    assert Schedule("linear", (0.0, 1.0)).next_level(0, {"evaluation/falls": 0.0}, []) == 0
+    assert StageSchedule("linear", (0.0, 1.0)).next_level(0, {"evaluation/falls": 0.0}, []) == 0
 
 
 @given(st.floats(0.0, 1.0), st.floats(1e-6, 1e3), st.floats(1e-6, 1e3))
 def test_a_ramp_stays_between_its_values(progress: float, first: float, last: float) -> None:
     for shape in ("linear", "cosine", "geometric"):
-        value = Schedule(shape, (first, last)).value(progress)
+        value = StageSchedule(shape, (first, last)).value(progress)
         assert min(first, last) * (1 - 1e-9) <= value <= max(first, last) * (1 + 1e-9)
 
 
@@ -67,4 +67,4 @@ def test_a_ramp_stays_between_its_values(progress: float, first: float, last: fl
 )
 def test_a_schedule_that_makes_no_sense_is_refused(arguments: tuple, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Schedule(*arguments)
+        StageSchedule(*arguments)

@@ -13,7 +13,7 @@ Value = Any  # a number, a tuple of numbers, or, in steps and gated schedules, w
 
 
 @dataclasses.dataclass(frozen=True)
-class Schedule:
+class StageSchedule:
     """The value of a setting over a stage.
 
     Attributes:
