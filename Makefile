@@ -9,6 +9,8 @@ STAMP := $(VENV)/.installed
 ARGS ?=
 # The computations are many and small: a second thread per process only slows them down.
 export OMP_NUM_THREADS ?= 1
+# Processes that share the tests, file by file.
+TEST_PROCESSES ?= 2
 
 .PHONY: help install compare play evaluate bench train check test lint test-slow docs models picture curve clean
 
@@ -50,7 +52,7 @@ lint: $(STAMP)
 	$(BIN)/pyright
 
 test: lint
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest -n $(TEST_PROCESSES) --dist loadfile $(ARGS)
 
 test-slow: $(STAMP)
 	$(BIN)/pytest -m slow $(ARGS)

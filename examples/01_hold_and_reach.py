@@ -7,7 +7,7 @@ which targets cannot be reached.
 """
 
 from hugwbc import Command
-from hugwbc.runtime import Constant, load_controller, upper_body_source
+from hugwbc.runtime import Constant, UpperBodySource, load_controller
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -24,7 +24,7 @@ def main(duration: float = 4.0, show: bool = False) -> None:
     trace = watch(
         controller,
         Constant(Command(), targets),
-        upper_body=upper_body_source(controller),
+        upper_body=UpperBodySource(),
         duration=duration,
         show=show,
         replay="out/01.html",

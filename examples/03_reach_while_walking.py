@@ -8,7 +8,7 @@ A script consists of segments; commands and hand targets ramp smoothly from one 
 import numpy as np
 
 from hugwbc import Gait
-from hugwbc.runtime import load_controller, upper_body_source
+from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import HandMotion, Script, Segment, Swing
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -35,7 +35,7 @@ def main(duration: float = 6.0, show: bool = False) -> None:
     trace = watch(
         controller,
         script,
-        upper_body=upper_body_source(controller),
+        upper_body=UpperBodySource(),
         duration=script.duration,
         show=show,
         replay="out/03.html",

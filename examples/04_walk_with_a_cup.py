@@ -6,7 +6,7 @@ python examples/04_walk_with_a_cup.py --show
 import numpy as np
 
 from hugwbc import Gait
-from hugwbc.runtime import load_controller, upper_body_source
+from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import HandMotion, Hold, Script, Segment
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -22,7 +22,7 @@ def main(duration: float = 6.0, show: bool = False) -> None:
     """
     stand, walk = Segment("stand", 2.0, hands=CUP), Segment("walk", duration - 2.0, Gait.WALKING, {"v_x": 0.4}, CUP)
     script, controller = Script("walk with a cup", (stand, walk)), load_controller("qp")
-    hands = upper_body_source(controller)
+    hands = UpperBodySource()
     trace = watch(controller, script, upper_body=hands, duration=duration, show=show, replay="out/04.html")
 
     walking = trace.gait == Gait.WALKING

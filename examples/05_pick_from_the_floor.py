@@ -9,7 +9,7 @@ replay shows both attempts side by side.
 import dataclasses
 
 from hugwbc import Command
-from hugwbc.runtime import Constant, load_controller, upper_body_source
+from hugwbc.runtime import Constant, UpperBodySource, load_controller
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import fate, keep_replay, run_script, watch
 
@@ -26,7 +26,7 @@ def main(height: float = 0.55, duration: float = 5.0, show: bool = False) -> Non
     for name, whole_body in (("arms alone", False), ("whole body", True)):
         targets = HandTargets.of((0.45, 0.2, height), (0.45, -0.2, height), "world", whole_body=whole_body)
         controller = load_controller("qp")
-        hands = upper_body_source(controller)
+        hands = UpperBodySource()
         trace = watch(controller, Constant(Command(), targets), upper_body=hands, duration=duration, show=show)
         traces.append(dataclasses.replace(trace, name=name))
         short = 100 * trace.hand_error[-1].max()

@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc import RobotState
 from hugwbc.kinematics import Kinematics
-from hugwbc.runtime import Trace, load_controller, upper_body_source
+from hugwbc.runtime import Trace, UpperBodySource, load_controller
 from hugwbc.scripts import load_script
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -32,7 +32,7 @@ def main(controller: str = "qp", duration: float | None = None, show: bool = Fal
         show: show the robot live in the browser.
     """
     script, robot = load_script("carry_box"), load_controller(controller)
-    hands = upper_body_source(robot)
+    hands = UpperBodySource()
     seconds = script.duration if duration is None else duration
     trace = watch(robot, script, upper_body=hands, duration=seconds, show=show, replay="out/06.html")
 

@@ -4,7 +4,7 @@ python examples/07_compare_controllers.py --script wave --show
 """
 
 from hugwbc.evaluation.comparison import summarise
-from hugwbc.runtime import load_controller, upper_body_source
+from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import load_script
 from hugwbc.viz.show import fate, keep_replay, run_script, watch
 
@@ -19,7 +19,7 @@ def main(script: str = "wave", show: bool = False) -> None:
     played, traces = load_script(script), []
     for name in ("learned", "qp"):
         controller = load_controller(name)
-        hands = upper_body_source(controller)
+        hands = UpperBodySource()
         traces.append(watch(controller, played, upper_body=hands, duration=played.duration, show=show))
     keep_replay("out/07.html", traces)
     outcomes = {trace.name: summarise(trace) for trace in traces}

@@ -11,7 +11,7 @@ import tempfile
 import numpy as np
 
 from hugwbc import load_robot
-from hugwbc.runtime import load_controller, upper_body_source
+from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import Script, Segment, generate_motions, load_motion
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -31,7 +31,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
         motion = load_motion(file)
     controller = load_controller("qp")
     script = Script(motion.name, (Segment("replay", duration, motion=motion, ramp=0.0),))
-    hands = upper_body_source(controller)
+    hands = UpperBodySource()
     trace = watch(controller, script, upper_body=hands, duration=duration, show=show, replay="out/08.html")
 
     error = np.abs(trace.qpos[:, 7 + load_robot().arms] - trace.arm_target)[len(trace.time) // 2 :].mean()

@@ -47,15 +47,27 @@ class JointCommand:
 class UpperBody:
     """External control of the arms by IK, a motion file or noise; `UpperBody.none()` leaves them to the controller.
 
+    A source of targets gives `q`, `dq` and `mask`, and may add an acceleration and a torque. The servo of the arms
+    (`hugwbc.arm_servo`) then completes the torque and sets the gains, so that the arms are driven alike whatever
+    controls the rest of the body.
+
     Attributes:
         q: position targets of the eight arm joints, in the order of `Robot.arms` [rad], shape (8,).
         dq: velocity targets [rad/s], shape (8,).
         mask: which of the eight joints are taken over, shape (8,), bool.
+        ddq: accelerations of the planned motion [rad/s^2], shape (8,); by default none. Corrections for the measured
+            motion of the body do not belong here (`hugwbc.arm_servo`).
+        tau: feed-forward torques [N*m], shape (8,); by default none.
+        kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (8,); None for the robot's nominal gains.
     """
 
     q: np.ndarray
     dq: np.ndarray
     mask: np.ndarray
+    ddq: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
+    tau: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
+    kp: np.ndarray | None = None
+    kd: np.ndarray | None = None
 
     @classmethod
     def none(cls) -> "UpperBody":
@@ -63,20 +75,40 @@ class UpperBody:
         return cls(np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
 
     @classmethod
-    def targets(cls, q: np.ndarray, dq: np.ndarray | None = None) -> "UpperBody":
+    def targets(
+        cls,
+        q: np.ndarray,
+        dq: np.ndarray | None = None,
+        ddq: np.ndarray | None = None,
+        *,
+        tau: np.ndarray | None = None,
+    ) -> "UpperBody":
         """Build targets that take over both arms.
+
+        Args:
+            q: positions [rad], shape (8,).
+            dq: velocities [rad/s], shape (8,); None for zeros.
+            ddq: accelerations [rad/s^2], shape (8,); None for zeros.
+            tau: torques in addition to those of the servo [N*m], shape (8,); None for zeros.
 
         Raises:
             TargetError: if the targets are not eight finite numbers.
         """
         q = np.asarray(q, dtype=float)
         dq = np.zeros(8) if dq is None else np.asarray(dq, dtype=float)
-        for name, value in (("positions", q), ("velocities", dq)):
+        ddq = np.zeros(8) if ddq is None else np.asarray(ddq, dtype=float)
+        tau = np.zeros(8) if tau is None else np.asarray(tau, dtype=float)
+        for name, value, unit in (
+            ("positions", q, "radians"),
+            ("velocities", dq, "radians per second"),
+            ("accelerations", ddq, "radians per second squared"),
+            ("torques", tau, "newton metres"),
+        ):
             if value.shape != (8,) or not np.all(np.isfinite(value)):
                 raise TargetError(
-                    f"arm {name} are {value}; give eight finite numbers in the order of Robot.arm_names, in radians"
+                    f"arm {name} are {value}; give eight finite numbers in the order of Robot.arm_names, in {unit}"
                 )
-        return cls(q, dq, np.ones(8, dtype=bool))
+        return cls(q, dq, np.ones(8, dtype=bool), ddq, tau)
 
     @property
     def indicator(self) -> bool:
@@ -89,8 +121,8 @@ class Controller(Protocol):
     """A whole-body controller.
 
     These four members are all that simulation, safety filter, evaluation, viewer and command line require. What a
-    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds`, `HasPlannedAcceleration`,
-    `CarriesArms` or `HasBatch`. A class need not inherit from any of these protocols.
+    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds`, `HasPlannedAcceleration`
+    or `HasBatch`. A class need not inherit from any of these protocols.
 
     Attributes:
         name: short name for tables.
@@ -139,17 +171,6 @@ class HasPlannedAcceleration(Protocol):
         ...
 
 
-@runtime_checkable
-class CarriesArms(Protocol):
-    """A controller whose feed-forward torques carry the weight of the arms.
-
-    Arms of any other controller are driven by position alone and sag; hand IK compensates for that
-    (`hugwbc.upper_ik.GravityCompensation`).
-    """
-
-    carries_arms: bool
-
-
 class ControllerRows(Protocol):
     """One controller evaluated for many robots at once; row i belongs to robot i.
 
@@ -196,16 +217,18 @@ class HasBatch(Controller, Protocol):
 
 
 def override_arms(joint_command: JointCommand, upper_body: UpperBody, robot: Robot) -> JointCommand:
-    """Return the command with the externally controlled arm joints set to their targets at the robot's nominal gains.
+    """Return the command with the externally controlled arm joints driven as `upper_body` says.
 
-    Controllers that do not place external arm targets in their own output, such as the learned one, call this.
+    `hugwbc.runtime.SafetyFilter` does this for every controller. A controller that also runs without the filter, and
+    does not place external arm targets in its own output, calls it as the last step of `act`.
     """
     if not upper_body.indicator:
         return joint_command
-    joints = robot.arms[upper_body.mask]
+    mask, joints = upper_body.mask, robot.arms[upper_body.mask]
     fields = {field.name: getattr(joint_command, field.name).copy() for field in dataclasses.fields(joint_command)}
-    fields["q"][joints] = upper_body.q[upper_body.mask]
-    fields["dq"][joints] = upper_body.dq[upper_body.mask]
-    fields["kp"][joints], fields["kd"][joints] = robot.kp[joints], robot.kd[joints]
-    fields["tau"][joints] = 0.0
+    for name in ("q", "dq", "tau"):
+        fields[name][joints] = getattr(upper_body, name)[mask]
+    for name in ("kp", "kd"):
+        given = getattr(upper_body, name)
+        fields[name][joints] = getattr(robot, name)[joints] if given is None else given[mask]
     return JointCommand(**fields)

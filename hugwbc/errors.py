@@ -47,6 +47,10 @@ class ContractError(HugwbcError):
     """A contract of a foreign policy that cannot be read or is not valid; names file and line."""
 
 
+class RecipeError(HugwbcError):
+    """A recipe that cannot be read or is not valid, or a run of one that cannot go on."""
+
+
 class ModelError(HugwbcError):
     """A robot description that is missing or inconsistent."""
 

@@ -1,7 +1,6 @@
 """Quaternions (w, x, y, z) and rotation matrices, with NumPy only."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -72,7 +71,7 @@ def to_matrix(quaternion: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=-1)
 
 
-def _components(quaternion: np.ndarray) -> Sequence[Any]:
+def _components(quaternion: np.ndarray) -> Any:  # noqa: ANN401
     """Return w, x, y and z: floats of a single quaternion, else arrays."""
     return quaternion.tolist() if quaternion.ndim == 1 else np.moveaxis(quaternion, -1, 0)
 

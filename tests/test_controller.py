@@ -37,12 +37,19 @@ def test_upper_body_indicator() -> None:
     assert one.indicator
 
 
+def test_bad_accelerations_and_torques_of_arms_are_refused() -> None:
+    with pytest.raises(TargetError, match=r"arm accelerations .* in radians per second squared"):
+        UpperBody.targets(np.zeros(8), ddq=np.full(8, np.nan))
+    with pytest.raises(TargetError, match=r"arm torques .* in newton metres"):
+        UpperBody.targets(np.zeros(8), tau=np.zeros(3))
+
+
 @pytest.mark.parametrize(
     ("q", "dq", "message"),
     [
         (np.zeros(7), None, "arm positions .* give eight finite numbers"),
         (np.full(8, np.nan), None, "arm positions .*nan.* Robot.arm_names, in radians"),
-        (np.zeros(8), np.full(8, np.inf), "arm velocities"),
+        (np.zeros(8), np.full(8, np.inf), "arm velocities .* in radians per second"),
     ],
 )
 def test_bad_arm_targets_are_refused(q: np.ndarray, dq: np.ndarray | None, message: str) -> None:
@@ -69,6 +76,19 @@ def test_override_replaces_the_masked_arm_joints_only() -> None:
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(result, name)[kept], values[kept])
         np.testing.assert_array_equal(getattr(given, name), values)  # the input is not modified
+
+
+def test_override_passes_the_torque_and_the_gains_of_the_targets() -> None:
+    mask = np.arange(8) < 4
+    upper = dataclasses.replace(
+        UpperBody.targets(np.zeros(8), tau=np.linspace(1.0, 8.0, 8)), mask=mask, kp=np.full(8, 99.0), kd=np.full(8, 7.0)
+    )
+    result = override_arms(JointCommand.position(ROBOT, ROBOT.nominal), upper, ROBOT)
+    taken, kept = ROBOT.arms[mask], ROBOT.arms[~mask]
+    np.testing.assert_allclose(result.tau[taken], [1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_array_equal(result.tau[kept], 0.0)
+    np.testing.assert_array_equal([result.kp[taken], result.kp[kept]], [[99.0] * 4, [20.0] * 4])
+    np.testing.assert_array_equal([result.kd[taken], result.kd[kept]], [[7.0] * 4, [0.5] * 4])
 
 
 def test_override_without_takeover_is_the_command_itself() -> None:

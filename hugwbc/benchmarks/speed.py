@@ -20,10 +20,14 @@ from hugwbc.learned.policy import LearnedController
 from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
+from hugwbc.robot import load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import Simulation
+from hugwbc.sim import Ground, Simulation
+from hugwbc.sim.arena import ARENAS
+from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
@@ -69,6 +73,64 @@ class TrainingSpeed:
     ratio: float
     count: int
     iterations: int
+
+
+@dataclasses.dataclass(frozen=True)
+class ArenaSpeed:
+    """Processor time of a control step of many robots in both arenas, with the training's time step.
+
+    Attributes:
+        former_ms: all robots of arena 1 [ms].
+        arena_ms: all robots of arena 2, with its drives and its ground [ms].
+        ratio: the second divided by the first, the median over the turns.
+        count: number of robots.
+        control_steps: number of control steps in a turn.
+    """
+
+    former_ms: float
+    arena_ms: float
+    ratio: float
+    count: int
+    control_steps: int
+
+
+def arena_speed(count: int, control_steps: int, threads: int = 1, turns: int = 5) -> ArenaSpeed:
+    """Measure what the drives and the ground of arena 2 cost, step by step beside those of arena 1.
+
+    Both get the same joint targets: the nominal pose and noise, on which robots stumble and fall.
+
+    Args:
+        count: number of robots.
+        control_steps: control steps of 20 ms in a turn; every turn begins with standing robots.
+        threads: number of threads.
+        turns: number of turns.
+    """
+    batches = [
+        BatchSimulation(
+            count,
+            threads=threads,
+            robot=load_robot(arena.robot),
+            actuators=arena.actuators,
+            ground=Ground.named(arena.ground),
+        )
+        for arena in (ARENAS[1], ARENAS[2])
+    ]
+    substeps = round(0.02 / TRAINING_TIMESTEP)
+    spent = np.zeros((turns, 2))
+    for turn in range(turns):
+        rng = np.random.default_rng(turn)
+        for batch in batches:
+            batch.batch.reset(keyframe=0)
+        for _ in range(control_steps):
+            noise = 0.1 * rng.standard_normal((count, JOINTS))
+            # One after the other within each step, so that a busy machine slows both.
+            for index, batch in enumerate(batches):
+                batch.ctrl[:] = load_robot().nominal + noise
+                begin = time.process_time()
+                batch.step(substeps)
+                spent[turn, index] += time.process_time() - begin
+    former, arena = (1e3 * spent / control_steps).min(axis=0).tolist()
+    return ArenaSpeed(former, arena, float(np.median(spent[:, 1] / spent[:, 0])), count, control_steps)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,9 +279,9 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
 
 
 def ik_tick(calls: int) -> dict[str, float | None]:
-    """Return median and 99th percentile of a call of the hand IK with gravity compensation on moving targets [ms]."""
+    """Return median and 99th percentile of a call of the hand IK on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     state: RobotState = Simulation().state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
     return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))

@@ -10,10 +10,11 @@ from hugwbc.errors import ConfigError
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
     from hugwbc.benchmarks.qp_side_by_side import SideBySide
-    from hugwbc.benchmarks.speed import EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
+    from hugwbc.benchmarks.speed import ArenaSpeed, EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
 
 _ROLLOUT_SECONDS = 2.0  # [s], simulated in a policy's evaluation
+_ARENA_STEPS = 10  # control steps in each turn of the comparison of arenas
 _ROLLOUT_TIMESTEPS = (0.002, 0.005)  # [s], of evaluation and of training
 
 
@@ -70,6 +71,7 @@ class BenchFigures:
 
     Attributes:
         environment: speed of the training environment.
+        arenas: speed of many robots in arena 2 beside arena 1.
         training: speed of training.
         qp: speed of `qp`, by gait.
         evaluation: speed of a policy's evaluation, for each time step.
@@ -81,6 +83,7 @@ class BenchFigures:
     """
 
     environment: "EnvironmentSpeed"
+    arenas: "ArenaSpeed"
     training: "TrainingSpeed"
     qp: dict[str, "QpSpeed"]
     evaluation: list["RolloutSpeed"]
@@ -115,6 +118,8 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
 
     advance = on_progress or (lambda fraction: None)
     environment = speed.environment_speed(settings.count, settings.control_steps, threads=settings.threads)
+    advance(0.05)
+    arenas = speed.arena_speed(settings.count, min(settings.control_steps, _ARENA_STEPS), settings.threads)
     advance(0.1)
     bare = environment.bare_steps_per_s
     training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)
@@ -134,5 +139,15 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
 
         side_by_side = qp_side_by_side.side_by_side(settings.side_by_side)
     return BenchFigures(
-        environment, training, qp, evaluation, policy_tick, ik_tick, solvers, workspace, settings.threads, side_by_side
+        environment,
+        arenas,
+        training,
+        qp,
+        evaluation,
+        policy_tick,
+        ik_tick,
+        solvers,
+        workspace,
+        settings.threads,
+        side_by_side,
     )

@@ -46,7 +46,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _describe(figures: BenchFigures) -> str:
-    environment, training = figures.environment, figures.training
+    environment, training, arenas = figures.environment, figures.training, figures.arenas
     rows: list[tuple[object, ...]] = [
         (f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()
     ]
@@ -60,6 +60,8 @@ def _describe(figures: BenchFigures) -> str:
             f"training environment  {environment.steps_per_s:6.0f}, {environment.ratio:.2f} of bare",
             f"training end to end   {training.steps_per_s:6.0f}, {training.ratio:.2f} of bare; "
             f"{training.collect_fraction:.0%} of the time collecting, the rest learning",
+            f"physics of arena 2: {arenas.arena_ms:.1f} ms for a control step of all robots, arena 1 "
+            f"{arenas.former_ms:.1f} ms; {arenas.ratio:.2f} times",
             "",
             format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
             f"unsolved QPs: {unsolved}",

@@ -13,12 +13,13 @@ from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
-from hugwbc.runtime.loop import ControlLoop, upper_body_source
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
@@ -91,7 +92,7 @@ def run(words: Sequence[str]) -> int:
     arena = options.chosen
     estimator = estimator_for(arena)
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
-    loop = ControlLoop(controller, source, simulation, upper_body_source(controller), estimator)
+    loop = ControlLoop(controller, source, simulation, UpperBodySource(), estimator)
     draw = None
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
@@ -140,7 +141,7 @@ def _run_live(options: PlayOptions) -> int:
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
     estimator = estimator_for(arena)
-    loop = ControlLoop(controller, page.source, simulation, upper_body_source(controller), estimator)
+    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(), estimator)
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)

@@ -10,11 +10,11 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table, hand_rows
 from hugwbc.runtime.estimation import estimator_for
-from hugwbc.runtime.loop import upper_body_source
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena
+from hugwbc.upper_ik import UpperBodySource
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +105,7 @@ def compare(
                 controller,
                 script,
                 simulation,
-                upper_body_source(controller),
+                UpperBodySource(),
                 duration=script.duration,
                 estimator=estimator_for(arena),
                 on_progress=advance,

@@ -126,6 +126,7 @@ class Conditions:
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
         fields["told"] = self.told_arena.robot
+        fields["version"] = self.chosen_arena.version
         if self.engine == PhysxSimulation.engine:
             fields["sapien"] = importlib.metadata.version("sapien")
         if self.motions is not None:

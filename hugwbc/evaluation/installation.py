@@ -60,6 +60,20 @@ def check_versions() -> str:
     return f"Python {platform.python_version()}, {', '.join(found)}"
 
 
+def check_arena() -> str:
+    """Check that a robot can be put into each arena, and name the arenas' versions, on which results depend."""
+    from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, ENGINES
+
+    found = []
+    for number, arena in ARENAS.items():
+        arena.simulation()
+        default = ", the default" if number == DEFAULT_ARENA else ""
+        parts = f"{arena.robot}, {arena.drives} drives, sensors {arena.sensing}, {arena.ground} ground"
+        found.append(f"{number} ({parts}) version {arena.version}{default}")
+    engines = [name for name, kind in ENGINES.items() if kind.is_available()]
+    return f"{'; '.join(found)}; engines {', '.join(engines)}"
+
+
 def check_masses() -> str:
     """Check that the MuJoCo and the URDF model have the same mass."""
     from hugwbc.kinematics import pinocchio_model
@@ -152,6 +166,7 @@ def check_environment() -> str:
 
 CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
+    "arenas": check_arena,
     "masses": check_masses,
     "models": check_agreement,
     "controller qp": check_standing,

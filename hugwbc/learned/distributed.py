@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator
 import torch
 from torch import distributed as dist
 
+LEAST_SPREAD = 0.25
+
 
 @contextlib.contextmanager
 def process_group(backend: str) -> Iterator[None]:
@@ -75,12 +77,25 @@ def average_gradients(parameters: Iterable[torch.nn.Parameter]) -> None:
         gradient.copy_(part.view_as(gradient))
 
 
-def standardised(values: torch.Tensor) -> torch.Tensor:
+def standardised(values: torch.Tensor, groups: torch.Tensor | None = None, count: int = 1) -> torch.Tensor:
     """Standardise values by the mean and the standard deviation over all processes.
 
     Args:
-        values: the values of this process, as many as in every other.
+        values: the values of this process, as many as in every other, shape (n,).
+        groups: group of each value, from 0 to `count` - 1, shape (n,); None for one group. Each group has its own mean
+            and standard deviation. The latter counts as at least `LEAST_SPREAD` of that of all values together: in a
+            group where nothing is left to learn, the rest is noise.
+        count: number of groups.
     """
-    centred = values - mean(values.mean())
-    variance = total(centred.square().sum()) / (size() * values.numel() - 1)
-    return centred / (variance.sqrt() + 1e-8)
+    whole = values - mean(values.mean())
+    spread = (total(whole.square().sum()) / (size() * values.numel() - 1)).sqrt()
+    if groups is None:
+        return whole / (spread + 1e-8)
+
+    def sums(numbers: torch.Tensor) -> torch.Tensor:
+        return total(torch.zeros(count, device=values.device).index_add_(0, groups, numbers))
+
+    members = sums(torch.ones_like(values)).clamp(min=1.0)
+    centred = values - (sums(values) / members)[groups]
+    own_spread = (sums(centred.square()) / members).sqrt()
+    return centred / (torch.maximum(own_spread, LEAST_SPREAD * spread)[groups] + 1e-8)

@@ -256,8 +256,8 @@ class Locomotion:
 
         It goes down until it carries weight or, without foot forces, until its height is that of the ground.
         """
-        touched = None if self.plan.legs else self.ground.touched(dynamics, foot)
-        if touched is not None:
-            return 0.0 if touched else _SETTLE_SPEED
+        carries = None if self.plan.legs else self.ground.carries(dynamics, foot)
+        if carries is not None:
+            return 0.0 if carries else _SETTLE_SPEED
         height = min(feet.end_heights(dynamics, foot)) - self.references.ground
         return 0.0 if height < _SETTLE_HEIGHT else min(_SETTLE_GAIN * height, _SETTLE_SPEED)

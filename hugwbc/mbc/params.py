@@ -7,7 +7,15 @@ from hugwbc.errors import ConfigError
 
 # Divisors and bounds, which have no meaning at 0 or below.
 _POSITIVE = (
-    *("friction", "torque_fraction", "max_normal_force", "speed_fraction", "joint_brake", "joint_horizon"),
+    *(
+        "friction",
+        "torque_fraction",
+        "max_normal_force",
+        "speed_fraction",
+        "joint_brake",
+        "joint_horizon",
+        "speed_horizon",
+    ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *("leg_reserve", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
     # Pairs of the largest rate and the largest acceleration,
@@ -26,7 +34,7 @@ class ControllerParams:
     `gains` is stiffness [1/s^2] and damping [1/s]: both multiply errors of motion and give accelerations, not torques.
 
     Raises:
-        ConfigError: if a number is not finite, or a divisor or bound is not above 0.
+        ConfigError: if a number is not finite, a divisor or bound is not above 0, or a share is out of range.
     """
 
     # --- whole-body QP
@@ -38,14 +46,14 @@ class ControllerParams:
     """Largest normal force of one contact point [N]."""
     joint_margin: float = 0.02
     """Distance that is kept from a joint's position limit [rad]."""
-    speed_fraction: float = 1.6
-    """Share of every joint's speed limit that may be used. It is above 1 because the high swings of the command range
-    need it, and because the simulation does not limit speed, for the learned policy either. Choose 1 for a machine that
-    does."""
+    speed_fraction: float = 1.0
+    """Share of every joint's highest speed that may be used, at most 1: a drive has no torque left beyond it."""
     joint_brake: float = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
     joint_horizon: float = 0.02
     """Time in which a joint speed above the admissible one is reduced to it [s]."""
+    speed_horizon: float = 0.004
+    """Time in which a joint may reach its highest speed from below [s]."""
     acceleration_regularisation: float = 1e-3
     """Weight of every generalised acceleration."""
     force_regularisation: float = 1e-5
@@ -125,6 +133,8 @@ class ControllerParams:
     converges."""
     long_step: float = 0.4
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
+    long_step_clearance: float = 0.05
+    """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
     leg_reserve: float = 0.015
     """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
@@ -248,7 +258,7 @@ class ControllerParams:
     can reach."""
     balance_margin: tuple[float, float] = (0.012, 0.03)
     """Distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]."""
-    speed_lowering: float = 0.05
+    speed_lowering: float = 0.1
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
@@ -260,6 +270,9 @@ class ControllerParams:
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
     """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
+    swing_lift: float = 1.5
+    """Largest l f^2 of a swing that the drives follow at their highest speed [m Hz^2]; the plan of a swing lowers its
+    apex beyond it, so that the foot lands in time."""
     swing_reaction_per_speed: float = 0.3
     """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
@@ -304,5 +317,10 @@ class ControllerParams:
                 raise ConfigError(
                     f"ControllerParams.{name} is {value}; give {'numbers' if several else 'a number'} above 0"
                 )
+        if self.speed_fraction > 1.0:
+            raise ConfigError(
+                f"ControllerParams.speed_fraction is {self.speed_fraction}; give a share above 0, up to 1: the joints "
+                "have no torque beyond their highest speed"
+            )
         if not 0.0 <= self.step_timing < 1.0:
             raise ConfigError(f"ControllerParams.step_timing is {self.step_timing}; give a share from 0 to below 1")

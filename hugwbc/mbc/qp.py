@@ -240,6 +240,10 @@ class WholeBodyQp:
         A joint at a distance d [rad] from its limit may move towards it at most at sqrt(2 a d), with a the assumed
         braking deceleration, and at most at d per `joint_horizon`: close to the limit the square root falls too steeply
         to be followed in discrete time. A joint beyond its limit has to come back within that horizon.
+
+        The speed limit may be reached within the shorter `speed_horizon`: an approach over `joint_horizon` would keep a
+        joint from its highest speed for most of a fast swing. A joint that is too fast slows down within
+        `joint_horizon`, so that the bound does not ask for more torque than there is.
         """
         brake, horizon = self._params.joint_brake, self._params.joint_horizon
         q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
@@ -248,10 +252,16 @@ class WholeBodyQp:
         np.subtract(q, self._lowest, out=self._left_each[1])
         np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
         np.minimum(speed, np.divide(left, horizon, out=left), out=speed)
-        np.minimum(speed, self._fastest, out=speed)
         upwards, downwards = self._speed_each
         np.divide(np.subtract(upwards, v, out=upwards), horizon, out=self._joints_high)
         np.divide(np.add(downwards, v, out=downwards), -horizon, out=self._joints_low)
+        # The same for the speed limit; `left` is free again.
+        upwards, downwards = self._left_each
+        np.subtract(self._fastest, v, out=upwards)
+        np.add(self._fastest, v, out=downwards)
+        np.divide(left, np.where(left > 0.0, self._params.speed_horizon, horizon), out=left)
+        np.minimum(self._joints_high, upwards, out=self._joints_high)
+        np.maximum(self._joints_low, np.negative(downwards, out=downwards), out=self._joints_low)
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:

@@ -1,4 +1,4 @@
-"""Trajectory of the swing foot: a quintic, planned again at every tick from its own state to a moving target."""
+"""Trajectory of the swing foot: polynomials, planned again at every tick from its own state to a moving target."""
 
 import numpy as np
 
@@ -38,6 +38,19 @@ def quintic_advance(
         v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
         a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
     )
+
+
+def cubic_advance(x: float, v: float, x_end: float, v_end: float, T: float, dt: float) -> tuple[float, float, float]:
+    """Return position, velocity and acceleration after `dt` on the cubic from a state to a target.
+
+    Between two states of rest its highest speed is 1.5 times the mean; that of a quintic is 1.875 times. Arguments as
+    in `quintic_advance`.
+    """
+    position, velocity = x_end - (x + v * T), (v_end - v) * T
+    c2 = (3.0 * position - velocity) / (T * T)
+    c3 = (velocity - 2.0 * position) / (T * T * T)
+    t = min(dt, T)
+    return x + t * (v + t * (c2 + t * c3)), v + t * (2.0 * c2 + t * 3.0 * c3), 2.0 * c2 + t * 6.0 * c3
 
 
 class SwingTrajectory:
@@ -102,6 +115,10 @@ class SwingTrajectory:
         self._axes = (
             quintic_advance(*self._axes[0], x, 0.0, 0.0, remaining, dt),
             quintic_advance(*self._axes[1], y, 0.0, 0.0, remaining, dt),
-            quintic_advance(*self._axes[2], height, speed, 0.0, until, dt),
+            # The knee is closest to its highest speed where the foot rises: a cubic needs a fifth less of it for the
+            # same apex than a quintic. The fall lands softly, by a quintic that the cubic gives a head start.
+            cubic_advance(*self._axes[2][:2], height, speed, until, dt)
+            if to_apex > 0.0
+            else quintic_advance(*self._axes[2], height, speed, 0.0, until, dt),
         )
         self.position, self.velocity, self.acceleration = np.array(self._axes).T

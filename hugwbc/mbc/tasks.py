@@ -394,12 +394,12 @@ class SwingFootTask:
 class PostureTask:
     r"""Positions of some joints, such as the waist, the arms or the free leg of a hop [rad].
 
-    .. math:: \ddot q^* = k_d (\mathrm{sat}(\dot q_d + \tfrac{k_p}{k_d} (q_d - q)) - \dot q)
+    .. math:: \ddot q^* = \ddot q_d + k_d (\mathrm{sat}(\dot q_d + \tfrac{k_p}{k_d} (q_d - q)) - \dot q)
 
     This is a PD law with a bound on the speed at which a gap is closed, so that a target may jump.
 
     Attributes:
-        target, rate: q_d [rad] and its rate [rad/s], shape (k,).
+        target, rate, acceleration: q_d [rad] and its derivatives [rad/s], [rad/s^2], shape (k,).
         stiffness, damping: k_p [1/s^2] and k_d [1/s], shape (k,).
         weight: weights of the rows, shape (k,).
         speed: bound on the closing speed [rad/s].
@@ -419,6 +419,7 @@ class PostureTask:
         self.name = name
         self.target = np.zeros(joints.size)
         self.rate = np.zeros(joints.size)
+        self.acceleration = np.zeros(joints.size)
         self.stiffness = np.ones(joints.size)
         self.damping = np.ones(joints.size)
         self.weight = np.ones(joints.size)
@@ -437,5 +438,5 @@ class PostureTask:
         error = self.target - dynamics.q[self._in_q]
         wanted = self.rate + self.stiffness / self.damping * error
         closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
-        acceleration = self.damping * (closing - dynamics.v[self._in_v])
+        acceleration = self.acceleration + self.damping * (closing - dynamics.v[self._in_v])
         return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)

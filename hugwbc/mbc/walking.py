@@ -1,5 +1,7 @@
 """A step of a walk: where it goes and when it ends, the path of the foot in the air, and whether it has landed."""
 
+import math
+
 import numpy as np
 
 from hugwbc.mbc import feet
@@ -78,7 +80,7 @@ class Walking:
         references.crouch.prepare(dynamics, request, step, plan.remaining, upright)
         self.trajectory.advance(
             foothold,
-            command.l,
+            self._apex(command.l, foothold - standing[:2]),
             height,
             elapsed,
             plan.remaining,
@@ -94,6 +96,22 @@ class Walking:
         # The pelvis accelerates as the pendulum does over the planned centre of pressure: c'' = omega^2 (c - p).
         self.travel.feedforward = pendulum.omega**2 * float(references.to_heading[0].dot(pendulum.com - step.cop))
         return foothold
+
+    def _apex(self, clearance: float, step: np.ndarray) -> float:
+        """Return the height of a swing that the drives can follow [m].
+
+        A step that is hurried to catch the robot keeps its height: its nominal duration counts. A long step does not,
+        since the knee has to stretch the leg in the time in which it would lower the foot.
+
+        Args:
+            clearance: commanded height [m].
+            step: from the stance foot to the foothold, world x and y [m], shape (2,).
+        """
+        params = self._params
+        apex = min(clearance, max(params.swing_lift * (2.0 * self._plan.step_time) ** 2, params.min_clearance))
+        longest = params.max_step[1]
+        share = (math.hypot(*step.tolist()) - params.long_step) / (longest - params.long_step)
+        return apex + min(max(share, 0.0), 1.0) * (min(apex, params.long_step_clearance) - apex)
 
     def _request(self, tick: Tick, swing: int, stance: int) -> StepRequest:
         """Return what the current step has to achieve."""

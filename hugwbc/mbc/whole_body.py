@@ -89,15 +89,12 @@ class WholeBodyController:
 
     Attributes:
         name: "qp".
-        carries_arms: whether the torques of the controller bear the arms' weight, so that external arm targets need
-            not allow for it.
         period: time between two calls of `act` [s].
         params: gains, weights and limits.
         dynamics: robot model at the last state.
     """
 
     name = "qp"
-    carries_arms = True
 
     def __init__(
         self,
@@ -252,7 +249,7 @@ class WholeBodyController:
                 self._free_arms()
             return ()
         self._arms_free = False
-        finite = np.isfinite(upper_body.q) & np.isfinite(upper_body.dq)
+        finite = np.isfinite(upper_body.q) & np.isfinite(upper_body.dq) & np.isfinite(upper_body.ddq)
         mask, report = upper_body.mask & finite, ()
         if (upper_body.mask & ~finite).any():
             report += ("arm targets that are not finite are ignored",)
@@ -261,6 +258,7 @@ class WholeBodyController:
             report += ("arm targets beyond the joints' ranges are clamped",)
         self._arms.target[:] = np.where(mask, target, robot.nominal[robot.arms])
         self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
+        self._arms.acceleration[:] = np.where(mask, upper_body.ddq, 0.0)
         self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
         # A servo that is sampled at the control period must stay well below the sampling frequency, or it oscillates.
         stiffness = min(params.takeover_gains[0], (0.4 / self.period) ** 2)
@@ -274,6 +272,7 @@ class WholeBodyController:
         arms, params = self._arms, self.params
         arms.target[:] = self._nominal_arms
         arms.rate[:] = 0.0
+        arms.acceleration[:] = 0.0
         arms.weight[:] = params.arm_weight
         arms.stiffness[:], arms.damping[:] = params.arm_gains
         self._arms_free = True

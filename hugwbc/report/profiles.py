@@ -1,4 +1,4 @@
-"""The runs of a report: every protocol's quick runs, or those of the paper's size.
+"""The runs of a report: every available protocol's quick runs, or those of the paper's size.
 
 The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), but
 not how many episodes its tables average over; the full profile takes 256 for each gait.
@@ -10,7 +10,7 @@ from typing import Any
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation.engine import Cell
-from hugwbc.evaluation.protocols import PROTOCOLS
+from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
 from hugwbc.runtime.controllers import ControllerSpec
 
 Run = tuple[str, Any]  # name of a protocol, and settings of one run
@@ -44,13 +44,17 @@ def profile_cells(
 
 
 def _quick(settings: Mapping[str, Any]) -> Iterator[Run]:
-    for name, protocol in PROTOCOLS.items():
+    for name, protocol in _available():
         yield from ((name, dataclasses.replace(config, **settings)) for config in protocol.quick())
 
 
 def _full(settings: Mapping[str, Any]) -> Iterator[Run]:
-    for name, protocol in PROTOCOLS.items():
+    for name, protocol in _available():
         yield from ((name, dataclasses.replace(config, **settings)) for config in protocol.full())
+
+
+def _available() -> list[tuple[str, Protocol[Any, Any, Any]]]:
+    return [(name, protocol) for name, protocol in PROTOCOLS.items() if not protocol.unavailable()]
 
 
 PROFILES: Mapping[str, Callable[[Mapping[str, Any]], Iterator[Run]]] = {"quick": _quick, "full": _full}

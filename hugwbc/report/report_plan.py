@@ -32,7 +32,8 @@ class ReportPlan:
         seed: seed of all protocols.
 
     Raises:
-        ConfigError: if controllers are too many, too few or not unique, or the training record cannot be used.
+        ConfigError: if controllers are too many, too few or not unique, the training record cannot be used, or a
+            protocol needs what is not installed.
         UnknownNameError: if there is no such profile, controller or protocol.
     """
 
@@ -49,6 +50,8 @@ class ReportPlan:
             raise ConfigError(f"controllers are {labels}; give at least one, each once")
         known = tuple(dict.fromkeys(cell.protocol for cell in self._all_cells))
         for name in self.protocols:
+            if reason := PROTOCOLS[name].unavailable() if name in PROTOCOLS else "":
+                raise ConfigError(reason)
             if name not in known:
                 raise UnknownNameError("protocol of the report", name, known)
         if self.training is not None:  # now, and not only when all episodes have run
@@ -101,6 +104,10 @@ class ReportPlan:
                 "The quick profile has few and short episodes: its intervals are wide, and of very few episodes too "
                 "narrow. `--profile full` has the paper's sizes."
             )
+        for protocol in PROTOCOLS.values():
+            reason = protocol.unavailable()
+            if protocol.report_title and reason and not self.protocols:
+                notes.append(f"The section '{protocol.report_title}' is missing: {reason}.")
         trainings = {spec.training for spec in (*self.specs, *self.further)}
         missing = [words for training, words in TRAINED.items() if training not in trainings]
         ablation = {name for name, protocol in PROTOCOLS.items() if protocol.ablation}

@@ -3,19 +3,23 @@
 The names below are what users need. Modules of hugwbc itself import the submodules.
 """
 
+from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
-from hugwbc.runtime.loop import ArmSource, ControlLoop, upper_body_source
+from hugwbc.runtime.loop import ArmSource, ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
 from hugwbc.sim import Arena, Force, SensorProfile, Simulation
+from hugwbc.upper_ik import UpperBodySource
 
 __all__ = [
     "Arena",
+    "ArmServo",
+    "ArmServoConfig",
     "ArmSource",
     "CommandSource",
     "Constant",
@@ -34,9 +38,9 @@ __all__ = [
     "Simulation",
     "StateEstimator",
     "Trace",
+    "UpperBodySource",
     "controller_names",
     "feasible",
     "load_controller",
     "rollout",
-    "upper_body_source",
 ]

@@ -21,6 +21,7 @@ from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
 _WRENCH = (0, 1, 2, 4, 5)  # force, moments about y and z
+_RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,10 +51,18 @@ class ContactObserver:
         contact: which feet stand, shape (2,), bool.
     """
 
-    def __init__(self, params: ContactParams | None = None, robot: Robot | None = None) -> None:
-        """Set up for a robot, by default the H1; call `reset` before `update`."""
+    def __init__(
+        self, params: ContactParams | None = None, robot: Robot | None = None, kinematics: Kinematics | None = None
+    ) -> None:
+        """Set up for a robot; call `reset` before `update`.
+
+        Args:
+            params: settings.
+            robot: robot that the observer knows; None for the H1.
+            kinematics: of that robot, shared with an owner that updates it and calls `infer`; None for one of its own.
+        """
         self.params = params or ContactParams()
-        self._kinematics = Kinematics(robot)
+        self._kinematics = kinematics or Kinematics(robot)
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = self._kinematics.columns
         self._robot = robot
@@ -61,7 +70,8 @@ class ContactObserver:
         legs = self._columns[robot.legs]
         self._rows = np.concatenate((np.arange(6), legs))
         self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
-        self._tau = np.zeros(model.nv)
+        self._tau, self._still = np.zeros(model.nv), np.zeros(model.nv)
+        self._ridge = _RIDGE * np.eye(_FEET * len(_WRENCH))
         self.reset(None)
 
     def reset(self, state: RobotState | None) -> None:
@@ -73,6 +83,7 @@ class ContactObserver:
         self._start: np.ndarray | None = None
         if state is not None:
             self._kinematics.update(state)
+            pin.computeJointJacobians(self._kinematics.model, self._kinematics.data, self._kinematics.q)
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
             self.residual = self._map() @ np.concatenate([(*force, 0.0, 0.0) for force in self.force])
 
@@ -87,29 +98,32 @@ class ContactObserver:
         Returns:
             Which feet stand, shape (2,), bool.
         """
+        self._kinematics.update(state)
+        return self.infer(torque, dt)
+
+    def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
+        """Do the same at the state to which the kinematics has been updated, and leave its joint Jacobians there."""
         kinematics, params = self._kinematics, self.params
-        kinematics.update(state)
         model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
-        pin.crba(model, data, q)
-        inertia = np.triu(data.M) + np.triu(data.M, 1).T
-        momentum = inertia @ v
-        coriolis = pin.computeCoriolisMatrix(model, data, q, v)
-        gravity = pin.computeGeneralizedGravity(model, data, q)
-        self._tau[self._columns] = torque - params.friction * self._robot.friction_torque(state.dq)
+        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
+        momentum = pin.rnea(model, data, q, self._still, v) - gravity  # M(q) v: torques of an acceleration v at rest
+        coriolis = pin.computeCoriolisMatrix(model, data, q, v)  # and the Jacobians
+        friction = params.friction * self._robot.friction_torque(v[self._columns])
+        self._tau[self._columns] = torque - friction
         if self._start is None:
             # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at the residual of the reset.
             self._start, self._integral = momentum, -self.residual / params.rate
-        self._integral = self._integral + dt * (self._tau + coriolis.T @ v - gravity + self.residual)
+        self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
         wrenches = self._weight[:, None] * self._map()[self._rows]
-        solution = np.linalg.lstsq(wrenches, self._weight * self.residual[self._rows], rcond=1e-3)[0]
+        normal = wrenches.T @ wrenches + self._ridge
+        solution = np.linalg.solve(normal, wrenches.T @ (self._weight * self.residual[self._rows]))
         self.force = solution.reshape(_FEET, len(_WRENCH))[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 
     def _map(self) -> np.ndarray:
-        """Generalised force per wrench of both feet, shape (25, 10)."""
+        """Generalised force per wrench of both feet from the joint Jacobians, shape (25, 10)."""
         model, data = self._kinematics.model, self._kinematics.data
-        pin.computeJointJacobians(model, data, self._kinematics.q)
         jacobians = [pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED) for sole in self._soles]
-        return np.hstack([jacobian[list(_WRENCH)].T for jacobian in jacobians])
+        return np.concatenate([jacobian[_WRENCH, :] for jacobian in jacobians]).T

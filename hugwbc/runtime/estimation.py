@@ -2,12 +2,13 @@
 
 import collections
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
 
 from hugwbc import rotations
-from hugwbc.kinematics import joint_columns, pinocchio_model
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import ContactObserver, ContactParams
 from hugwbc.sim.arena import Arena
@@ -34,21 +35,31 @@ class EstimatorParams:
     """Standard deviation of a gyro reading [rad/s]."""
     accelerometer: float = 0.1
     """Standard deviation of an accelerometer reading [m/s^2]."""
-    encoder: float = 0.005
+    encoder: float = 0.002
     """Standard deviation of a measured joint position [rad]."""
-    joint_velocity: float = 0.3
+    joint_velocity: float = 0.1
     """Standard deviation of a measured joint velocity [rad/s]."""
-    foot_slip: float = 0.3
-    """Velocity of a standing foot [m/s]: it slips, and rolls about its centre line."""
-    foot_model: float = 0.004
+    foot_slip: float = 0.03
+    """Velocity of a foot that stands under load [m/s]: it slips, and rolls about its centre line."""
+    landing_slip: float = 5.0
+    """Further velocity of a foot that touches down [m/s]: it comes down on an edge and turns until the sole is flat."""
+    landing_time: float = 0.015
+    """Time constant with which that velocity fades [s]."""
+    rolling: float = 0.2
+    """Further velocity of a sole that turns, per angular velocity [m]: its centre is not where it touches."""
+    lifting_slip: float = 1.0
+    """Further velocity of a foot that carries nothing [m/s]; it falls to zero at `full_load`."""
+    full_load: float = 0.4
+    """Share of the robot's weight under which a sole lies still."""
+    foot_model: float = 0.002
     """Of a foot's position relative to the IMU, in addition to the encoders' [m]: links bend and soles give way."""
-    initial_tilt: float = 0.03
+    initial_tilt: float = 0.02
     """Of the IMU's own orientation, which the filter starts from [rad]."""
     initial_velocity: float = 0.1
     """Of the assumption that the robot starts at rest [m/s]."""
-    initial_gyro_bias: float = 0.01
+    initial_gyro_bias: float = 0.006
     """Of the gyro's bias at the start [rad/s]."""
-    initial_accelerometer_bias: float = 0.1
+    initial_accelerometer_bias: float = 0.06
     """Of the accelerometer's bias at the start [m/s^2]."""
     gyro_bias_walk: float = 3e-4
     """Growth of the gyro's bias [rad/s per square root of a second]."""
@@ -62,7 +73,7 @@ class EstimatorParams:
     """Typical acceleration of the waist joint [rad/s^2]."""
     arm_acceleration: float = 50.0
     """Typical acceleration of an arm joint [rad/s^2]."""
-    unplanned: float = 0.15
+    unplanned: float = 0.6
     """Share of these accelerations by which a joint departs from a controller's plan."""
 
 
@@ -145,12 +156,11 @@ class StateEstimator:
         """Set up for a robot, by default the H1; call `reset` before `update`."""
         self.params = params or EstimatorParams()
         self._robot = robot or load_robot()
-        self._model = pinocchio_model(self._robot)
-        self._data = self._model.createData()
-        self._configuration = pin.neutral(self._model)  # the pelvis stays at the origin
-        self._columns = joint_columns(self._model, self._robot)
-        self._imu, *self._sole_frames = (self._model.getFrameId(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
-        self._imu_in_torso = self._model.frames[self._imu].placement.translation.copy()
+        self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
+        self._columns = kinematics.columns
+        self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
+        self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
+        self._lever = pin.skew(self._imu_in_torso)
         self._model_noise = self.params.foot_model**2 * np.eye(3)
         # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
         self._drive = np.zeros(_SIZE)
@@ -159,8 +169,9 @@ class StateEstimator:
             (_ACCELEROMETER_BIAS, self.params.accelerometer_bias_walk),
         ):
             self._drive[rows] = density**2
-        self._observer = ContactObserver(self.params.contact, self._robot)
+        self._observer = ContactObserver(self.params.contact, self._robot, kinematics)
         self._joints = JointFilter(self.params, self._robot)
+        self._weight = GRAVITY * self._robot.mass
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
 
@@ -181,22 +192,23 @@ class StateEstimator:
         """
         params = self.params
         self._joints.reset(state.q, np.zeros_like(state.dq))
-        self._measure_legs(state.q)
+        self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
+        soles = np.array([self._placement(frame) for frame in self._sole_frames])
         torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), float(state.q[self._robot.waist]))
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
         self._v = np.zeros(3)
         pelvis = state.position
         if pelvis is None:
-            soles = [rotations.rotate(state.orientation, self._placement(frame)) for frame in self._sole_frames]
-            pelvis = np.array([0.0, 0.0, -min(sole[2] for sole in soles)])
-        self._p = pelvis + rotations.rotate(state.orientation, self._placement(self._imu))
-        self._d = self._p + self._soles @ self._R.T
+            pelvis = np.array([0.0, 0.0, -soles[:, 2].min()])
+        self._p = pelvis + self._placement(self._imu)
+        self._d = pelvis + soles
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
         spreads = [params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)]
         spreads += [params.initial_gyro_bias, params.initial_accelerometer_bias]
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
         self._time = state.time
+        self._touch_down, self._turning = np.full(_FEET, -np.inf), np.zeros(_FEET)
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
         estimate = self._estimate(state)
         self._observer.reset(estimate)
@@ -223,9 +235,10 @@ class StateEstimator:
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
-        self._measure_legs(state.q)
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
-        contact = self._observer.update(self._estimate(state), torque, dt)
+        self._kinematics.update(self._estimate(state))
+        contact = self._observer.infer(torque, dt)
+        self._measure_legs()
         for foot in np.flatnonzero(contact & ~self.contact):
             self._enter(foot)
         for foot in np.flatnonzero(contact & self.contact):
@@ -243,15 +256,14 @@ class StateEstimator:
             Covariance, shape (6, 6).
         """
         rate = self._rate
-        lever = self._imu_in_torso
-        velocity = self._v - self._R @ np.cross(rate, lever)
+        velocity = self._v + self._R @ (self._lever @ rate)
         to_pelvis = np.zeros((6, _SIZE))
         to_pelvis[:3, _ORIENTATION] = np.eye(3)
         to_pelvis[3:, _ORIENTATION] = -pin.skew(velocity)
         to_pelvis[3:, _VELOCITY] = np.eye(3)
-        to_pelvis[3:, _GYRO_BIAS] = -self._R @ pin.skew(lever)
+        arm = self._R @ self._lever
+        to_pelvis[3:, _GYRO_BIAS] = -arm
         covariance = to_pelvis @ self._P @ to_pelvis.T
-        arm = self._R @ pin.skew(lever)
         covariance[3:, 3:] += self.params.gyro**2 * arm @ arm.T
         return covariance
 
@@ -265,23 +277,23 @@ class StateEstimator:
         return self._plans[0][1]
 
     def _placement(self, frame: int) -> np.ndarray:
-        return self._data.oMf[frame].translation
+        return self._kinematics.data.oMf[frame].translation.copy()
 
-    def _measure_legs(self, q: np.ndarray) -> None:
-        """Compute the sole centres seen from the IMU [m], shape (2, 3), and their covariances by encoder noise."""
-        model, data, configuration = self._model, self._data, self._configuration
-        configuration[self._columns + 1] = q
-        pin.computeJointJacobians(model, data, configuration)
-        imu = pin.updateFramePlacement(model, data, self._imu)
-        self._soles, self._soles_noise = np.zeros((_FEET, 3)), []
+    def _measure_legs(self) -> None:
+        """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
+        model, data = self._kinematics.model, self._kinematics.data
+        imu, pelvis = self._placement(self._imu), self._kinematics.q[:3]
+        waist = self._kinematics.rotation("pelvis")[:, 2]
+        self._soles, self._soles_noise, self._turning = np.zeros((_FEET, 3)), [], np.zeros(_FEET)
         for foot, index in enumerate(self._sole_frames):
-            sole = pin.updateFramePlacement(model, data, index).translation
+            sole = self._placement(index)
             jacobian = pin.getFrameJacobian(model, data, index, pin.LOCAL_WORLD_ALIGNED)[:3, 6:]
             # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
-            jacobian[:, self._columns[self._robot.waist] - 6] = (sole[1], -sole[0], 0.0)
-            jacobian = imu.rotation.T @ jacobian
-            self._soles[foot] = imu.rotation.T @ (sole - imu.translation)
+            jacobian[:, self._columns[self._robot.waist] - 6] = _cross(sole - pelvis, waist)
+            self._soles[foot] = self._R.T @ (sole - imu)
             self._soles_noise.append(self.params.encoder**2 * jacobian @ jacobian.T + self._model_noise)
+            velocity = pin.getFrameVelocity(model, data, index, pin.LOCAL_WORLD_ALIGNED)
+            self._turning[foot] = math.sqrt(velocity.angular @ velocity.angular)
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
         """Integrate readings without their biases over `dt` [s]."""
@@ -303,23 +315,31 @@ class StateEstimator:
         self._P[:_MOTION, :_MOTION] += (self.params.gyro * dt) ** 2 * lever @ lever.T
         drive = self._drive * dt
         drive[_VELOCITY] = (self.params.accelerometer * dt) ** 2
-        drive[9:_MOTION] = (self.params.foot_slip * dt) ** 2
+        drive[9:_MOTION] = np.repeat(self._foot_velocities() * dt, 3) ** 2
         self._P.flat[:: _SIZE + 1] += drive
+
+    def _foot_velocities(self) -> np.ndarray:
+        """Return the standard deviations of the feet's velocities at present [m/s], shape (2,)."""
+        params = self.params
+        load = np.clip(self._observer.force[:, 2] / (params.full_load * self._weight), 0.0, 1.0)
+        landing = params.landing_slip * np.exp(-(self._time - self._touch_down) / params.landing_time)
+        return params.foot_slip + landing + params.lifting_slip * (1.0 - load) + params.rolling * self._turning
 
     def _enter(self, foot: int) -> None:
         """Let a foot that comes down stand where the legs say."""
+        self._touch_down[foot] = self._time
         self._d[foot] = self._p + self._R @ self._soles[foot]
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         self._P[rows] = self._P[_POSITION]
         self._P[:, rows] = self._P[:, _POSITION]
-        self._P[rows, rows] += self._R @ self._soles_noise[foot] @ self._R.T
+        self._P[rows, rows] += self._soles_noise[foot]
 
     def _correct(self, foot: int) -> None:
         """Correct by the innovation R h + p - d, which is linear in the error: its position less the foot's."""
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         innovation = self._R @ self._soles[foot] + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]
-        covariance = spread[_POSITION] - spread[rows] + self._R @ self._soles_noise[foot] @ self._R.T
+        covariance = spread[_POSITION] - spread[rows] + self._soles_noise[foot]
         gain = spread @ np.linalg.inv(covariance)
         error = -gain @ innovation
         turn = pin.exp3(error[_ORIENTATION])
@@ -348,9 +368,14 @@ class StateEstimator:
             angular_velocity=to_pelvis @ gyro - np.array([0.0, 0.0, rate]),
             # The torso's origin, on the waist's axis, is the pelvis's.
             position=self._p - self._R @ self._imu_in_torso,
-            velocity=self._v - self._R @ (pin.skew(gyro) @ self._imu_in_torso),
+            velocity=self._v + self._R @ (self._lever @ gyro),
             foot_force=self._observer.force.copy(),
         )
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross product of two vectors, shape (3,); `np.cross` takes ten times as long."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 _GRAVITY_CROSS = pin.skew(_DOWN)

@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.controller import CarriesArms, Controller, JointCommand, UpperBody
+from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
@@ -18,7 +18,7 @@ from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import IKSolution, UpperBodySource
+from hugwbc.upper_ik import IKSolution
 
 
 class ArmSource(Protocol):
@@ -51,12 +51,6 @@ class ArmSource(Protocol):
             commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
         """
         ...
-
-
-def upper_body_source(controller: Controller) -> UpperBodySource:
-    """Return the hand IK for a controller, with gravity compensation unless the controller carries the arms itself."""
-    carries = isinstance(controller, CarriesArms) and controller.carries_arms
-    return UpperBodySource(gravity_compensation=not carries)
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
@@ -112,13 +106,14 @@ class ControlLoop:
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None if the controller reads them itself.
-            robot: robot whose limits the safety filter keeps; None for the simulated one. What the controller, the
-                arms and the estimator are told is up to them.
+            robot: robot whose limits the safety filter keeps, and whose weight and friction the servo of the arms makes
+                up for; None for the simulated one with its drives. What the controller, the hand IK and the estimator
+                are told is up to them.
 
         Raises:
             ConfigError: if the controller's period is not a multiple of the physics time step.
         """
-        self.safe = SafetyFilter(controller, robot=robot or simulation.robot)
+        self.safe = SafetyFilter(controller, robot=robot or simulation.actuators.known_robot(simulation.robot))
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
         self._plan = PlanView(controller)

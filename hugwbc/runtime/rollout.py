@@ -13,6 +13,7 @@ from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop
 from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.sim import Disturber, Engine, Force
+from hugwbc.state import RobotState
 
 _ONLY = np.array([0])  # row of the only robot
 
@@ -28,6 +29,7 @@ def rollout(
     forces: Sequence[Force] = (),
     on_progress: Callable[[float], None] | None = None,
     on_moment: Callable[[Moment], None] | None = None,
+    on_step: Callable[[RobotState, RobotState], None] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
@@ -38,12 +40,13 @@ def rollout(
         controller: any object with the members of `Controller`.
         source: gives commands and hand targets over time.
         simulation: the robot; it is reset to the nominal stand at the origin.
-        upper_body: turns hand targets into arm targets (`upper_body_source`); without it, hand targets are ignored.
+        upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.
         duration: length of the run [s].
         estimator: estimates the state from the sensors; None if the controller reads them itself.
         forces: external forces on the robot.
         on_progress: called with the fraction done, about fifty times per simulated second.
         on_moment: called at each sample of the record, with what a picture shows.
+        on_step: called after each physics step, with the true state and with what the controller knows.
 
     Returns:
         The record of the run.
@@ -55,7 +58,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = _Recorder(loop, Disturber(simulation.link_names, forces))
+    recorder = _Recorder(loop, Disturber(simulation.link_names, forces), on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -78,15 +81,18 @@ def rollout(
 class _Recorder:
     """A collector of the samples of one run, which watches the feet at every physics step."""
 
-    def __init__(self, loop: ControlLoop, disturber: Disturber) -> None:
+    def __init__(
+        self, loop: ControlLoop, disturber: Disturber, on_step: Callable[[RobotState, RobotState], None] | None
+    ) -> None:
         self.loop = loop
+        self.on_step = on_step
         self.disturber = disturber
         self.simulation = loop.simulation
         self.kinematics = Kinematics(self.simulation.robot)
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
-        self._watch = TouchDownWatch(1)
+        self._watch = TouchDownWatch(1, self.simulation.timestep)
         self._samples = 0
         left_out = SCENE_FIELDS if self.simulation.scene is None else ()
         self._moment_fields = [name for name in MOMENT_FIELDS if name not in left_out]
@@ -101,8 +107,11 @@ class _Recorder:
         for substep in range(self.loop.substeps):
             self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
             now = t + (substep + 1) * dt
-            force = self.loop.step(command, dt).foot_force
+            state = self.loop.step(command, dt)
+            force = state.foot_force
             assert force is not None
+            if self.on_step is not None:
+                self.on_step(state, self.loop.estimate)
             self._watch.update(_ONLY, now, force[None], self.simulation.sole_velocity[None])
         return not self.simulation.fallen
 

@@ -6,14 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
-from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.state import RobotState
 
-HAND_BACK_TIME = 0.5  # [s] in which the step to the controller's own arm command fades
+_VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
+HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +50,7 @@ class SafetyReport:
         damped: ticks on which the joints were damped.
         positions_limited: joint commands with a position target that was clamped.
         torques_limited: joint commands with a feed-forward torque that was clamped.
+        speeds_limited: joint commands with a velocity target that was clamped.
         overruns: calls of the controller that took longer than its period.
         messages: the first message of each kind of event.
     """
@@ -64,6 +67,7 @@ class SafetyReport:
     damped: int = 0
     positions_limited: int = 0
     torques_limited: int = 0
+    speeds_limited: int = 0
     overruns: int = 0
     messages: tuple[str, ...] = ()
 
@@ -78,12 +82,17 @@ def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return robot.lower - margin, robot.upper + margin
 
 
-class HandBack:
-    """A blend from the last external arm command to the controller's own arm command.
+class Handover:
+    """A blend of the arm command where external control takes the arms, and where it gives them back.
 
-    During a hand-back the arms return to where the controller's own command was before the takeover
-    (`hugwbc.upper_ik.Takeover`). Its arm swing may have moved on meanwhile. The remaining difference is added to the
-    controller's command at first and fades over `HAND_BACK_TIME`.
+    The servo of the arms and the controller drive them with other gains, and one of them carries the arms' weight by
+    feed-forward torque, the other perhaps by an offset of its position targets. The step in each of the five vectors
+    of the joint command is therefore added to the new command at first, which leaves the torque as it was, and fades
+    over `HANDOVER_TIME`.
+
+    The positions of a takeover have no step, since the targets start at the controller's own arm command
+    (`hugwbc.upper_ik.Takeover`). In a hand-back they return to where that command was before the takeover; its arm
+    swing may have moved on meanwhile.
     """
 
     def __init__(self, arms: np.ndarray) -> None:
@@ -93,29 +102,34 @@ class HandBack:
 
     def reset(self) -> None:
         """Forget any difference."""
+        self._taken: bool | None = None
         self._last: np.ndarray | None = None
-        self._offset = np.zeros(self._arms.size)
-        self._elapsed = HAND_BACK_TIME
+        self._offset = np.zeros((len(_VECTORS), self._arms.size))
+        self._elapsed = HANDOVER_TIME
 
     def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
-        """Return the command without a jump of the arms where `upper_body` releases them.
+        """Return the command without a jump of the arms where `upper_body` takes or releases them.
 
         Args:
-            command: the controller's joint command within the limits.
+            command: the joint command within the limits.
             upper_body: the external control that the controller was given.
             dt: time since the last call [s].
         """
-        if upper_body.indicator:
-            self._last, self._elapsed = command.q[self._arms].copy(), 0.0
+        if not command.is_finite:
             return command
-        if self._last is not None:
-            self._offset, self._last = self._last - command.q[self._arms], None
-        if self._elapsed >= HAND_BACK_TIME or not command.is_finite:
-            return command
-        q = command.q.copy()
-        q[self._arms] += (1.0 - smooth_step(self._elapsed / HAND_BACK_TIME)) * self._offset
-        self._elapsed += dt
-        return dataclasses.replace(command, q=q)
+        now = np.array([getattr(command, name)[self._arms] for name in _VECTORS])
+        if self._last is not None and self._taken is not upper_body.indicator:
+            self._offset, self._elapsed = self._last - now, 0.0
+        self._taken = upper_body.indicator
+        if self._elapsed < HANDOVER_TIME:
+            now = now + (1.0 - smooth_step(self._elapsed / HANDOVER_TIME)) * self._offset
+            self._elapsed += dt
+            vectors = {name: getattr(command, name).copy() for name in _VECTORS}
+            for name, arms in zip(_VECTORS, now, strict=True):
+                vectors[name][self._arms] = arms
+            command = JointCommand(**vectors)
+        self._last = now
+        return command
 
 
 class SafetyFilter:
@@ -127,8 +141,10 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
-    - Position targets are clamped to `target_limits`, feed-forward torques to the torque limits.
-    - When external control releases the arms, the step to the controller's own arm command fades (`HandBack`).
+    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). Where
+      they are taken over and released, the step in their command fades (`Handover`).
+    - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, and feed-forward
+      torques to the torque limits.
     - Every change is counted in `report()`.
     """
 
@@ -145,7 +161,7 @@ class SafetyFilter:
         Args:
             controller: the controller; the filter takes over its `name` and `period`.
             config: settings; None for the defaults.
-            robot: limits and gains; None for the H1.
+            robot: limits and gains, and the weight and friction that the arms' servo makes up for; None for the H1.
             clock: returns seconds, to time the controller.
         """
         self.controller = controller
@@ -153,7 +169,8 @@ class SafetyFilter:
         self.robot = robot or load_robot()
         self.name, self.period = controller.name, controller.period
         self._q_low, self._q_high = target_limits(self.robot)
-        self._hand_back = HandBack(self.robot.arms)
+        self._handover = Handover(self.robot.arms)
+        self._servo: ArmServo | None = None  # built by the first external control of the arms
         self._clock = clock
         self.last_tick_s = 0.0
         self.command = Command()
@@ -168,7 +185,7 @@ class SafetyFilter:
         self._last = JointCommand.position(self.robot, q.copy())
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
-        self._hand_back.reset()
+        self._handover.reset()
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
@@ -179,16 +196,25 @@ class SafetyFilter:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         feasible_command, upper_body = self.admit(command, upper_body)
+        upper_body = self.driven(upper_body, state)
         output = self._controller_output(state, feasible_command, upper_body)
         if output is None:
             filtered = self._fallback(state)
         else:
             self._missing_s = 0.0
-            # What a fallback repeats is the controller's own command; the fade below is added to it.
-            filtered = self._last = self.limited(output)
-        smooth = self._hand_back(filtered, upper_body, self.period)
+            # A fallback repeats the command without the fade below, which is added to it.
+            filtered = self._last = self.limited(override_arms(output, upper_body, self.robot))
+        smooth = self._handover(filtered, upper_body, self.period)
         # The sum of a command and a difference may exceed limits that each of them keeps.
         return filtered if smooth is filtered else self.limited(smooth)
+
+    def driven(self, upper_body: UpperBody, state: RobotState) -> UpperBody:
+        """Return external arm targets with the gains and the feed-forward torque of the arm servo."""
+        if self._servo is None:
+            if not upper_body.indicator:
+                return upper_body
+            self._servo = ArmServo(robot=self.robot)
+        return self._servo(upper_body, state, self.period) if state.is_usable else upper_body
 
     def admit(self, command: Command, upper_body: UpperBody) -> tuple[Command, UpperBody]:
         """Return the command and the external arm targets that may reach the controller, and count what was changed.
@@ -235,10 +261,12 @@ class SafetyFilter:
         return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
-        sizes = {np.shape(vector) for vector in (upper_body.q, upper_body.dq, upper_body.mask)}
-        if sizes != {self.robot.arms.shape} or not np.all(np.isfinite((upper_body.q, upper_body.dq))):
+        vectors = (upper_body.q, upper_body.dq, upper_body.ddq, upper_body.tau)
+        sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
+        if sizes != {self.robot.arms.shape} or not np.all(np.isfinite(vectors)):
             self._count(
-                "upper_body_rejected", "external arm targets are not eight finite numbers: keeping the last good ones"
+                "upper_body_rejected",
+                "external arm targets are not eight finite numbers each: keeping the last good ones",
             )
             return self._last_upper
         low, high = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
@@ -286,10 +314,16 @@ class SafetyFilter:
 
     def limited(self, output: JointCommand) -> JointCommand:
         """Return a finite joint command within all limits, and count what was changed."""
+        robot = self.robot
         q = np.clip(output.q, self._q_low, self._q_high)
-        tau = np.clip(output.tau, -self.robot.torque_limit, self.robot.torque_limit)
-        for counter, before, after in (("positions_limited", output.q, q), ("torques_limited", output.tau, tau)):
+        dq = np.clip(output.dq, -robot.velocity_limit, robot.velocity_limit)
+        tau = np.clip(output.tau, -robot.torque_limit, robot.torque_limit)
+        for counter, before, after in (
+            ("positions_limited", output.q, q),
+            ("speeds_limited", output.dq, dq),
+            ("torques_limited", output.tau, tau),
+        ):
             if np.any(before != after):
-                joint = self.robot.joint_names[int(np.argmax(np.abs(before - after)))]
+                joint = robot.joint_names[int(np.argmax(np.abs(before - after)))]
                 self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")
-        return dataclasses.replace(output, q=q, tau=tau)
+        return dataclasses.replace(output, q=q, dq=dq, tau=tau)

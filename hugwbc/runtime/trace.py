@@ -10,6 +10,7 @@ from hugwbc.sim.scenes.scene import Scene
 
 RECORD_PERIOD = 0.02  # [s] between two samples
 CONTACT_FORCE = 1.0  # [N]; a foot with a larger vertical ground reaction counts as on the ground
+IMPACT_TIME = 0.01  # [s]; the force of an impact is averaged over it, so that it hardly depends on the time step
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time has bounced, not stepped
 
 
@@ -46,8 +47,8 @@ class Trace:
             at the resolution of the physics [s].
         touch_down_velocity: velocity of each foot's sole in the physics step before each of its `touch_downs`, world
             frame [m/s], shape (touch-downs, 3) for each foot.
-        stance_peak: largest vertical ground reaction in the stance after each of the `touch_downs`, at the resolution
-            of the physics [N], shape (touch-downs,) for each foot. The last stance may be cut short by the end.
+        stance_peak: largest vertical ground reaction, averaged over `IMPACT_TIME`, in the stance after each of the
+            `touch_downs` [N], shape (touch-downs,) for each foot. The last stance may be cut short by the end.
         mass: mass of the robot's description, without a payload [kg].
         fell: whether the robot fell or the physics diverged.
         survived_s: time of the fall, or the whole duration [s].
@@ -118,12 +119,16 @@ class TouchDownWatch:
     A rollout by itself and a batch use the same watch, so that their records are equal to the last bit.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, timestep: float) -> None:
         """Begin with all feet on the ground.
 
         Args:
             count: number of robots.
+            timestep: physics time step [s].
         """
+        # Vertical forces of the last physics steps within IMPACT_TIME, written in turn.
+        self._forces = np.zeros((max(1, round(IMPACT_TIME / timestep)), count, 2))
+        self._turn = 0
         self._last_contact = np.zeros((count, 2))  # [s]
         self._velocity = np.zeros((count, 2, 3))
         self._peak = np.zeros((count, 2))  # of the current stance
@@ -146,7 +151,9 @@ class TouchDownWatch:
         for place, foot in np.argwhere(landed).tolist():
             self._land(int(rows[place]), foot, now)
         self._last_contact[rows] = np.where(contact, now, self._last_contact[rows])
-        self._peak[rows] = np.fmax(self._peak[rows], force[..., 2])  # a NaN of diverged physics does not count
+        self._turn = (self._turn + 1) % len(self._forces)
+        self._forces[self._turn, rows] = np.nan_to_num(force[..., 2])  # a NaN of diverged physics does not count
+        self._peak[rows] = np.maximum(self._peak[rows], self._forces[:, rows].mean(axis=0))
         self._velocity[rows] = velocity
 
     def _land(self, row: int, foot: int, now: float) -> None:

@@ -21,7 +21,8 @@ from hugwbc.robot import Robot
 _FACTORS = ("friction", "armature")
 _LONGEST_DELAY = 0.1  # [s]
 # MuJoCo's Coulomb friction is a soft constraint. As soft as its defaults make it, a joint at rest creeps by 0.03 rad/s
-# under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s (docs/arena.md).
+# under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s
+# (docs/arena.md).
 _STICK_IMPEDANCE = 0.99
 _STICK_STEPS = 2.0
 _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
@@ -91,8 +92,8 @@ class TorqueSpeedLimit:
             torque_limit: torque limits at low speed [N*m], shape (..., 19).
         """
         self._limit = np.array(torque_limit)
-        self._top = robot.velocity_limit
         self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
+        self._reserve = robot.velocity_limit * self._slope
 
     def write(self, velocity: np.ndarray, force_range: np.ndarray) -> None:
         """Write the range of the torque at joint speeds.
@@ -101,7 +102,11 @@ class TorqueSpeedLimit:
             velocity: joint speeds [rad/s], shape (..., 19).
             force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
         """
-        # A diverged robot's speed may be NaN; MuJoCo must not see that in its model.
-        speed = np.nan_to_num(velocity)
-        force_range[..., 1] = self._limit * np.clip((self._top - speed) * self._slope, 0.0, 1.0)
-        force_range[..., 0] = -self._limit * np.clip((self._top + speed) * self._slope, 0.0, 1.0)
+        share = velocity * self._slope
+        force_range[..., 1] = self._limit * self._share(self._reserve - share)
+        force_range[..., 0] = -self._limit * self._share(self._reserve + share)
+
+    @staticmethod
+    def _share(share: np.ndarray) -> np.ndarray:
+        """Return numbers within 0 and 1; a diverged robot's NaN, which MuJoCo must not see in its model, becomes 1."""
+        return np.fmax(np.fmin(share, 1.0, out=share), 0.0, out=share)

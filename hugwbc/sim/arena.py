@@ -8,11 +8,14 @@ Results carry the arena in their identity, so results of different arenas never 
 """
 
 import dataclasses
+import functools
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import TypeVar
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.ground import Ground
@@ -66,6 +69,13 @@ class Arena:
         known_robot(self.robot, self.drives)
         sensor_profile(self.sensing)
         Ground.named(self.ground)
+
+    @functools.cached_property
+    def version(self) -> str:
+        """Digest of everything that these names stand for: it changes with any mass, gain, noise or firmness."""
+        parts = [robot_table(self.robot)]
+        parts += [dataclasses.asdict(part) for part in (self, self.actuators, self.profile, Ground.named(self.ground))]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:8]
 
     @property
     def profile(self) -> SensorProfile:

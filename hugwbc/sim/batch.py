@@ -23,7 +23,7 @@ WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warning
 
 
 class _Block(NamedTuple):
-    """Robots that step by themselves: their rows, their torque-speed limit, live views of joint speeds and torque ranges."""
+    """Robots that step by themselves: rows, torque-speed limit, and live views of joint speeds and torque ranges."""
 
     rows: slice
     ids: np.ndarray
@@ -40,6 +40,7 @@ class BatchSimulation:
         qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
+        forces: external forces and torques on the bodies in the world [N, N*m], shape (count, bodies, 6); writable.
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
 
@@ -75,6 +76,7 @@ class BatchSimulation:
         self.qvel = self.batch.bind("qvel")[:, self.layout.qvel]
         self.ctrl = self.batch.bind("ctrl")[:, self.layout.ctrl]
         self.torque = self.batch.bind("actuator_force")[:, self.layout.ctrl]
+        self.forces = self.batch.bind("xfrc_applied")
         self.warm_start = self.batch.bind("qacc_warmstart")
         self._sensors = self.batch.bind("sensordata")
         self._index_sensors()

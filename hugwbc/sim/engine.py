@@ -108,13 +108,18 @@ class Engine(abc.ABC):
         self._command = JointCommand.position(self.robot, self.robot.nominal)
 
     @classmethod
+    def is_available(cls) -> bool:
+        """Return whether the engine is installed."""
+        return importlib.util.find_spec(cls.package) is not None
+
+    @classmethod
     def check_available(cls) -> None:
         """Check that the engine is installed.
 
         Raises:
             ConfigError: if it is not.
         """
-        if importlib.util.find_spec(cls.package) is None:
+        if not cls.is_available():
             raise ConfigError(
                 f"engine {cls.engine} needs {cls.package}: run `pip install 'hugwbc[{cls.engine}]'`, or use mujoco"
             )

@@ -18,6 +18,7 @@ from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.robot_model import load_model
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.variation import Variation
+from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 _VARIED_FIELDS = ("body_mass", "geom_friction", "actuator_forcerange")  # that `Variation.apply_to` writes to
 _DIVERGED = [int(warning) for warning in DIVERGED]
@@ -61,7 +62,7 @@ class LockstepSimulation:
             ground: firmness of the ground; None for firm.
         """
         self.robot, actuators = robot or load_robot(), actuators or Actuators()
-        self.model = load_model(timestep, lean=True, robot=self.robot, actuators=actuators, ground=ground)
+        self.model = load_model(timestep, lean=True, imu=True, robot=self.robot, actuators=actuators, ground=ground)
         self._layout = robot_layout(self.model, self.robot)
         self._batch = Batch(self.model, len(variations), threads, persistent=True)
         gain = np.array([variation.gain for variation in variations])[:, None]
@@ -116,16 +117,18 @@ class LockstepSimulation:
             np.stack([columns[f"{side}_{kind}"] for side in SIDES])
             for kind in ("foot_force", "sole_position", "sole_velocity")
         )
+        self._imu_orientation, self._imu_gyro = columns["imu_orientation"], columns["imu_gyro"]
 
-    def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Set the joint targets of some robots.
+    def command(self, rows: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray | float = 0.0) -> None:
+        """Set the joint targets and the feed-forward torques of some robots.
 
         Args:
             rows: indices of the robots, shape (m,).
             q: position targets [rad], shape (m, 19).
             dq: velocity targets [rad/s], shape (m, 19).
+            tau: torques [N*m], shape (m, 19).
         """
-        self._given[rows] = self._kp[rows] * q + self._kd[rows] * dq
+        self._given[rows] = tau + self._kp[rows] * q + self._kd[rows] * dq
 
     def step(self, rows: np.ndarray) -> None:
         """Advance some robots, shape (m,), by one time step and update everything that can be read."""
@@ -145,6 +148,28 @@ class LockstepSimulation:
         """Return the rotation from the pelvis to the world of some robots, unit quaternions, shape (m, 4)."""
         quaternion = self.qpos[rows, 3:7]
         return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+
+    def sensed(self, row: int) -> RobotState:
+        """Return what the exact sensors of one robot say, as `Simulation.sense` does, to the last bit.
+
+        Orientation and angular velocity are those of the torso's IMU, carried over to the pelvis, and thus rounded
+        differently from those in `qpos` and `qvel`.
+        """
+        qpos, qvel, one = self.qpos[row], self.qvel[row], np.array([row])
+        waist = self.robot.waist
+        sensors = self._sensors[row]
+        orientation, rate = pelvis_from_torso_imu(
+            sensors[self._imu_orientation], sensors[self._imu_gyro], float(qpos[7 + waist]), float(qvel[6 + waist])
+        )
+        return RobotState(
+            q=qpos[7:].copy(),
+            dq=qvel[6:].copy(),
+            orientation=orientation,
+            angular_velocity=rate,
+            position=qpos[:3].copy(),
+            velocity=qvel[:3].copy(),
+            foot_force=self.foot_force(one)[0],
+        )
 
     def foot_force(self, rows: np.ndarray) -> np.ndarray:
         """Return the ground reaction on both feet of some robots in the world [N], shape (m, 2, 3)."""

@@ -85,8 +85,8 @@ EXACT = SensorProfile("exact", position=True, foot_force=True, hand_force=True)
 # IMU: Bosch Sensortec BMI088 data sheet (document BST-BMI088-DS001): gyro 0.014 deg/s/sqrt(Hz) and up to 1 deg/s of
 # offset, accelerometer 0.175 mg/sqrt(Hz) and up to 20 mg of offset. At a bandwidth of 250 Hz the noise is 0.004 rad/s
 # and 0.03 m/s^2; the values here are two to four times that, since the torso vibrates. Biases: what is left of the
-# offsets after a calibration at rest (assumed). Joints: the maker publishes no figures, so all of theirs are assumed.
-# Objects: as a motion-capture system of modest quality sees them (assumed).
+# offsets after a calibration at rest (assumed): vectors of 0.01 rad/s and 0.1 m/s^2, r.m.s. Joints: the maker publishes
+# no figures, so all of theirs are assumed. Objects: as a motion-capture system of modest quality sees them (assumed).
 ROBOT = SensorProfile(
     "robot",
     latency=0.01,
@@ -96,10 +96,10 @@ ROBOT = SensorProfile(
     torque=1.0,
     torque_scale=0.03,
     gyro=0.01,
-    gyro_bias=0.005,
+    gyro_bias=0.01 / math.sqrt(3.0),
     gyro_walk=1e-4,
     accelerometer=0.1,
-    accelerometer_bias=0.05,
+    accelerometer_bias=0.1 / math.sqrt(3.0),
     accelerometer_walk=1e-3,
     attitude=0.005,
     attitude_bias=0.009,

@@ -154,6 +154,16 @@ class Descent:
         self.placo.update_kinematics()
         self.hands = np.array([self.placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
 
+    def jacobians(self) -> np.ndarray:
+        """Return the Jacobians of both hands at the present posture, each by its own arm's joints, shape (2, 3, 4)."""
+        columns = (self._columns - 1).reshape(2, -1)
+        return np.array(
+            [
+                self.placo.frame_jacobian(frame, "local_world_aligned")[:3, arm]
+                for frame, arm in zip(self._frames, columns, strict=True)
+            ]
+        )
+
     def descend(self, goal: Goal, dt: float, count: int) -> None:
         """Take `count` steps of `dt` [s] towards the goal.
 

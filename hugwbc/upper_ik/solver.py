@@ -14,7 +14,9 @@ from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.detour import MOVED, Detours, Scout
 from hugwbc.upper_ik.limiter import JointLimiter
+from hugwbc.upper_ik.path_acceleration import PathAcceleration
 
+FOLLOWED = 0.03  # [m]; a hand nearer to its target follows it
 FAR = 0.1  # [m]; a hand farther from its target looks ahead whether the direct way leads there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge like fast ones
 LONGEST_TICK = 0.5  # [s]; a longer tick, of a loop that paused, counts as this long
@@ -27,6 +29,8 @@ class IKSolution:
     Attributes:
         q: joint positions [rad], shape (8,).
         dq: joint velocities [rad/s], shape (8,).
+        ddq: joint accelerations of the targets' own motion [rad/s^2], shape (8,); without what the arms do to correct
+            for the body's motion, and zero where the targets' motion is not smooth.
         residual: distance of each hand at `q` to its target [m], shape (2,); NaN before the first usable target.
         reachable: False for a hand that is off its target and no longer gets nearer, so that `q` is the nearest pose
             found; shape (2,), bool.
@@ -35,6 +39,7 @@ class IKSolution:
 
     q: np.ndarray
     dq: np.ndarray
+    ddq: np.ndarray
     residual: np.ndarray
     reachable: np.ndarray
     ok: bool
@@ -73,6 +78,7 @@ class ArmIK:
         self.acceleration_limit = self.config.acceleration
         self._limiter = JointLimiter(self.lower, self.upper, self.velocity_limit, self.acceleration_limit)
         self._limiter.place(self._descent.q)
+        self._path = PathAcceleration(self.config.hand_speed, self.acceleration_limit)
         self._body = self.robot.nominal.copy()
         self._rest = self._descent.forward(self._limiter.q, self._body).copy()
         self.reset(self._limiter.q)
@@ -95,6 +101,8 @@ class ArmIK:
     def reset(self, q: np.ndarray) -> None:
         """Continue at rest from arm positions (8,) [rad], clamped to the limits; joints that are not finite stay."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
+        self._ddq = np.zeros(8)
+        self._path.reset()
         self._residual = np.full(2, np.nan)
         self._reachable = np.ones(2, dtype=bool)
         self._detours.reset()
@@ -145,6 +153,10 @@ class ArmIK:
         goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt))
         try:
             q = self._descend(goal, dt)
+            # A stream's targets stand still between two messages: their differences say nothing.
+            smooth = (self._residual < FOLLOWED) & ~self._detours.active & (targets.stamp is None)
+            turn = _turn_to_pelvis(targets.frame, state)
+            self._ddq = self._path.update(targets.array(), smooth, turn, self._descent.jacobians(), dt)
             q = self._go_round(q, goal, dt)
         except RuntimeError:  # this is how placo reports an infeasible problem
             self.failures += 1
@@ -203,6 +215,8 @@ class ArmIK:
         return q
 
     def _hold(self, dt: float) -> IKSolution:
+        self._ddq[:] = 0.0
+        self._path.reset()
         if 0.0 < dt < np.inf:
             self._limiter.stop(dt)
         else:
@@ -211,7 +225,9 @@ class ArmIK:
 
     def _solution(self, *, ok: bool) -> IKSolution:
         limiter = self._limiter
-        return IKSolution(limiter.q.copy(), limiter.dq.copy(), self._residual.copy(), self._reachable.copy(), ok)
+        return IKSolution(
+            limiter.q.copy(), limiter.dq.copy(), self._ddq.copy(), self._residual.copy(), self._reachable.copy(), ok
+        )
 
 
 def check_targets(targets: HandTargets, state: RobotState) -> None:

@@ -12,7 +12,6 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.gravity import ArmDamping, GravityCompensation
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
 
@@ -118,7 +117,6 @@ class UpperBodySource:
     def __init__(
         self,
         *,
-        gravity_compensation: bool,
         ik: ArmIKConfig | None = None,
         takeover: TakeoverConfig | None = None,
         robot: Robot | None = None,
@@ -126,9 +124,6 @@ class UpperBodySource:
         """Build the solver.
 
         Args:
-            gravity_compensation: True where PD alone drives the arms (the learned controller): targets are shifted
-                against the arms' weight, and the arms are damped. False where feed-forward torque carries them (the
-                QP).
             ik: settings of the solver.
             takeover: settings of the hand-over.
             robot: robot whose arms move; None for the H1.
@@ -139,8 +134,6 @@ class UpperBodySource:
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
         self._by_joints = False
-        self._gravity = GravityCompensation(robot) if gravity_compensation else None
-        self._damping = ArmDamping(robot) if gravity_compensation else None
         self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
 
     def reset(self) -> None:
@@ -173,7 +166,7 @@ class UpperBodySource:
             dt: time since the last tick [s].
             commanded: the arm part of the last joint command [rad], shape (8,), if known. A takeover starts there, and
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
-                measured arms (plus their sag, under gravity compensation) and a hand-back ends in the nominal pose.
+                measured arms and a hand-back ends in the nominal pose.
         """
         arms = self._arms(state, hands, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
@@ -191,17 +184,14 @@ class UpperBodySource:
             self.ik.reset(state.q[self.ik.robot.arms])
             self.takeover.blend()
         self._by_joints = by_joints
-        start = self._start(state, commanded) if self.takeover.phase is Phase.RELEASED else None
+        start = self._start(commanded) if self.takeover.phase is Phase.RELEASED else None
         if hands.joints is None:
             self.solution = self.ik.solve(hands, state, dt)
-            q, dq = self.solution.q, self.solution.dq
+            q, dq, ddq = self.solution.q, self.solution.dq, self.solution.ddq
         else:
             self.solution = None
-            q, dq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity
-        target = self._compensated(q, state)
-        if self._damping is not None:
-            target = target + self._damping(dq, state)
-        return self.takeover.follow(target, dq, dt, start)
+            q, dq, ddq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity, None
+        return self.takeover.follow(q, dq, dt, start, ddq)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
         """Return the command with h, p and w as hand targets need them that ask for the whole body.
@@ -215,11 +205,8 @@ class UpperBodySource:
             self._body_reach = BodyReach(robot=self.ik.robot)
         return self._body_reach.update(followed, state, command, dt)
 
-    def _start(self, state: RobotState, commanded: np.ndarray | None) -> np.ndarray:
+    def _start(self, commanded: np.ndarray | None) -> np.ndarray:
         """Return where the arm command is before a takeover, and keep it for the hand-back if the caller knows it."""
         known = commanded is not None and np.all(np.isfinite(commanded))
         self._own = np.array(commanded, dtype=float) if known else None
-        return self._compensated(self.ik.q, state) if self._own is None else self._own
-
-    def _compensated(self, q: np.ndarray, state: RobotState) -> np.ndarray:
-        return q if self._gravity is None else self._gravity(q, state)
+        return self.ik.q if self._own is None else self._own

@@ -68,8 +68,8 @@ class Takeover:
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
         self.acceleration_limit = self.config.acceleration
-        # These are the position limits of the safety filter: soft arms need targets beyond the joint limits to carry
-        # their weight.
+        # These are the position limits of the safety filter. A controller without feed-forward torque may command its
+        # own arms beyond the joint limits to carry their weight, and the blends start and end at its own command.
         reach = robot.torque_limit[arms] / robot.kp[arms]
         self._limiter = JointLimiter(
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
@@ -91,7 +91,14 @@ class Takeover:
         self.phase = Phase.RELEASED
         self._limiter.place(self._rest)
 
-    def follow(self, q: np.ndarray, dq: np.ndarray, dt: float, start: np.ndarray | None = None) -> UpperBody:
+    def follow(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        start: np.ndarray | None = None,
+        ddq: np.ndarray | None = None,
+    ) -> UpperBody:
         """Return the arm command for one tick of external control.
 
         Args:
@@ -100,11 +107,13 @@ class Takeover:
             dt: time since the last tick [s].
             start: the arm command before a takeover [rad], shape (8,), read only while the arms are released. None
                 starts where the last takeover ended, at first in the nominal pose.
+            ddq: accelerations of the targets' planned motion [rad/s^2], shape (8,). None takes those of the arm
+                command, which would be wrong for targets that follow the measured body (`UpperBody.ddq`).
         """
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
             self._begin(Phase.TAKEN, np.asarray(start) if known else None)
-        return self._advance(q, dq, self.config.take_time, dt)
+        return self._advance(q, dq, ddq, self.config.take_time, dt)
 
     def blend(self) -> None:
         """Restart the blend at the current arm command after the target source changed."""
@@ -125,7 +134,7 @@ class Takeover:
             self.phase = Phase.RELEASED
         if self.phase is Phase.RELEASED:
             return UpperBody.none()
-        return self._advance(goal, np.zeros(8), self.config.return_time, dt)
+        return self._advance(goal, np.zeros(8), None, self.config.return_time, dt)
 
     def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
         """Start a blend at rest from positions (8,), or from the current arm command at its speed."""
@@ -139,10 +148,13 @@ class Takeover:
         within = bool(np.all(np.abs(goal - self._limiter.q) <= self.velocity_limit * dt))
         return within and self._elapsed >= self.config.return_time
 
-    def _advance(self, goal: np.ndarray, goal_dq: np.ndarray, blend_time: float, dt: float) -> UpperBody:
+    def _advance(
+        self, goal: np.ndarray, goal_dq: np.ndarray, goal_ddq: np.ndarray | None, blend_time: float, dt: float
+    ) -> UpperBody:
         if not 0.0 < dt < np.inf:
             self.held += 1
             return UpperBody(self._limiter.q.copy(), np.zeros(8), np.ones(8, dtype=bool))
+        last, ddq = self._limiter.dq, None
         if np.isfinite(goal).all() and np.isfinite(goal_dq).all():
             before = smooth_step(self._elapsed / blend_time)
             self._elapsed += dt
@@ -150,7 +162,10 @@ class Takeover:
             # The derivative of the blend instead of a difference of positions, which would carry the sensors' noise.
             dq = blend * goal_dq + (blend - before) / dt * (goal - self._from)
             self._limiter.follow(self._from + blend * (goal - self._from), dq, dt)
+            ddq = None if goal_ddq is None else blend * goal_ddq
         else:
             self.held += 1
             self._limiter.stop(dt)
-        return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool))
+        if ddq is None:
+            ddq = (self._limiter.dq - last) / dt
+        return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool), ddq)

@@ -130,7 +130,6 @@ def _add_sensors_mjcf(root: ET.Element, table: dict[str, Any]) -> None:
         ET.SubElement(sensors, "framepos", name=f"{side}_hand_position", objtype="site", objname=f"{side}_hand")
     ET.SubElement(sensors, "framequat", name="imu_orientation", objtype="site", objname="imu")
     ET.SubElement(sensors, "gyro", name="imu_gyro", site="imu")
-    ET.SubElement(sensors, "accelerometer", name="imu_accelerometer", site="imu")
     net = {"num": "1", "data": "force", "reduce": "netforce"}
     for side in SIDES:
         ET.SubElement(sensors, "contact", {"name": f"{side}_foot_force", "body1": f"{side}_ankle_link", **net})

@@ -28,6 +28,9 @@ def test_bench_reports_all_speeds(capsys):
     assert environment["count"] == 8 and environment["control_steps"] == 5
     assert environment["steps_per_s"] > 0.0 and environment["bare_steps_per_s"] > 0.0
     assert environment["ratio"] > 0.0
+    arenas = figures["arenas"]
+    assert arenas["count"] == 8 and arenas["former_ms"] > 0.0 and arenas["arena_ms"] > 0.0
+    assert 0.2 < arenas["ratio"] < 5.0 and f"physics of arena 2: {arenas['arena_ms']:.1f} ms" in printed.err
     training = figures["training"]
     assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])

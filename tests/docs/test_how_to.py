@@ -34,3 +34,9 @@ def test_add_an_object(folder: pathlib.Path) -> None:
 
 def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-protocol.md", folder, package)
+
+
+@pytest.mark.slow
+def test_make_a_policy_again(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "make-a-policy-again.md", folder)
+    assert (folder / "runs" / "walk" / "stages" / "policy" / "policy.safetensors").exists()

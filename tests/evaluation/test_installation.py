@@ -1,11 +1,20 @@
 import pytest
 
 from hugwbc.evaluation import installation
+from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA
 
 
 @pytest.mark.parametrize("name", installation.CHECKS)
 def test_each_check_passes_here(name):
     assert installation.CHECKS[name]()
+
+
+def test_the_arenas_and_their_versions_are_named():
+    text = installation.check_arena()
+    for number, arena in ARENAS.items():
+        assert f"{number} ({arena.robot}, {arena.drives} drives" in text and f"version {arena.version}" in text
+    assert f"version {ARENAS[DEFAULT_ARENA].version}, the default" in text
+    assert "engines mujoco" in text
 
 
 def test_a_missing_package_is_named(monkeypatch):

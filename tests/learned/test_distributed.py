@@ -30,13 +30,15 @@ with distributed.process_group("gloo"):
     horizon, count = samples["reward"].shape
     curriculum = CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.5, angular_threshold=0.5)
     env = HumanoidEnv(EnvConfig(count=count, curriculum=curriculum), seed=distributed.rank(), threads=1)
-    env.statistics.tracking = samples["tracking"][0]
+    for _ in range(1000):  # until the running mean has forgotten its start
+        env.statistics.note_gate("alpha", samples["tracking"][0], torch.ones(count, dtype=torch.bool))
     env.update_curriculum()
     torch.set_default_dtype(torch.float64)
     torch.manual_seed(0)
     config = PPOConfig(horizon=horizon, epochs=3, minibatches=1, mixed_precision=False, target_kl=1e-4)
     learner = PPO(config, count, torch.Generator().manual_seed(distributed.rank()))
-    for name in ("history", "command", "critic", "estimate", "action", "mean", "log_prob", "value", "reward", "done"):
+    learner.allocate(samples["critic"].shape[2])
+    for name in samples.keys() - {"tracking"}:
         getattr(learner.rollout, name)[:] = samples[name]
     losses = learner.update(Observation(*(samples[name][-1] for name in ("history", "command", "critic", "estimate"))))
     result = {name: value.detach() for name, value in learner.network.named_parameters()}
@@ -57,11 +59,12 @@ def python(*words: object, processes: int = 1) -> str:
 def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
     torch.manual_seed(1)
     horizon, count = 6, 8
-    sizes = {"history": 315, "command": 13, "critic": 321, "estimate": 6, "action": 19, "mean": 19, "tracking": 2}
+    sizes = {"history": 315, "command": 18, "critic": 122, "estimate": 6, "action": 19, "mean": 19, "tracking": 2}
     samples = {name: torch.randn(horizon, count, size, dtype=torch.float64) for name, size in sizes.items()}
     samples |= {name: torch.randn(horizon, count, dtype=torch.float64) for name in ("log_prob", "value", "reward")}
     samples["log_prob"] -= 40.0
     samples["done"] = torch.rand(horizon, count) < 0.2
+    samples["group"] = torch.randint(4, (horizon, count))  # gaits, in which advantages are standardised
     # Above the thresholds on average over all robots, below them in the first process's share alone.
     samples["tracking"] = torch.full((horizon, count, 2), 0.8)
     samples["tracking"][:, ::2] = 0.3

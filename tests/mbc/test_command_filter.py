@@ -80,7 +80,7 @@ def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
         (Command(gait=Gait.JUMPING), ()),
         (
             Command(v_x=2.0, f=2.5, l=0.1, gait=Gait.WALKING),
-            ("h = 0 m leaves the trailing leg too short at this speed: using -0.06 m",),
+            ("h = 0 m leaves the trailing leg too short at this speed: using -0.11 m",),
         ),
         (Command(gait=Gait.HOPPING_LEFT), ("h = 0 m is too high for a leg that leans: using -0.06 m",)),
         (Command(h=-0.08, gait=Gait.HOPPING_LEFT), ()),

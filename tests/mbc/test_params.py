@@ -15,6 +15,7 @@ from hugwbc.mbc import ControllerParams
         ({"mpc_intervals": -1}, "mpc_intervals is -1; give a number above 0"),
         ({"height_rate": (0.0, 2.0)}, r"height_rate is \(0.0, 2.0\); give numbers above 0"),
         ({"arm_gains": (100.0, 0.0)}, r"arm_gains is \(100.0, 0.0\); give numbers above 0"),
+        ({"speed_fraction": 1.1}, "speed_fraction is 1.1; give a share above 0, up to 1"),
         ({"step_timing": 1.0}, "step_timing is 1.0; give a share from 0 to below 1"),
     ],
 )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.swing import SwingTrajectory, quintic_advance
+from hugwbc.mbc.swing import SwingTrajectory, cubic_advance, quintic_advance
 
 
 def test_quintic_is_the_minimum_jerk_rise_between_rests():
@@ -21,6 +21,16 @@ def test_quintic_meets_any_boundary_conditions():
         duration = rng.uniform(0.1, 1.0)
         assert quintic_advance(*start, *end, duration, 10.0) == pytest.approx(end, abs=1e-8)
         assert quintic_advance(*start, *end, duration, 0.0) == pytest.approx(start)
+
+
+def test_cubic_meets_its_boundary_conditions_with_half_more_than_the_mean_speed():
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        start, end = rng.normal(size=(2, 2))
+        duration = rng.uniform(0.1, 1.0)
+        assert cubic_advance(*start, *end, duration, 10.0)[:2] == pytest.approx(end, abs=1e-8)
+        assert cubic_advance(*start, *end, duration, 0.0)[:2] == pytest.approx(start)
+    assert cubic_advance(0.0, 0.0, 1.0, 0.0, 0.5, 0.25) == pytest.approx((0.5, 1.5 / 0.5, 0.0))
 
 
 @pytest.mark.parametrize("step_time", [0.143, 0.25, 0.333])

@@ -188,6 +188,8 @@ def test_a_gap_is_closed_at_a_bounded_speed(standing_state):
     assert task.evaluate(dynamics).acceleration[0] == pytest.approx(20.0 * 2.0)
     task.target[0] = 0.1
     assert task.evaluate(dynamics).acceleration[0] == pytest.approx(100.0 * 0.1)
+    task.acceleration[0] = 3.0
+    assert task.evaluate(dynamics).acceleration[0] == pytest.approx(3.0 + 100.0 * 0.1)
 
 
 def test_line_contact_has_no_roll_row(standing_state):

@@ -85,3 +85,17 @@ def test_pushed_outwards_it_steps_further_and_sooner(standing_state, lifted):
     assert pushed.plan.duration < calm.plan.duration == pytest.approx(0.25)
     assert calm.walking.out_of_reach == 0 and pushed.walking.out_of_reach == 10
     assert pushed.references.crouch.depth > calm.references.crouch.depth == 0.0
+
+
+def test_a_long_step_stays_low(standing_state):
+    """The knee's speed goes into the reach: 5 cm for the longest step, the commanded 15 cm up to 0.4 m."""
+    heights, lengths = [], []
+    for speed in (0.0, 3.0):
+        state = dataclasses.replace(standing_state, velocity=np.array([speed, 0.0, 0.0]))
+        step = Step(state)
+        ground = step.dynamics.frame("left_sole").position[2]
+        lengths.append(np.hypot(*step.go_on(state, 0.124)))
+        heights.append(step.walking.trajectory.position[2] - ground)
+    assert lengths[0] < PARAMS.long_step and heights[0] == pytest.approx(0.15, abs=0.005)
+    assert lengths[1] > PARAMS.max_step[1]
+    assert heights[1] == pytest.approx(0.05, abs=0.005)

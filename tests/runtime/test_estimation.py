@@ -13,7 +13,7 @@ from hugwbc.robot import SIDES
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.estimation import EstimatorParams, JointFilter, StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import Simulation
+from hugwbc.sim import Actuators, Ground, Simulation
 
 ROBOT = load_robot()
 
@@ -176,8 +176,9 @@ def test_readings_that_are_incomplete_or_broken_are_passed_on():
 @pytest.mark.parametrize(("exact", "speed_error"), [(True, 0.03), (False, 0.03)])
 def test_it_follows_the_walking_robot(exact, speed_error):
     """The controller reads the truth, so that the estimator's errors do not feed back."""
-    simulation = Simulation(sensing="exact" if exact else "robot", seed=2)
-    controller, estimator = WholeBodyController(), StateEstimator()
+    robot, sensing = load_robot("h1"), "exact" if exact else "robot"
+    simulation = Simulation(sensing=sensing, seed=2, robot=robot, actuators=Actuators(), ground=Ground.named("firm"))
+    controller, estimator = WholeBodyController(robot=robot), StateEstimator(robot=robot)
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
     controller.reset(state)
     estimator.reset(dataclasses.replace(simulation.sense(), position=state.position))

@@ -11,8 +11,8 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import ControlLoop, substeps_of, upper_body_source, world_targets
-from hugwbc.runtime.safety import target_limits
+from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
+from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -134,7 +134,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
             lost = dataclasses.replace(low, left=np.full(3, np.nan))
             return lost if 0.7 < t < 0.8 else self.hands
 
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     loop = ControlLoop(HoldController(), Stream(), Simulation(), source)
     loop.reset()
     heights = []
@@ -148,9 +148,21 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     assert heights[-1] == 0.0, "the request has ended"
 
 
-def test_position_driven_controllers_get_gravity_compensation():
-    assert upper_body_source(HoldController())._gravity is not None
-    assert upper_body_source(WholeBodyController())._gravity is None
-    strong = HoldController()
-    strong.carries_arms = True
-    assert upper_body_source(strong)._gravity is None
+def test_the_arms_of_every_controller_are_driven_alike():
+    """Same gains, same feed-forward torque, whether the controller sends torques, positions or ignores the arms."""
+
+    class Deaf(HoldController):
+        """Takes no notice of external arm targets."""
+
+        def act(self, state, command, upper_body):
+            return super().act(state, command, UpperBody.none())
+
+    arms, commands = UpperBody.targets(np.full(8, 0.3), np.linspace(-1.0, 1.0, 8)), []
+    for controller in (HoldController(), WholeBodyController(period=0.02), Deaf()):
+        safe, state = SafetyFilter(controller), Simulation().reset()
+        safe.reset(state)
+        commands.append(safe.act(state, Command(), arms))
+    for name, first in vars(commands[0]).items():
+        for other in commands[1:]:
+            np.testing.assert_array_equal(getattr(other, name)[ROBOT.arms], first[ROBOT.arms])
+    assert np.abs(commands[0].tau[ROBOT.arms]).max() > 1.0

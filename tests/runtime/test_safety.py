@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import override_arms
-from hugwbc.runtime.safety import HandBack, SafetyConfig, SafetyFilter
+from hugwbc.runtime.safety import Handover, SafetyConfig, SafetyFilter
 
 ROBOT = load_robot()
 DT = 0.02
@@ -175,6 +175,19 @@ def test_external_arm_targets_are_checked(filtered):
     assert (report.upper_body_rejected, report.upper_body_limited) == (2, 1)
 
 
+def test_velocity_targets_are_limited_to_the_joints_speeds(filtered):
+    recorder, safe = filtered
+    fast = ROBOT.velocity_limit * np.where(np.arange(19) % 2, -1.5, 0.5)
+    recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), dq=fast)
+    output = safe.act(good_state(), Command(), UpperBody.none())
+    np.testing.assert_allclose(output.dq, np.clip(fast, -ROBOT.velocity_limit, ROBOT.velocity_limit))
+    assert safe.report().speeds_limited == 1
+    assert any("speeds limited, first at" in message for message in safe.report().messages)
+    recorder.answer = dataclasses.replace(recorder.answer, dq=ROBOT.velocity_limit)
+    safe.act(good_state(), Command(), UpperBody.none())
+    assert safe.report().speeds_limited == 1
+
+
 def test_overruns_are_counted():
     times = iter([0.0, 0.03, 1.0, 1.01])
     safe = SafetyFilter(Recorder(), clock=lambda: next(times))
@@ -185,7 +198,7 @@ def test_overruns_are_counted():
 
 
 def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
-    hand_back = HandBack(ROBOT.arms)
+    handover = Handover(ROBOT.arms)
     swing = 0.3 * np.sin(np.arange(100) * 0.1)
     external = UpperBody.targets(np.full(8, 0.5))
     streams = []
@@ -193,7 +206,7 @@ def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
         q = ROBOT.nominal + swing[tick]
         q[ROBOT.arms] = 0.5 if tick < 40 else q[ROBOT.arms]
         command = JointCommand.position(ROBOT, q)
-        smooth = hand_back(command, external if tick < 40 else UpperBody.none(), DT)
+        smooth = handover(command, external if tick < 40 else UpperBody.none(), DT)
         assert smooth.q[ROBOT.legs] == pytest.approx(command.q[ROBOT.legs])
         if tick < 40 or tick >= 40 + 25:
             assert smooth.q == pytest.approx(q)
@@ -204,31 +217,48 @@ def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
 
 
 def test_a_bad_command_passes_for_the_filter_to_see():
-    hand_back = HandBack(ROBOT.arms)
+    handover = Handover(ROBOT.arms)
     command = JointCommand.position(ROBOT, ROBOT.nominal)
-    hand_back(command, UpperBody.targets(np.zeros(8)), DT)
+    handover(command, UpperBody.targets(np.zeros(8)), DT)
     bad = dataclasses.replace(command, q=np.full(19, np.nan))
-    assert hand_back(bad, UpperBody.none(), DT) is bad
+    assert handover(bad, UpperBody.none(), DT) is bad
 
 
-class _WithoutHandBack(SafetyFilter):
-    """The filter, with a hand-back that does nothing."""
+def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
+    """The servo has other gains and another torque than the controller, and fades in and out."""
+    own = JointCommand.position(ROBOT, ROBOT.nominal)
+    targets = dataclasses.replace(
+        UpperBody.targets(ROBOT.nominal[ROBOT.arms]), tau=np.full(8, 5.0), kp=np.full(8, 140.0), kd=np.full(8, 8.0)
+    )
+    handover, measured, speed = Handover(ROBOT.arms), ROBOT.nominal - 0.1, np.full(19, 0.5)
+    torques = []
+    for tick in range(120):
+        arms = targets if 40 <= tick < 80 else UpperBody.none()
+        command = handover(override_arms(own, arms, ROBOT), arms, DT)
+        torques.append((command.tau + command.kp * (command.q - measured) + command.kd * (command.dq - speed))[11])
+    before, taken = 20.0 * 0.1 - 0.5 * 0.5, 5.0 + 140.0 * 0.1 - 8.0 * 0.5
+    assert [torques[t] for t in (39, 40, 79, 80, 119)] == pytest.approx([before, before, taken, taken, before])
+    assert np.abs(np.diff(torques)).max() < 1.5
+
+
+class _WithoutHandover(SafetyFilter):
+    """The filter, with a handover that does nothing."""
 
     def __init__(self, controller):
         super().__init__(controller)
-        self._hand_back.__class__ = _NoHandBack
+        self._handover.__class__ = _NoHandover
 
 
-class _NoHandBack(HandBack):
+class _NoHandover(Handover):
     def __call__(self, command, upper_body, dt):
         return command
 
 
-def test_the_hand_back_acts_on_the_filtered_command_and_its_sum_is_limited_again():
+def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again():
     """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
     rng = np.random.default_rng(0)
     recorders = Recorder(), Recorder()
-    safe, plain, behind = SafetyFilter(recorders[0]), _WithoutHandBack(recorders[1]), HandBack(ROBOT.arms)
+    safe, plain, behind = SafetyFilter(recorders[0]), _WithoutHandover(recorders[1]), Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
     for tick in range(2000):
         if tick % 20 == 0:

@@ -37,8 +37,8 @@ def make_state_fixture():
 class Hanging:
     """The robot in MuJoCo with the pelvis held still in the air, at a pitch: joints move, the base does not."""
 
-    def __init__(self, pitch=0.0):
-        self.simulation = Simulation()
+    def __init__(self, pitch=0.0, actuators=None):
+        self.simulation = Simulation(actuators=actuators)
         # A pelvis of 10^6 kg does not move noticeably within one step, and is put back after it.
         self.simulation.model.dof_armature[:6] = 1e6
         self.pose = np.array([0.0, 0.0, 1.6, *rotations.from_yaw_pitch_roll(0.4, pitch, 0.0)])

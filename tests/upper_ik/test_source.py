@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.scripts.script_file import load_script
@@ -111,15 +112,14 @@ def test_a_stream_that_is_ended_on_purpose_may_start_anew_with_any_stamp():
 
 
 def test_source_leaves_the_arms_alone_without_targets(nominal_state):
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     assert not arms_of(source, nominal_state, None).indicator
     assert source.solution is None
 
 
-@pytest.mark.parametrize("compensated", [False, True])
-def test_source_never_jumps(robot, make_state, compensated):
+def test_source_never_jumps(robot, make_state):
     """Random targets, gaps, lost numbers, takeovers that start elsewhere: the command stream keeps its speed."""
-    source = UpperBodySource(gravity_compensation=compensated)
+    source = UpperBodySource()
     rng = np.random.default_rng(0)
     command = robot.nominal[robot.arms].copy()
     hands = None
@@ -141,7 +141,7 @@ def test_source_never_jumps(robot, make_state, compensated):
 
 
 def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(robot, nominal_state):
-    source = UpperBodySource(gravity_compensation=False)
+    source = UpperBodySource()
     wanted = robot.nominal[robot.arms] + 0.4
     joints = HandTargets(None, None, joints=wanted, joint_velocity=np.zeros(8))
     path = []
@@ -158,7 +158,7 @@ def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(rob
 
 
 def test_joint_targets_that_are_not_finite_are_held_off(robot, nominal_state):
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     bad = HandTargets(None, None, joints=np.full(8, np.nan))
     assert not arms_of(source, nominal_state, bad).indicator
     good = HandTargets(None, None, joints=robot.nominal[robot.arms])
@@ -168,13 +168,13 @@ def test_joint_targets_that_are_not_finite_are_held_off(robot, nominal_state):
 
 
 def test_a_first_target_of_nan_leaves_the_arms_alone(nominal_state):
-    source = UpperBodySource(gravity_compensation=False)
+    source = UpperBodySource()
     assert not arms_of(source, nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), ARMS).indicator
     assert source.watch.counts.bad == 1
 
 
 def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nominal_state):
-    source, own = UpperBodySource(gravity_compensation=False), np.full(8, 0.2)
+    source, own = UpperBodySource(), np.full(8, 0.2)
     state, body = nominal_state, UpperBody.targets(own)
     for tick in range(100):
         state = dataclasses.replace(nominal_state, time=tick * DT)
@@ -197,7 +197,7 @@ def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nomi
 
 
 def test_takeover_starts_where_the_command_was_and_ends_there(nominal_state):
-    source = UpperBodySource(gravity_compensation=True)
+    source = UpperBodySource()
     first = arms_of(source, nominal_state, HANDS, ARMS)
     assert first.q == pytest.approx(ARMS, abs=1e-3)
     for _ in range(100):
@@ -209,24 +209,25 @@ def test_takeover_starts_where_the_command_was_and_ends_there(nominal_state):
 
 
 def test_soft_arms_follow_the_script_within_a_centimetre(robot, hanging):
-    """PD arms with the paper's gains, pelvis held: 1 cm with gravity compensation, more than 2 cm without."""
+    """Pelvis held: 1 cm with the servo, more than 2 cm with the paper's gains alone."""
     script = load_script("loco_manipulation")
     mean = {}
-    for compensated in (False, True):
-        rig, source = hanging(), UpperBodySource(gravity_compensation=compensated)
+    for servo in (None, ArmServo()):
+        rig, source = hanging(), UpperBodySource()
         errors = []
         command = JointCommand.position(robot, robot.nominal)
         state = rig.step(command, 1.0)
         for tick in range(250):
             t = 2.0 + tick * DT
             body = arms_of(source, state, script.hands_at(t), command.q[robot.arms])
-            command = override_arms(JointCommand.position(robot, robot.nominal), body, robot)
+            driven = body if servo is None else servo(body, state, DT)
+            command = override_arms(JointCommand.position(robot, robot.nominal), driven, robot)
             state = rig.step(command, DT)
             target = script.hands_at(t + DT)
             assert target is not None
             if tick >= 50:
                 errors.append(np.linalg.norm(rig.hands() - target.array(), axis=1))
-        mean[compensated] = float(np.mean(errors))
+        mean[servo is not None] = float(np.mean(errors))
     assert mean[True] < 0.01
     assert mean[False] > 0.02
 
@@ -236,7 +237,7 @@ def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(make_state
     state = make_state(robot.nominal, position=(0.0, 0.0, 0.98))
     low = HandTargets.of((0.45, 0.2, 0.5), (0.45, -0.2, 0.5), "world", whole_body=True)
     lost = dataclasses.replace(low, left=np.full(3, math.nan))
-    source, reach = UpperBodySource(gravity_compensation=False), BodyReach()
+    source, reach = UpperBodySource(), BodyReach()
     for tick in range(60):
         hands = (None, low, lost, low, None, None)[tick // 10]
         command = Command(w=0.01 * tick)
@@ -245,6 +246,6 @@ def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(make_state
 
 
 def test_targets_of_the_arms_alone_leave_the_command_as_it_is(nominal_state):
-    source, command = UpperBodySource(gravity_compensation=False), Command(h=-0.1)
+    source, command = UpperBodySource(), Command(h=-0.1)
     assert source.update(nominal_state, None, command, DT)[1] is command
     assert source.update(nominal_state, HANDS, command, DT)[1] is command

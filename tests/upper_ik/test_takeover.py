@@ -95,3 +95,23 @@ def test_a_takeover_after_a_reset_begins_where_the_first_one_did(robot):
         takeover.follow(q, np.zeros(8), 0.02)
     takeover.reset()
     assert takeover.follow(q, np.zeros(8), 0.02).q == pytest.approx(first)
+
+
+def test_acceleration_is_the_derivative_of_velocity_for_targets_that_name_none():
+    takeover = Takeover()
+    fine = 1e-3
+    bodies = [takeover.follow(ARMS, np.zeros(8), fine, np.zeros(8)) for _ in range(500)]
+    bodies += [takeover.release(np.zeros(8), fine) for _ in range(900)]
+    dq, ddq = (np.array([getattr(body, name) for body in bodies]) for name in ("dq", "ddq"))
+    assert ddq[1:] == pytest.approx(np.diff(dq, axis=0) / fine)
+    assert np.abs(ddq).max() > 1.0
+
+
+def test_the_acceleration_that_targets_name_is_blended_in():
+    takeover, named = Takeover(), np.linspace(-4.0, 4.0, 8)
+    bodies = [takeover.follow(ARMS, np.zeros(8), DT, np.zeros(8), named) for _ in range(25)]
+    shares = [body.ddq[0] / named[0] for body in bodies]
+    assert 0.0 < shares[0] < 0.05 and shares[-1] == pytest.approx(1.0)
+    assert np.all(np.diff(shares) > 0.0)
+    braking = takeover.follow(np.full(8, math.nan), np.zeros(8), DT, None, named)
+    assert braking.ddq == pytest.approx((braking.dq - bodies[-1].dq) / DT), "not what bad targets say"

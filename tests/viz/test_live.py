@@ -15,7 +15,7 @@ from websockets.datastructures import Headers
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import ControlLoop, upper_body_source
+from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
 from hugwbc.viz.live import (
@@ -93,7 +93,7 @@ class Driven:
         self.simulation = Simulation()
         controller = WholeBodyController()
         self.page = LivePage(self.simulation, name="qp")
-        self.loop = ControlLoop(controller, self.page.source, self.simulation, upper_body_source(controller))
+        self.loop = ControlLoop(controller, self.page.source, self.simulation, UpperBodySource())
         self._running = True
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import ControllerRows, HasBatch, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
@@ -18,8 +19,8 @@ from hugwbc.runtime.safety import SafetyFilter, target_limits
 from hugwbc.runtime.trace import CONTACT_FORCE, RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource, FollowingSource
 from hugwbc.sim.forces import Disturber, Force
-from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.sim.ground import Ground
+from hugwbc.sim.lockstep import LockstepSimulation
 from hugwbc.sim.robot_model import link_names
 from hugwbc.sim.simulation import Simulation
 from hugwbc.state import RobotState
@@ -110,7 +111,8 @@ class _BatchRun:
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)
-        self.filters = [SafetyFilter(controller, robot=self.robot) for _ in members]
+        known = self.arena.actuators.known_robot(self.robot)  # with the friction of its drives, for the arms' servo
+        self.filters = [SafetyFilter(controller, robot=known) for _ in members]
         self.policy: ControllerRows = controller.for_many(count)
         self._following = {
             row: member.source for row, member in enumerate(members) if isinstance(member.source, FollowingSource)
@@ -128,7 +130,7 @@ class _BatchRun:
         self.rows = np.arange(count)
         self.broken = np.zeros(count, dtype=bool)  # whose policy output was not finite
         self.record = BatchRecord(count, duration)
-        self.watch = TouchDownWatch(count)
+        self.watch = TouchDownWatch(count, self.timestep)
         self.tick_ms: list[float] = []
         self.steps = np.full(count, self.ticks)
         self.end = np.full(count, np.nan)  # time of a fall
@@ -137,11 +139,11 @@ class _BatchRun:
         self._start()
 
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the gains of every robot: the policy's, and the description's in arms under external control."""
-        gains = []
-        for own, described in ((self.policy.kp, self.robot.kp), (self.policy.kd, self.robot.kd)):
+        """Return the gains of every robot: the policy's, and the servo's in arms under external control."""
+        servo, gains = ArmServo(robot=self.robot), []
+        for own, arms in ((self.policy.kp, servo.kp), (self.policy.kd, servo.kd)):
             rows = np.tile(own, (len(self.members), 1))
-            rows[np.ix_(self.moved, self.robot.arms)] = described[self.robot.arms]
+            rows[np.ix_(self.moved, self.robot.arms)] = arms
             gains.append(rows)
         return gains[0], gains[1]
 
@@ -184,18 +186,18 @@ class _BatchRun:
         t = tick * self.period
         begin = time.perf_counter()
         self._push()
-        q, dq = self._decide(t)
+        q, dq, tau = self._decide(t)
         self.tick_ms.append(1e3 * (time.perf_counter() - begin) / self.rows.size)
         if self.broken[self.rows].any():
             good = ~self.broken[self.rows]
             self._keep(good)
-            q, dq = q[good], dq[good]
+            q, dq, tau = q[good], dq[good], tau[good]
             if not self.rows.size:
                 return
         if self.record.due(t):
             commands = [self.filters[row].command for row in self.rows]
             self.record.sample(t, self.simulation, self.rows, commands, phase=self.policy.phase, target=q)
-        self.simulation.command(self.rows, q, dq)
+        self.simulation.command(self.rows, q, dq, tau)
         for substep in range(self.substeps):
             self._disturb(tick * self.substeps + substep, t + substep * self.timestep)
             self.simulation.step(self.rows)
@@ -210,11 +212,11 @@ class _BatchRun:
         self.rows = self.rows[chosen]
         self.policy.keep(chosen)
 
-    def _decide(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return position and velocity targets of the joints within the limits, shapes (m, 19)."""
+    def _decide(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return position targets, velocity targets and torques of the joints within the limits, shapes (m, 19)."""
         rows = self.rows
         commands, gaits = np.empty((rows.size, 8)), np.empty(rows.size, dtype=int)
-        arms = np.zeros((2, rows.size, 8))  # position and velocity targets
+        arms = np.zeros((3, rows.size, 8))  # position targets, velocity targets and torques
         for place, row in enumerate(rows.tolist()):
             member, upper_body = self.members[row], UpperBody.none()
             if row in self._following:
@@ -223,17 +225,21 @@ class _BatchRun:
             if member.arms is not None:
                 upper_body, command = member.arms.update(_ANY_STATE, None, command, self.period)
             command, upper_body = self.filters[row].admit(command, upper_body)
+            if upper_body.indicator:
+                upper_body = self.filters[row].driven(upper_body, self.simulation.sensed(row))
             commands[place], gaits[place] = command.array(), int(command.gait)
-            arms[:, place] = upper_body.q, upper_body.dq
+            arms[:, place] = upper_body.q, upper_body.dq, upper_body.tau
         moved = self.moved[rows]
-        q, dq = self.policy.decide(commands, gaits, moved), np.zeros((rows.size, 19))
+        q, (dq, tau) = self.policy.decide(commands, gaits, moved), np.zeros((2, rows.size, 19))
         self.broken[rows] = ~np.isfinite(q).all(axis=1)
-        for targets, values in ((q, arms[0]), (dq, arms[1])):
+        for targets, values in zip((q, dq, tau), arms, strict=True):
             targets[np.ix_(moved, self.robot.arms)] = values[moved]
         limited = np.clip(q, *self._limits)
-        for place in np.flatnonzero((limited != q).any(axis=1) & ~self.broken[rows]):
-            self.filters[rows[place]].limited(JointCommand.position(self.robot, q[place]))  # counts it
-        return limited, dq
+        slower = np.clip(dq, -self.robot.velocity_limit, self.robot.velocity_limit)
+        for place in np.flatnonzero(((limited != q) | (slower != dq)).any(axis=1) & ~self.broken[rows]):
+            beyond = JointCommand(q[place], dq[place], self.robot.kp, self.robot.kd, tau[place])
+            self.filters[rows[place]].limited(beyond)  # counts it
+        return limited, slower, tau
 
     def _state(self, row: int) -> RobotState:
         """Return the true state of one robot."""

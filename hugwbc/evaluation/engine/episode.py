@@ -30,6 +30,7 @@ from hugwbc.evaluation.engine.identity import (
 from hugwbc.evaluation.engine.plans import EpisodePlan
 from hugwbc.evaluation.engine.store import ResultStore, plain
 from hugwbc.evaluation.metrics import SETTLE_S
+from hugwbc.runtime.estimate_watch import EstimateRecord, EstimateWatch
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.seeds import REPORT_SEED
@@ -87,11 +88,13 @@ class Run:
         trace: record of the rollout.
         arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
             external control.
+        estimates: errors of the state estimator, if the plan asks for them and the arena has one.
     """
 
     plan: EpisodePlan
     trace: Trace
     arm_error: float
+    estimates: EstimateRecord | None = None
 
     @property
     def command(self) -> Command:
@@ -324,7 +327,7 @@ def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePla
         conditions: conditions of plans that have none of their own.
         plan: plan of the episode.
     """
-    return not plan.timed and fits(controller, plan.conditions or conditions)
+    return not (plan.timed or plan.estimated) and fits(controller, plan.conditions or conditions)
 
 
 def _run_batch(
@@ -350,17 +353,19 @@ def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -
     """Run one episode in a simulation of its own."""
     conditions = plan.conditions or job.conditions
     seed = _seed(job, index, plan)
-    arms = conditions.arms(seed)
+    arms, estimator = conditions.arms(seed), conditions.estimator()
+    watch = EstimateWatch(estimator) if plan.estimated and estimator is not None else None
     trace = rollout(
         controller,
         plan.source,
         conditions.simulation(job.duration, seed),
         arms,
         duration=job.duration,
-        estimator=conditions.estimator(),
+        estimator=estimator,
         forces=plan.forces,
+        on_step=watch,
     )
-    return Run(plan, trace, _arm_error(arms, trace, job.settle))
+    return Run(plan, trace, _arm_error(arms, trace, job.settle), None if watch is None else watch.record())
 
 
 def _seed(job: Job[Row], index: int, plan: EpisodePlan) -> tuple[int, int]:

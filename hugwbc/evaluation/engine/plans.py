@@ -151,6 +151,7 @@ class EpisodePlan:
         draw: number that, together with the settings' seed, determines ground, sensor noise and arm motion; None for
             the episode's index. Plans with the same draw meet the same randomness.
         timed: whether the controller's computing time is measured; such an episode runs alone.
+        estimated: whether the state estimator is compared with the truth; such an episode runs alone.
         label: what the episode is for; read by the judge of the protocol.
     """
 
@@ -159,6 +160,7 @@ class EpisodePlan:
     conditions: Conditions | None = None
     draw: int | None = None
     timed: bool = False
+    estimated: bool = False
     label: str = ""
 
     @property

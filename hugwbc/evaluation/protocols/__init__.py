@@ -6,6 +6,8 @@ from typing import Any
 from hugwbc.evaluation.protocols.contacts import ContactsProtocol
 from hugwbc.evaluation.protocols.disturbance import DisturbanceProtocol
 from hugwbc.evaluation.protocols.effort import EffortProtocol
+from hugwbc.evaluation.protocols.engines import EnginesProtocol
+from hugwbc.evaluation.protocols.estimation import EstimationProtocol
 from hugwbc.evaluation.protocols.foot_displacement import FootDisplacementProtocol
 from hugwbc.evaluation.protocols.hands import HandsProtocol
 from hugwbc.evaluation.protocols.heatmap import HeatmapProtocol
@@ -37,5 +39,7 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         RandomCommandsProtocol(),
         SmallVelocitiesProtocol(),
         HandsProtocol(),
+        EstimationProtocol(),
+        EnginesProtocol(),
     )
 }

@@ -16,14 +16,14 @@ from hugwbc.evaluation.protocols.protocol import INTERVAL, INTERVAL_NOTE, Protoc
 from hugwbc.evaluation.tables import format_table, hand_rows
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.runtime.loop import ArmSource, upper_body_source
+from hugwbc.runtime.loop import ArmSource
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import ArmIK, IKSolution
+from hugwbc.upper_ik import ArmIK, IKSolution, UpperBodySource
 
 # Targets of the left hand in the pelvis frame [m]; the right hand's are drawn from the mirror image.
 LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
@@ -238,7 +238,7 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
         for index in range(settings.episodes):
             seed = (settings.seed, index)
             script = hands_script(settings, np.random.default_rng(seed), index)
-            source = _Recording(upper_body_source(controller))
+            source = _Recording(UpperBodySource())
             trace = rollout(
                 controller,
                 script,

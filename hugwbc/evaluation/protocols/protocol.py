@@ -61,6 +61,10 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
     def describe(self, result: Result) -> str:
         """Return the result as text for a terminal."""
 
+    def unavailable(self) -> str:
+        """Return why this installation cannot run it, as a sentence for a report; empty if it can."""
+        return ""
+
     def for_training(self, settings: Settings, training: str | None) -> Settings:
         """Return the settings for a controller, given what moved the arms in its training (None: nothing is known)."""
         return settings

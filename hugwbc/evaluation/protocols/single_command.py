@@ -37,8 +37,8 @@ IMPACTS = {
     "speed_median": ("touch-down speed, median", "m/s"),
     "speed_p95": ("touch-down speed, 95th percentile", "m/s"),
     "total_speed_median": ("touch-down speed with its horizontal part, median", "m/s"),
-    "peak_mean": ("peak foot force, mean of stances", "body weights"),
-    "peak_max": ("peak foot force, maximum", "body weights"),
+    "peak_mean": ("peak foot force of 10 ms, mean of stances", "body weights"),
+    "peak_max": ("peak foot force of 10 ms, maximum", "body weights"),
 }
 SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted separately
 

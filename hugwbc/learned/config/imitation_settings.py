@@ -62,6 +62,8 @@ class ImitationConfig:
     starts: int = 4096
     """States to write as starts.safetensors, in which episodes of a training can start (`--env.starts`). They come from
     robots that the teacher drives in the commanded gait."""
+    keep_labels: bool = False
+    """Write all labels as labels.safetensors, for behaviour cloning in a training (`--ppo.labels`)."""
     std: float = 0.12
     """Exploration std with which the snapshot starts reinforcement learning."""
     env: EnvConfig = dataclasses.field(default_factory=_imitation_env)

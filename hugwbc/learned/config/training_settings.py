@@ -7,6 +7,7 @@ from typing import Literal
 
 from hugwbc.learned.config.checks import require, require_finite, require_seed
 from hugwbc.learned.config.environment import EnvConfig
+from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.seeds import TRAINING_SEED
 
 
@@ -20,22 +21,34 @@ class PPOConfig:
     """Passes over the experience of an iteration."""
     minibatches: int = 4
     """Minibatches per epoch."""
-    gamma: float = 0.98
-    """Discount per control step. With the usual 0.99 (and lambda 0.95), rare falls made up most of the variance of the
-    advantages and hid the cost of tracking errors (docs/log/training.md)."""
-    lam: float = 0.92
-    """Trace decay lambda of the generalised advantage estimate."""
+    gamma: float = 0.99
+    """Discount per control step."""
+    lam: float = 0.95
+    """Trace decay lambda of the generalised advantage estimate. With the discount it gives credit over 1 / (1 - gamma
+    lam) = 17 control steps, two thirds of a hop's cycle."""
+    advantages: Literal["gait", "all"] = "gait"
+    """Over which samples advantages are standardised: those of each gait, or all. Over all, the rare falls of a hard
+    gait make up the variance, and the cost of a small error in an easy one cannot be seen."""
     clip: float = 0.2
     """Largest change of the probability ratio that the surrogate rewards."""
-    value_clip: float = 0.2
-    """Largest change of a value in an update [reward]; 0 for no limit. Policies that often fall need 0: with the limit,
-    the values of the hop drifted to 13 above its returns (docs/log/training.md)."""
+    value_clip: float = 0.0
+    """Largest change of a value in an update [reward]; 0 for no limit. With a limit of 0.2 the values of the hop
+    drifted to 13 above its returns (docs/log/training.md)."""
     policy_weight: float = 1.0
     """Weight of the surrogate loss (the paper's lambda_policy)."""
     estimation_weight: float = 1.0
     """Weight of the estimation loss (the paper's lambda_est)."""
+    symmetry: Literal["network", "loss", "none"] = "network"
+    """How the policy learns that left and right are alike: by networks that commute with the mirror, by the paper's
+    symmetry loss, or not at all."""
     beta: float = 0.5
-    """Weight of the symmetry loss (the paper's beta)."""
+    """Weight of the symmetry loss (the paper's beta), if there is one."""
+    labels: pathlib.Path | None = None
+    """File with labels of a teacher, for behaviour cloning; None for none."""
+    cloning_weight: float = 0.0
+    """Weight of the cloning loss, the mean squared error of the action; meant to decay by a schedule."""
+    cloning_batch: int = 2048
+    """Labels in the cloning loss of a gradient step."""
     entropy_weight: float = 0.002
     """Weight of the entropy bonus."""
     learning_rate: float = 3e-4
@@ -49,16 +62,18 @@ class PPOConfig:
     the rate rises."""
     max_grad_norm: float = 1.0
     """Largest norm of the gradient, for actor and critic separately."""
-    std_initial: float = 0.8
+    std_initial: float = 0.6
     """Largest exploration std at the start."""
     std_final: float = 0.25
     """Largest exploration std at the end of the schedule."""
     std_steps: float = 45e6
     """Environment steps over which the largest exploration std falls geometrically from initial to final."""
+    std_limit: float = 1.0
+    """Largest exploration std whatever the three settings above say; for schedules of other forms."""
     std_min: float = 0.03
     """Smallest exploration std."""
     mixed_precision: bool = True
-    """Use bfloat16 in the critic and in the mirrored branch of the symmetry loss; the actor always has float32."""
+    """Use bfloat16 in the critic and in the mirrored branch of the symmetry loss; the actor has float32."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -73,6 +88,7 @@ class PPOConfig:
             "std_initial",
             "std_final",
             "std_min",
+            "std_limit",
             "target_kl",
             "max_grad_norm",
             "critic_learning_rate",
@@ -80,7 +96,8 @@ class PPOConfig:
         ):
             value = getattr(self, name)
             require(value > 0.0, f"ppo.{name}", value, "a positive number")
-        for name in ("policy_weight", "estimation_weight", "beta", "entropy_weight"):
+        require(self.cloning_batch > 0, "ppo.cloning_batch", self.cloning_batch, "a positive integer")
+        for name in ("policy_weight", "estimation_weight", "beta", "entropy_weight", "cloning_weight"):
             value = getattr(self, name)
             require(value >= 0.0, f"ppo.{name}", value, "0 or a positive number")
         low, high = self.learning_rate_range
@@ -116,11 +133,19 @@ class TrainConfig:
     """Robots of an evaluation."""
     evaluation_seconds: float = 5.0
     """Length of the episodes of an evaluation [s]."""
+    evaluation_timestep: float = 0.002
+    """Physics time step of the evaluations [s]: that of the arena, in which policies are judged."""
     device: Literal["cpu", "cuda"] = "cpu"
     """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
     CPU."""
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
+    schedules: tuple[Schedule, ...] = ()
+    """Settings that change with the steps and replace the values above. They have no options: recipes have them."""
+
+    def at(self, steps: float) -> "TrainConfig":
+        """Return the configuration with the scheduled settings at their values after a number of steps."""
+        return scheduled(dataclasses.replace(self, schedules=()), self.schedules, steps)
 
     def __post_init__(self) -> None:
         """Check the limits."""
@@ -134,3 +159,8 @@ class TrainConfig:
         require(self.evaluation_robots > 0, "evaluation_robots", self.evaluation_robots, "a positive integer")
         seconds = self.evaluation_seconds
         require(0.0 < seconds < math.inf, "evaluation_seconds", seconds, "a positive number")
+        step = self.evaluation_timestep
+        require(0.0 < step <= 0.01, "evaluation_timestep", step, "above 0, up to 0.01 s")
+        if self.schedules:  # refuse unknown names and values now, not in the middle of the night
+            for steps in {step for schedule in self.schedules for step in schedule.steps}:
+                scheduled(dataclasses.replace(self, schedules=()), self.schedules, steps)

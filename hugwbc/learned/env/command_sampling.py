@@ -22,7 +22,11 @@ def uniform(
 
 
 def draw_commands(
-    agile: torch.Tensor, config: CommandConfig, curriculum: Curriculum, generator: torch.Generator
+    agile: torch.Tensor,
+    config: CommandConfig,
+    curriculum: Curriculum,
+    generator: torch.Generator,
+    loaded: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Draw gaits and commands.
 
@@ -38,12 +42,15 @@ def draw_commands(
         config: the probabilities.
         curriculum: the speeds reached so far.
         generator: source of the draws.
+        loaded: which robots carry something and walk instead of hopping, shape (k,), bool; None for none.
 
     Returns:
         Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
     """
     count = agile.numel()
     gait = _draw_gaits(count, config, generator)
+    if loaded is not None:
+        gait[loaded & (gait >= Gait.HOPPING_LEFT)] = Gait.WALKING
     standing, hopping = gait == Gait.STANDING, gait >= Gait.HOPPING_LEFT
     agile = agile & ~hopping
     ranges = command_ranges(Gait.WALKING)

@@ -8,14 +8,15 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import terminations
+from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
-from hugwbc.learned.env.readings import Body, Transition, read, tensor
+from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, Transition, feet_on_ground, read, tensor
 from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.env.running_statistics import Statistics
@@ -31,13 +32,14 @@ from hugwbc.sim.warp_batch import robots_on
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 _F, _L, _H, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "w"))
+_MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _ALL = slice(None)
 # Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
 _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 _START_SIMULATION = ("qpos", "qvel")
 # Of a checkpoint: tensors of the environment, parts with a state of their own, and arrays of the simulation.
-_STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist")
-_STATE_GROUPS = ("intervention", "curriculum", "terrain", "held_foot", "sensors")
+_STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "bias")
+_STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "statistics")
 _STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -62,7 +64,7 @@ class HumanoidEnv:
     """n H1s in MuJoCo under the HugWBC training task.
 
     Attributes:
-        config: the settings.
+        config: the settings; `adopt` changes those that may change.
         ground: rough ground and the level of each robot; None on a plane.
         simulation: the robots.
         latency: joint targets on their way to the motors; None if targets act at once.
@@ -77,6 +79,9 @@ class HumanoidEnv:
         friction: sliding friction of each robot, shape (n,).
         noise: half-widths of the paper's observation noise, shape (63,).
         sensors: errors of the sensors.
+        loads: what the robots carry and what pulls and pushes them.
+        bias: errors of v_x, v_y and omega filtered over `BIAS_TIME`, shape (n, 3).
+        mass: mass of each robot without its loads, relative to its description, shape (n,).
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
         nominal_qpos: nominal stand at the origin, shape (26,).
@@ -132,7 +137,15 @@ class HumanoidEnv:
             generator=self.generator,
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
-        self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
+        self._arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
+        self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
+        self.loads.check(device)
+        self._device = device
+        masses = self.simulation.batch.expand("body_mass").sum(1)
+        self.mass = tensor(masses / self.robot.mass)
+        seconds = np.zeros(self.count) if delays is None else delays * config.timestep
+        self._body_facts = torch.stack((self.mass, tensor(seconds)), dim=1)
+        self.adopt(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
@@ -147,6 +160,7 @@ class HumanoidEnv:
         self.actions = torch.zeros(3, self.count, obs.JOINTS)
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
+        self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
         if self.held_foot is not None:
@@ -155,6 +169,14 @@ class HumanoidEnv:
     def _make_ground(self, seed: int) -> RoughGround | None:
         terrain = self.config.terrain
         return RoughGround(self.count, terrain, np.random.default_rng(seed)) if terrain.roughness > 0.0 else None
+
+    def adopt(self, config: EnvConfig) -> None:
+        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
+        self.config = config
+        self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
+        self.curriculum.config = config.curriculum
+        self.loads.config = config.loads
+        self.loads.check(self._device)
 
     # Stepping -------------------------------------------------------------------------------------------------------
 
@@ -165,8 +187,9 @@ class HumanoidEnv:
             action: outputs of the policy, shape (n, 19).
         """
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
-        previous_dq = self.readings.dq
+        previous = self.readings
         self._apply(action)
+        self.loads.step(self.gait >= Gait.HOPPING_LEFT)
         push(self.simulation, self.config.randomization, self.generator)
         if self.ground is not None:
             self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
@@ -175,7 +198,8 @@ class HumanoidEnv:
         self.phase = gaits.advance_phase(self.phase, self.command[:, _F], self.dt)
         self.readings = read(self.simulation, self.ground)
         fallen = self._fallen() | diverged
-        transition = self._transition(previous_dq, fallen)
+        self._filter_errors()
+        transition = self._transition(previous, fallen)
         rewards = evaluate_terms(transition, self.body, self._weights, self.curriculum.penalty_scale)
         # A diverged state may hold NaN; its episode ends as a failure and must not reach the sums of the others.
         reward = torch.nan_to_num(torch.stack(tuple(rewards.values())).sum(0), nan=0.0, posinf=0.0, neginf=0.0)
@@ -183,6 +207,7 @@ class HumanoidEnv:
         timed_out = (done & ~fallen).nonzero().squeeze(1)
         tracking = relative_tracking(rewards, self._weights, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
+        self._note_gates(tracking)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
@@ -208,6 +233,7 @@ class HumanoidEnv:
         self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
         self.intervention.step()
         target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
+        self._arm_gains.update(self.intervention.active * self.curriculum.alpha)
         self.simulation.ctrl[:] = target.numpy()
 
     def next_waist(self) -> torch.Tensor:
@@ -236,10 +262,18 @@ class HumanoidEnv:
         """Return the homogenised phases of the left and the right foot, shape (n, 2)."""
         return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
 
-    def _transition(self, previous_dq: torch.Tensor, fallen: torch.Tensor) -> Transition:
+    def _filter_errors(self) -> None:
+        """Add the velocity errors of this step to their running means."""
+        r = self.readings
+        error = torch.cat((r.velocity[:, :2], r.yaw_rate[:, None]), dim=1) - self.command[:, :3]
+        self.bias = self.bias + self.dt / BIAS_TIME * (torch.nan_to_num(error) - self.bias)
+
+    def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
         r, bar_phase = self.readings, self.bar_phase()
         return Transition(
             command=self.command,
+            gait=self.gait,
+            bias=self.bias,
             velocity=r.velocity,
             angular_velocity=r.angular_velocity,
             yaw_rate=r.yaw_rate,
@@ -248,7 +282,7 @@ class HumanoidEnv:
             roll=r.roll,
             q=r.q,
             dq=r.dq,
-            previous_dq=previous_dq,
+            previous_dq=previous.dq,
             torque=r.torque,
             action=self.actions[0],
             previous_action=self.actions[1],
@@ -256,6 +290,8 @@ class HumanoidEnv:
             clearance=r.clearance,
             foot_velocity=r.foot_velocity,
             foot_force=r.foot_force,
+            touch_down=feet_on_ground(r.foot_force) & ~feet_on_ground(previous.foot_force),
+            descent=-previous.foot_velocity[..., 2],
             foot_offset=r.foot_offset,
             target_clearance=gaits.swing_height(bar_phase, self.command[:, [_L]]),
             contact=gaits.expected_contact(bar_phase),
@@ -273,23 +309,26 @@ class HumanoidEnv:
         tracking = self.statistics.tracking[over] * ~fallen[over, None]
         self.curriculum.judge(self.gait[over], self.command[over], tracking)
 
+    def _note_gates(self, tracking: torch.Tensor) -> None:
+        """Note the tracking rewards of the robots on which the gates depend: those that walk somewhere.
+
+        Standing robots track their zero velocity whatever the others do, and would hold a gate open.
+        """
+        asked = self.command[:, :3].abs().amax(1) > _MOVING
+        walking = asked & (self.gait == Gait.WALKING)
+        self.statistics.note_gate("alpha", tracking, walking & self.intervention.active)
+        self.statistics.note_gate("speed", tracking, walking & self.agile)
+
     def update_curriculum(self) -> None:
-        """Move the curricula after an iteration, based on the running tracking rewards of both groups."""
+        """Move the curricula after an iteration, based on the tracking rewards of moving robots of both groups."""
         self.curriculum.update(
-            self._mean_tracking(self.agile),
-            self._mean_tracking(~self.agile) if self.config.intervention != "none" else None,
+            self.statistics.gate("speed") if bool(self.agile.any()) else None,
+            self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,
             terrain_mastered=self.ground is None or self.ground.mastered,
         )
         if self.ground is not None:
             self.curriculum.gates["terrain"] = self.ground.report()
             self.statistics.set_level("terrain_level", self.ground.mean_level)
-
-    def _mean_tracking(self, group: torch.Tensor) -> tuple[float, float] | None:
-        """Return the linear and angular tracking reward of a group, (n,) bool, over all processes; None if empty."""
-        if not bool(group.any()):
-            return None
-        linear, angular = distributed.mean(self.statistics.tracking[group].mean(0)).tolist()
-        return linear, angular
 
     # Episodes -------------------------------------------------------------------------------------------------------
 
@@ -307,6 +346,8 @@ class HumanoidEnv:
         self.simulation.ctrl[ids] = qpos[:, 7:]
         if self.latency is not None:
             self.latency.reset(ids, qpos[:, 7:])
+        # Payloads change the model, so they are drawn before the quantities that depend on it are computed.
+        self.loads.reset(robots)
         self.simulation.forward(ids)
         self.phase[robots] = torch.rand(count, generator=self.generator)
         self.age[robots] = 0
@@ -326,8 +367,13 @@ class HumanoidEnv:
         """Draw a new gait and command for robots (indices)."""
         if robots.numel():
             self.command[robots], self.gait[robots] = draw_commands(
-                self.agile[robots], self.config.command, self.curriculum, self.generator
+                self.agile[robots],
+                self.config.command,
+                self.curriculum,
+                self.generator,
+                loaded=self.loads.payload[robots].any(1),
             )
+            self.bias[robots] = 0.0
             if self.held_foot is not None:
                 self.held_foot.restart(robots, self.age[robots])
 
@@ -389,9 +435,8 @@ class HumanoidEnv:
         """Return the observations of the current state, of all robots or of some (indices)."""
         r = self.readings
         history = self.history[robots].flatten(1)
-        clock = gaits.clock(self.bar_phase()[robots])
         active = self.intervention.active[robots]
-        command = obs.command_observation(self.command[robots], self.gait[robots], clock, active)
+        command = obs.command_observation(self.command[robots], self.gait[robots], self.bar_phase()[robots], active)
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
             velocity,
@@ -400,15 +445,21 @@ class HumanoidEnv:
             self.friction[robots],
             r.foot_force[robots],
             r.link_force[robots] > LINK_CONTACT_FORCE,
+            self.bias[robots],
+            self.loads.observation(r.heading)[robots],
+            self._body_facts[robots],
         )
         terrain = self._terrain_samples(height, robots)
         critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
         return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
 
     def _terrain_samples(self, height: torch.Tensor, robots: torch.Tensor | slice) -> torch.Tensor:
-        """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled."""
-        if self.ground is None:  # on a plane all samples are equal
-            return (height * obs.LENGTH_SCALE)[:, None].expand(-1, obs.TERRAIN_SIZE)
+        """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled.
+
+        On a plane all samples are equal, and there is one column.
+        """
+        if self.ground is None:
+            return (height * obs.LENGTH_SCALE)[:, None]
         position = self.readings.position[robots]
         ground = self.ground.samples(position[:, :2], self.readings.heading[robots])
         below = position[:, 2:] - self.robot.nominal_height - ground
@@ -419,17 +470,16 @@ class HumanoidEnv:
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return everything that a bit-exact continuation needs; some of the tensors are the environment's own."""
         state = {name: getattr(self, name) for name in _STATE_TENSORS}
-        state["tracking"] = self.statistics.tracking
         state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _STATE_SIMULATION}
         # Forces belong to the last physics step; position and velocity alone do not give them back.
         state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
         state["generator"] = self.generator.get_state()
-        state |= {f"intervention.{k}": v for k, v in self.intervention.state_dict().items()}
-        state |= {f"sensors.{k}": v for k, v in self.sensors.state_dict().items()}
+        for name in _STATE_PARTS:
+            part = getattr(self, name)
+            if part is not None:
+                state |= {f"{name}.{k}": v for k, v in part.state_dict().items()}
         if self.latency is not None:
             state["targets"] = self.latency.targets
-        if self.held_foot is not None:
-            state |= {f"held_foot.{k}": v for k, v in self.held_foot.state_dict().items()}
         if self.ground is not None:
             state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
             state["terrain.footing"] = torch.from_numpy(self.simulation.footing)
@@ -448,16 +498,18 @@ class HumanoidEnv:
         """
         for name in _STATE_TENSORS:
             setattr(self, name, state[name].clone())
-        self.statistics.tracking = state["tracking"].clone()
         self.generator.set_state(state["generator"])
-        prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in _STATE_GROUPS}
+        prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in ("curriculum", "terrain", *_STATE_PARTS)}
         for key, value in state.items():
             group, _, name = key.partition(".")
             if name:
                 prefixed[group][name] = value
-        self.intervention.load_state_dict(prefixed["intervention"])
-        self.sensors.load_state_dict(prefixed["sensors"])
+        for name in _STATE_PARTS:
+            part = getattr(self, name)
+            if part is not None and prefixed[name]:
+                part.load_state_dict(prefixed[name])
         self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
+        self._arm_gains.update(self.intervention.active * self.curriculum.alpha)
         # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
         self._write_simulation(state)
         self.simulation.forward(np.arange(self.count))
@@ -467,8 +519,6 @@ class HumanoidEnv:
         forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
         if self.latency is not None:
             self._restore_latency(self.latency, state.get("targets"))
-        if self.held_foot is not None and prefixed["held_foot"]:
-            self.held_foot.load_state_dict(prefixed["held_foot"])
         if self.ground is not None:
             self.ground.load_state_dict(prefixed["terrain"])
         self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)

@@ -13,6 +13,7 @@ from hugwbc.robot import Robot
 from hugwbc.sim.batch import BatchSimulation
 
 TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows in a single state
+BIAS_TIME = 0.5  # [s], time constant of the filter of velocity errors
 CONTACT_THRESHOLD = 5.0  # [N], above which a foot counts as on the ground
 
 
@@ -68,6 +69,8 @@ class Transition:
 
     Attributes:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
+        gait: values of `Gait`, shape (n,).
+        bias: errors of v_x, v_y and omega, filtered over `BIAS_TIME`, shape (n, 3).
         velocity: of the pelvis in the heading frame, shape (n, 3).
         angular_velocity: of the pelvis in its own frame, shape (n, 3).
         yaw_rate: about gravity, shape (n,).
@@ -77,6 +80,8 @@ class Transition:
         action, previous_action, older_action: last three policy outputs, newest first, shape (n, 19).
         clearance: of both soles above the ground, shape (n, 2).
         foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
+        touch_down: whether each foot came to the ground in this step, shape (n, 2), bool.
+        descent: downward speed of each sole one step before, shape (n, 2).
         foot_offset: left minus right sole in the heading frame, shape (n, 3).
         target_clearance: swing profile of both feet, shape (n, 2).
         contact: expected contact C of both feet, shape (n, 2).
@@ -86,6 +91,8 @@ class Transition:
     """
 
     command: torch.Tensor
+    gait: torch.Tensor
+    bias: torch.Tensor
     velocity: torch.Tensor
     angular_velocity: torch.Tensor
     yaw_rate: torch.Tensor
@@ -102,6 +109,8 @@ class Transition:
     clearance: torch.Tensor
     foot_velocity: torch.Tensor
     foot_force: torch.Tensor
+    touch_down: torch.Tensor
+    descent: torch.Tensor
     foot_offset: torch.Tensor
     target_clearance: torch.Tensor
     contact: torch.Tensor

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
+from hugwbc.gait import Gait
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
@@ -21,6 +22,9 @@ POSTURE_PRECISION = 0.1  # [m] and [rad]
 SWING_PRECISION = 0.05  # [m]
 LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
 LARGEST_VELOCITY_ERROR = 1.0  # [m^2/s^2]
+LARGEST_VELOCITY_BIAS, LARGEST_YAW_RATE_BIAS = 0.5, 1.0  # [m/s], [rad/s]
+SOFT_DESCENT = 0.3  # [m/s], of a sole one control step before it touches the ground
+LARGEST_IMPACT = 4.0  # [m^2/s^2]
 _OMEGA, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "h", "p", "w"))
 
 Term = Callable[[Transition, Body], torch.Tensor]
@@ -196,6 +200,37 @@ def swing_precision(t: Transition, body: Body) -> torch.Tensor:
     return ((1.0 - t.contact) * torch.exp(-(t.target_clearance - t.clearance).abs() / SWING_PRECISION)).sum(1)
 
 
+def velocity_bias(t: Transition, body: Body) -> torch.Tensor:
+    """|b_xy|, at most 0.5 m/s, with b the velocity error filtered over half a second (not in the paper)."""
+    return torch.linalg.vector_norm(t.bias[:, :2], dim=1).clamp(max=LARGEST_VELOCITY_BIAS)
+
+
+def yaw_rate_bias(t: Transition, body: Body) -> torch.Tensor:
+    """|b_omega|, at most 1 rad/s, with b the yaw rate's error filtered over half a second (not in the paper)."""
+    return t.bias[:, 2].abs().clamp(max=LARGEST_YAW_RATE_BIAS)
+
+
+def foot_impact(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i min(4, max(0, d_i - 0.3)^2) over feet that touch down (not in the paper).
+
+    d_i is the speed of descent one control step before: contact stops a sole within a step.
+    """
+    excess = (t.descent - SOFT_DESCENT).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
+    return (t.touch_down * excess).sum(1)
+
+
+def contact_mismatch(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i |C_i - c_i|, with c_i whether foot i is on the ground, but for standing (not in the paper)."""
+    mismatch = (t.contact - feet_on_ground(t.foot_force).to(t.contact.dtype)).abs().sum(1)
+    return mismatch * (t.gait != int(Gait.STANDING))
+
+
+def flight_contact(t: Transition, body: Body) -> torch.Tensor:
+    """sum_i (1 - C_i) c_i in jumping and hopping (not in the paper)."""
+    touching = ((1.0 - t.contact) * feet_on_ground(t.foot_force)).sum(1)
+    return touching * (t.gait >= int(Gait.JUMPING))
+
+
 def unequal_support(t: Transition, body: Body) -> torch.Tensor:
     """1[bar phi_1 = bar phi_2] while one foot is on the ground and the other is not (not in the paper)."""
     on_ground = feet_on_ground(t.foot_force)
@@ -239,6 +274,11 @@ EXTRA_TERMS: dict[str, Term] = {
         yaw_rate_error,
         posture_precision,
         swing_precision,
+        velocity_bias,
+        yaw_rate_bias,
+        foot_impact,
+        contact_mismatch,
+        flight_contact,
         unequal_support,
     )
 }
@@ -252,7 +292,14 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
     "foot_swing_tracking",
     "contact_swing_tracking",
     "termination",
-} | {"joint_limits"}
+} | {
+    "joint_limits",
+    "velocity_bias",
+    "yaw_rate_bias",
+    "foot_impact",
+    "contact_mismatch",
+    "flight_contact",
+}
 
 
 def evaluate_terms(

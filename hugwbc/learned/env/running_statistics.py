@@ -6,10 +6,12 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
+from hugwbc.learned import distributed
 from hugwbc.learned.env.readings import TRACKED, Transition, tracked
 
 TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
+GATES = ("alpha", "speed")
 _EVENTS = ("episodes", "falls", "diverged")
 
 
@@ -29,7 +31,8 @@ class Statistics:
             hopping: whether to report the errors of hopping robots in addition to those of walking ones.
         """
         self.tracking = torch.zeros(count, 2)
-        self._gaits = {"walking": (Gait.WALKING, Gait.WALKING)}
+        self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2) for name in GATES}
+        self._gaits = {"walking": (Gait.WALKING, Gait.WALKING), "jumping": (Gait.JUMPING, Gait.JUMPING)}
         if hopping:
             self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
@@ -73,6 +76,32 @@ class Statistics:
         for name, number in zip(_EVENTS, happened, strict=True):
             self._events[name] += float(number)
         self._finished_steps += float(finished_age.sum())
+
+    def note_gate(self, name: str, tracking: torch.Tensor, robots: torch.Tensor) -> None:
+        """Add a control step of the robots on which a gate depends to their running mean.
+
+        Args:
+            name: one of `GATES`.
+            tracking: linear and angular tracking reward of all robots relative to their maxima, shape (n, 2).
+            robots: the robots that count, shape (n,), bool; without any, the mean stays.
+        """
+        if bool(robots.any()):
+            present = torch.nan_to_num(tracking[robots]).mean(0)
+            self._gates[name] = TRACKING_MEMORY * self._gates[name] + (1.0 - TRACKING_MEMORY) * present
+
+    def gate(self, name: str) -> tuple[float, float]:
+        """Return the running means of the linear and angular tracking reward of a gate, over all processes."""
+        linear, angular = distributed.mean(self._gates[name]).tolist()
+        return linear, angular
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return the running averages."""
+        return {"tracking": self.tracking} | {f"gate_{name}": value for name, value in self._gates.items()}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what `state_dict` returned."""
+        self.tracking = state["tracking"].clone()
+        self._gates = {name: state[f"gate_{name}"].clone() for name in GATES}
 
     def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
         """Add the share of the chosen robots whose flag is set; both arguments have shape (n,), bool."""

@@ -122,10 +122,13 @@ class StartRecorder:
         """Whether the capacity is reached."""
         return self.count >= self._capacity
 
+    def columns(self) -> dict[str, torch.Tensor]:
+        """Return all states as the columns of `COLUMNS`; nothing if there are none."""
+        return {name: torch.cat([part[name] for part in self._parts]) for name in COLUMNS} if self._parts else {}
+
     def save(self, path: pathlib.Path) -> None:
         """Write all states to a file."""
-        columns = {name: torch.cat([part[name] for part in self._parts]) for name in COLUMNS}
-        checkpoint.save_file(path, columns, "starts", {"states": self.count, "versions": versions()})
+        checkpoint.save_file(path, self.columns(), "starts", {"states": self.count, "versions": versions()})
 
 
 def draw_starts(

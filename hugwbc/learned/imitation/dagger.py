@@ -8,7 +8,7 @@ alone does not work: the first small errors of the student lead to states that t
 
 import abc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 import torch
@@ -24,6 +24,7 @@ from hugwbc.learned.rl.trainer import save_product
 
 Config = TypeVar("Config", ImitationConfig, DistillationConfig)
 Report = Callable[[dict[str, float]], None]
+_LEG_SEEDS = 1_000_003  # between the seeds of two legs
 
 
 class Memory:
@@ -31,6 +32,7 @@ class Memory:
 
     Attributes:
         size: number of samples in it.
+        capacity: largest number of samples.
     """
 
     def __init__(self, capacity: int, generator: torch.Generator) -> None:
@@ -44,6 +46,7 @@ class Memory:
             ConfigError: if the machine does not have that much memory.
         """
         self.size = 0
+        self.capacity = capacity
         self._next = 0
         self._generator = generator
         history = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE
@@ -63,14 +66,40 @@ class Memory:
             action: the teacher's action, shape (n, 19).
             weight: weight of each joint in the loss, shape (n, 19).
         """
-        capacity = len(self._columns["action"])
         # The oldest labels, of states that earlier drivers visited, are overwritten first.
-        rows = (self._next + torch.arange(len(action))) % capacity
+        rows = (self._next + torch.arange(len(action))) % self.capacity
         values = (observation.history, observation.command, observation.estimate, action, weight)
         for column, value in zip(self._columns.values(), values, strict=True):
             column[rows] = value
-        self._next = int(rows[-1] + 1) % capacity
-        self.size = min(self.size + len(action), capacity)
+        self._next = int(rows[-1] + 1) % self.capacity
+        self.size = min(self.size + len(action), self.capacity)
+
+    def newest(self, count: int) -> dict[str, torch.Tensor]:
+        """Return the columns of the newest `count` samples, oldest first; at most as many as the memory holds."""
+        count = min(count, self.size)
+        rows = (self._next - count + torch.arange(count)) % self.capacity
+        return {name: column[rows] for name, column in self._columns.items()}
+
+    def restore(self, parts: Iterable[dict[str, torch.Tensor]], before: int) -> None:
+        """Put samples back where they were.
+
+        Args:
+            parts: columns of samples as `newest` returned them, in the order in which they were collected.
+            before: number of samples that were collected before those of the parts.
+        """
+        capacity = self.capacity
+        self._next, self.size = before % capacity, min(before, capacity)
+        for part in parts:
+            count = len(part["action"])
+            rows = (self._next + torch.arange(count)) % capacity
+            for name, column in self._columns.items():
+                column[rows] = part[name]
+            self._next = (self._next + count) % capacity
+            self.size = min(self.size + count, capacity)
+
+    def columns(self) -> dict[str, torch.Tensor]:
+        """Return all samples by column, in the order in which they are stored; live views."""
+        return {name: column[: self.size] for name, column in self._columns.items()}
 
     def sample(self, count: int) -> dict[str, torch.Tensor]:
         """Draw random rows and mirror half of them: the robot is symmetric, so each label also holds mirrored."""
@@ -115,14 +144,18 @@ class Dagger(abc.ABC, Generic[Config]):
         torch.set_num_threads(config.threads)
         self.config = config
         self.network = network
-        self.env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)
-        # Nobody updates the curriculum here: its levels stay as they are set.
-        self.env.curriculum.alpha = config.noise_level
-        self.env.curriculum.max_speed = config.max_speed
+        self.env = self._make_env(config.seed)
         self.samples = 0
         self._generator = torch.Generator().manual_seed(config.seed)
         self.memory = Memory(capacity, self._generator)
         self._optimiser = torch.optim.Adam(network.actor.parameters(), lr=config.learning_rate)
+
+    def _make_env(self, seed: int) -> HumanoidEnv:
+        env = HumanoidEnv(self.config.env, seed=seed, threads=self.config.threads)
+        # Nobody updates the curriculum here: its levels stay as they are set.
+        env.curriculum.alpha = self.config.noise_level
+        env.curriculum.max_speed = self.config.max_speed
+        return env
 
     @property
     def progress(self) -> float:
@@ -136,17 +169,55 @@ class Dagger(abc.ABC, Generic[Config]):
             report: called after every round of fitting with its figures.
         """
         begin = time.monotonic()
-        while self.samples < self.config.samples:
+        self.advance(self.config.samples, report)
+        self.write(time.monotonic() - begin)
+
+    def advance(self, samples: float, report: Report) -> None:
+        """Collect and fit until there are `samples` labels; `report` as for `run`."""
+        while self.samples < samples:
             falls = sum(self.collect() for _ in range(self.interval))
             steps = self.interval * self.env.count
             losses = self.fit()
             report({"samples": self.samples, "falls": falls, "steps": steps} | losses)
-        record = {
-            "seconds": time.monotonic() - begin,
-            "versions": versions(),
-            "config": settings_record(self.config),
-        }
+
+    def write(self, seconds: float) -> None:
+        """Write the policy and the snapshot.
+
+        Args:
+            seconds: how long it took [s], for the record.
+        """
+        record = {"seconds": seconds, "versions": versions(), "config": settings_record(self.config)}
         save_product(self.config.out, self.network, self.config.env, self.metadata(record))
+
+    # Resting places: what follows one depends on `state` and the number of the leg alone, so that a run that was killed
+    # goes on from the last one as if nothing had happened.
+
+    def begin_leg(self, number: int) -> None:
+        """Begin new episodes with random numbers of their own."""
+        seed = self.config.seed + _LEG_SEEDS * number
+        self._generator.manual_seed(seed)
+        self.env = self._make_env(seed)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return what the next leg needs besides the memory."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        for index, state in self._optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
+        return tensors | {"samples": torch.tensor(self.samples)}
+
+    def load_state(self, tensors: Mapping[str, torch.Tensor]) -> None:
+        """Restore what `state` returned."""
+        self.samples = int(tensors["samples"])
+        prefix = "network."
+        self.network.load_state_dict({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for key, value in tensors.items():
+            group, _, rest = key.partition(".")
+            if group == "optimiser":
+                index, _, name = rest.partition(".")
+                state.setdefault(int(index), {})[name] = value.clone()
+        groups = self._optimiser.state_dict()["param_groups"]
+        self._optimiser.load_state_dict({"state": state, "param_groups": groups})
 
     @abc.abstractmethod
     def collect(self) -> int:

@@ -10,7 +10,7 @@ executed value is the commanded one. The student learns the resulting actions un
 """
 
 import pathlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import torch
@@ -24,6 +24,7 @@ from hugwbc.learned.imitation.dagger import Dagger
 from hugwbc.learned.policy import checkpoint, observations
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.snapshots import network_of
 
 # Speed, angular velocity or roll (or a mixture) from which a standing robot is caught rather than held.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
@@ -173,6 +174,20 @@ class Distiller(Dagger[DistillationConfig]):
         own = {"labels": self.samples, "calibration": self.calibration.as_dict()}
         return self._metadata | {"distillation": own | record}
 
+    def begin_leg(self, number: int) -> None:
+        """Begin new episodes."""
+        super().begin_leg(number)
+        self._swings = SwingHeights(self.env.count)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return what the next leg needs besides the memory: the teachers' calibration as well."""
+        return super().state() | {"asked": self.calibration.asked}
+
+    def load_state(self, tensors: Mapping[str, torch.Tensor]) -> None:
+        """Restore what `state` returned."""
+        super().load_state(tensors)
+        self.calibration.asked = tensors["asked"].clone()
+
     def loss(self, action: torch.Tensor, label: torch.Tensor) -> torch.Tensor:
         """Return the squared error."""
         return torch.nn.functional.mse_loss(action, label, reduction="none")
@@ -248,10 +263,9 @@ def _load(path: pathlib.Path | None) -> tuple[ActorCritic, dict[str, object]]:
     if path is None:
         raise ConfigError("start_from is missing; give --start-from SNAPSHOT, the network that the student starts as")
     tensors, metadata = checkpoint.load_file(path, "checkpoint")
-    network = ActorCritic()
     prefix = "network."
     try:
-        network.load_state_dict({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
-    except RuntimeError as error:
+        network = network_of({k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)})
+    except (RuntimeError, KeyError) as error:
         raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
     return network, metadata

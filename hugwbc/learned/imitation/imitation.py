@@ -1,6 +1,6 @@
 """Imitation of a controller such as the whole-body QP, as a start for reinforcement learning."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,8 +13,10 @@ from hugwbc.learned.config import ImitationConfig
 from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
-from hugwbc.learned.imitation.dagger import Dagger, Report
+from hugwbc.learned.imitation.dagger import Dagger
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.policy.policy_contract import settings_record
+from hugwbc.learned.rl.cloning import LABELS_FILE, save_labels
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -79,19 +81,50 @@ class Imitator(Dagger[ImitationConfig]):
         torch.manual_seed(config.seed)
         super().__init__(config, ActorCritic(config.std), round(config.samples))
         self._robot = self.env.robot
-        self._teachers = [make_teacher(self.env.dt) for _ in range(self.env.count)]
+        self._make_teacher = make_teacher
+        self._begin_teaching()
+        self._starts = StartRecorder(config.starts)
+        self._damping = config.env.damping(self._robot)
+
+    def _begin_teaching(self) -> None:
+        """Give every robot a new teacher, which drives it."""
+        self._teachers = [self._make_teacher(self.env.dt) for _ in range(self.env.count)]
         for teacher, state in zip(self._teachers, self.env.simulation.states(), strict=True):
             teacher.reset(state)
         self._taught = torch.ones(self.env.count, dtype=torch.bool)
         self._agreed = torch.zeros(self.env.count)
-        self._starts = StartRecorder(config.starts)
-        self._damping = config.env.damping(self._robot)
 
-    def run(self, report: Report) -> None:
-        """Collect and fit; write a policy, a snapshot to train from, and states to start episodes in."""
-        super().run(report)
+    def write(self, seconds: float) -> None:
+        """Write a policy, a snapshot to train from, states to start episodes in, and the labels.
+
+        Args:
+            seconds: how long it took [s], for the record.
+        """
+        super().write(seconds)
+        if self.config.keep_labels:
+            record = {"robot": self._robot.name, "config": settings_record(self.config)}
+            save_labels(self.config.out / LABELS_FILE, self.memory.columns(), record)
         if self._starts.count:
             self._starts.save(self.config.out / STARTS_FILE)
+
+    def begin_leg(self, number: int) -> None:
+        """Begin new episodes, driven by teachers as far as they still drive."""
+        super().begin_leg(number)
+        self._begin_teaching()
+        if number:
+            self._restart(torch.arange(self.env.count))
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return what the next leg needs besides the memory: the recorded states as well."""
+        return super().state() | {f"starts.{name}": value for name, value in self._starts.columns().items()}
+
+    def load_state(self, tensors: Mapping[str, torch.Tensor]) -> None:
+        """Restore what `state` returned."""
+        super().load_state(tensors)
+        recorded = {key.partition(".")[2]: value for key, value in tensors.items() if key.startswith("starts.")}
+        self._starts = StartRecorder(self.config.starts)
+        if recorded:
+            self._starts.add(recorded)
 
     def metadata(self, record: dict[str, Any]) -> dict[str, Any]:
         """Return what the policy and the snapshot say of their training: that it is at its beginning."""

@@ -1,15 +1,30 @@
-"""The paper's networks: history encoder, state estimator, low-level policy and privileged critic."""
+"""The paper's networks: history encoder, state estimator, low-level policy and privileged critic.
+
+There are two forms of each. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
+trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left
+step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to
+odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
+coordinates are turned into pairs h = (e + o, e - o), which the mirror swaps, so that an activation of each number by
+itself commutes with it. `SymmetricActor.plain` multiplies all this out.
+"""
+
+from typing import Protocol
 
 import torch
 from torch import nn
 
+from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import (
     COMMAND_SIZE,
+    CRITIC_CORE_SIZE,
     CRITIC_SIZE,
     ESTIMATE_SIZE,
     HISTORY_FRAMES,
     PROPRIOCEPTION_SIZE,
+    TERRAIN_SIZE,
+    Observation,
 )
+from hugwbc.learned.policy.symmetry import EvenOdd
 
 LATENT_SIZE = 32
 ACTION_SIZE = 19
@@ -17,6 +32,9 @@ ENCODER_HIDDEN = (256, 128)
 ESTIMATOR_HIDDEN = (64, 32)
 POLICY_HIDDEN = (256, 128, 64)
 CRITIC_HIDDEN = (512, 256, 128)
+_OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to the nominal pose
+
+# Plain networks ------------------------------------------------------------------------------------------------------
 
 
 def _mlp(inputs: int, hidden: tuple[int, ...], outputs: int) -> nn.Sequential:
@@ -32,20 +50,25 @@ class Actor(nn.Module):
 
     z = encoder(o_his); [v, l, h] = estimator(z); a = policy(z, [v, l, h], o_pro, c). No gradient passes from the
     policy to the estimate: its own loss alone trains it, so that it remains an estimate of the state.
+
+    Attributes:
+        command_size: width of the command observation, which says its layout.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, command_size: int = COMMAND_SIZE) -> None:
+        """Set up the layers for a layout of the command observation."""
         super().__init__()
+        self.command_size = command_size
         self.encoder = _mlp(HISTORY_FRAMES * PROPRIOCEPTION_SIZE, ENCODER_HIDDEN, LATENT_SIZE)
         self.estimator = _mlp(LATENT_SIZE, ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + COMMAND_SIZE, POLICY_HIDDEN, ACTION_SIZE)
+        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + command_size, POLICY_HIDDEN, ACTION_SIZE)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate.
 
         Args:
             history: the last five proprioceptive frames, oldest first, shape (n, 315).
-            command: commands, clocks and indicator, shape (n, 13).
+            command: commands, gait, clocks and indicator, shape (n, 18); another layout of this network is made of it.
 
         Returns:
             Mean action, shape (n, 19), and estimate [v, l, h] in observation units, shape (n, 6).
@@ -53,31 +76,280 @@ class Actor(nn.Module):
         latent = self.encoder(history)
         estimate = self.estimator(latent)
         newest = history[:, -PROPRIOCEPTION_SIZE:]
+        command = obs.in_layout(command, self.command_size)
         return self.policy(torch.cat((latent, estimate.detach(), newest, command), dim=1)), estimate
+
+    prepared = forward
+
+    def plain(self) -> "Actor":
+        """Return this network."""
+        return self
 
 
 class Critic(nn.Module):
-    """The value of a state from the privileged observation, shape (n, 321) to (n,)."""
+    """The value of a state from the privileged observation, shape (n, 342), or (n, 122) on a plane."""
 
     def __init__(self) -> None:
         super().__init__()
         self.value = _mlp(CRITIC_SIZE, CRITIC_HIDDEN, 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return the value of each row."""
-        return self.value(observation).squeeze(1)
+        """Return the value of each row, shape (n,)."""
+        if observation.shape[1] == CRITIC_SIZE:
+            return self.value(observation).squeeze(1)
+        # On a plane all samples of the terrain are one number: the sum of their weights multiplies it.
+        first, rest = self.value[0], self.value[1:]
+        assert isinstance(first, nn.Linear)
+        core, terrain = first.weight.split((CRITIC_CORE_SIZE, TERRAIN_SIZE), dim=1)
+        weight = torch.cat((core, terrain.sum(1, keepdim=True)), dim=1)
+        return rest(nn.functional.linear(observation, weight, first.bias)).squeeze(1)
+
+    prepared = forward
+
+
+# Symmetric networks --------------------------------------------------------------------------------------------------
+
+
+class SplitLinear(nn.Module):
+    """A linear layer that commutes with the mirror: even coordinates from even ones, odd from odd ones.
+
+    Attributes:
+        even, odd: the two parts; a bias would not change its sign, so the odd part has none.
+    """
+
+    def __init__(self, inputs: tuple[int, int], outputs: tuple[int, int], gain: float = 1.0) -> None:
+        """Draw weights as a full layer has them.
+
+        Args:
+            inputs: numbers of even and odd coordinates.
+            outputs: the same of what comes out.
+            gain: factor on the initial weights.
+        """
+        super().__init__()
+        self.even = nn.Linear(inputs[0], outputs[0])
+        self.odd = nn.Linear(inputs[1], outputs[1], bias=False)
+        with torch.no_grad():
+            self.even.weight.mul_(gain)
+            self.odd.weight.mul_(gain)
+
+    def forward(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Map even and odd coordinates."""
+        return self.even(even), self.odd(odd)
+
+    def matrix(self) -> torch.Tensor:
+        """Return the weights as one matrix, with zeros between even and odd."""
+        return torch.block_diag(self.even.weight.detach(), self.odd.weight.detach())
+
+    def bias(self) -> torch.Tensor:
+        """Return the bias of all outputs."""
+        return torch.cat((self.even.bias.detach(), torch.zeros(self.odd.out_features)))
+
+
+def _activate(even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    first, second = nn.functional.elu(even + odd), nn.functional.elu(even - odd)
+    return first + second, first - second
+
+
+def _pairs(width: int) -> torch.Tensor:
+    """Return the matrix between `width` even and odd coordinates and the pairs (e + o, e - o); it serves both ways."""
+    one = torch.eye(width // 2)
+    return torch.cat((torch.cat((one, one), 1), torch.cat((one, -one), 1)))
+
+
+class SplitMlp(nn.Module):
+    """Linear layers that commute with the mirror, and activations of pairs between them."""
+
+    def __init__(
+        self, inputs: tuple[int, int], hidden: tuple[int, ...], outputs: tuple[int, int] | None = None
+    ) -> None:
+        """Set up the layers.
+
+        Args:
+            inputs: numbers of even and odd coordinates.
+            hidden: widths of the equivalent plain network.
+            outputs: numbers of even and odd coordinates that come out; None to end in a hidden layer.
+        """
+        super().__init__()
+        layers: list[SplitLinear] = []
+        # e and o each have the variance of a full layer's output, so their sum and difference have twice of it, before
+        # and after an activation.
+        for width in hidden:
+            layers.append(SplitLinear(inputs, (width // 2, width // 2), gain=0.5 if layers else 0.5**0.5))
+            inputs = (width // 2, width // 2)
+        if outputs is not None:
+            layers.append(SplitLinear(inputs, outputs, gain=0.5**0.5))
+        self.layers = nn.ModuleList(layers)
+
+    def forward(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Map even and odd coordinates of rows to those of the outputs."""
+        *hidden, last = self.layers
+        for layer in hidden:
+            even, odd = _activate(*layer(even, odd))
+        return last(even, odd)
+
+    def write_to(self, plain: nn.Sequential, inputs: torch.Tensor, outputs: torch.Tensor) -> None:
+        """Write the equivalent weights into a plain network.
+
+        Args:
+            plain: network of the same widths.
+            inputs: even and odd coordinates of the inputs = inputs @ plain inputs.
+            outputs: plain outputs = outputs @ even and odd coordinates of the outputs.
+        """
+        linear = [layer for layer in plain if isinstance(layer, nn.Linear)]
+        before = inputs
+        for k, (layer, target) in enumerate(zip(self.layers, linear, strict=True)):
+            assert isinstance(layer, SplitLinear)
+            after = outputs if k == len(linear) - 1 else _pairs(target.out_features)
+            target.weight.data.copy_(after @ layer.matrix() @ before)
+            target.bias.data.copy_(after @ layer.bias())
+            before = _pairs(target.out_features) if k < len(linear) - 1 else before
+
+
+class SymmetricActor(nn.Module):
+    """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror())
+        self._frame, self._action = EvenOdd(obs.frame_mirror()), EvenOdd(obs.action_mirror())
+        self._estimate = EvenOdd(obs.estimate_mirror())
+        half = LATENT_SIZE // 2
+        parts = (self._estimate, self._frame, self._command)
+        state = (half + sum(part.even for part in parts), half + sum(part.odd for part in parts))
+        self.encoder = SplitMlp(_sizes(self._history), ENCODER_HIDDEN, (half, half))
+        self.estimator = SplitMlp((half, half), ESTIMATOR_HIDDEN, _sizes(self._estimate))
+        self.policy = SplitMlp(state, POLICY_HIDDEN, _sizes(self._action))
+
+    def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return mean action and estimate, as `Actor.forward`."""
+        return self.prepared(self._history(history), self._command(command))
+
+    def prepared(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return mean action and estimate from even and odd coordinates of history and command."""
+        history_even, history_odd = history.split(_sizes(self._history), 1)
+        command_even, command_odd = command.split(_sizes(self._command), 1)
+        latent_even, latent_odd = self.encoder(history_even, history_odd)
+        estimate_even, estimate_odd = self.estimator(latent_even, latent_odd)
+        # The newest frame is the last in both parts.
+        even = (latent_even, estimate_even.detach(), history_even[:, -self._frame.even :], command_even)
+        odd = (latent_odd, estimate_odd.detach(), history_odd[:, -self._frame.odd :], command_odd)
+        action = self.policy(torch.cat(even, 1), torch.cat(odd, 1))
+        estimate = torch.cat((estimate_even, estimate_odd), 1)
+        return self._action.inverse(torch.cat(action, 1)), self._estimate.inverse(estimate)
+
+    def plain(self) -> Actor:
+        """Return the equivalent plain network."""
+        actor = Actor()
+        latent = torch.eye(LATENT_SIZE)
+        self.encoder.write_to(actor.encoder, self._history.matrix, latent)
+        self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
+        parts = [latent, self._estimate.matrix, self._frame.matrix, self._command.matrix]
+        evens = [LATENT_SIZE // 2, self._estimate.even, self._frame.even, self._command.even]
+        even = torch.block_diag(*[part[:n] for part, n in zip(parts, evens, strict=True)])
+        odd = torch.block_diag(*[part[n:] for part, n in zip(parts, evens, strict=True)])
+        self.policy.write_to(actor.policy, torch.cat((even, odd)), self._action.matrix.T)
+        return actor
+
+
+class SymmetricCritic(nn.Module):
+    """`Critic` with V(F o) = V(o)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._core, self._terrain = EvenOdd(obs.critic_mirror()), EvenOdd(obs.terrain_mirror())
+        inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
+        self.value = SplitMlp(inputs, CRITIC_HIDDEN)
+        self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
+        # An even coordinate of equal samples is their sum by its row of the change of coordinates; an odd one is zero.
+        self.register_buffer("_flat", self._terrain.matrix.sum(1)[: self._terrain.even, None], persistent=False)
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return the coordinates of an observation: even, odd, then those of the terrain, or its one number."""
+        core, terrain = observation[:, :CRITIC_CORE_SIZE], observation[:, CRITIC_CORE_SIZE:]
+        return torch.cat((self._core(core), terrain if terrain.shape[1] == 1 else self._terrain(terrain)), 1)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return the value of each row, shape (n,), as `Critic.forward`."""
+        return self.prepared(self.prepare(observation))
+
+    def prepared(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return the values of coordinates that `prepare` returned, shape (n,)."""
+        core, odd, terrain = observation.split(
+            (self._core.even, self._core.odd, observation.shape[1] - CRITIC_CORE_SIZE), 1
+        )
+        first, *hidden = self.value.layers
+        if terrain.shape[1] == 1:
+            even, odd = self._first_on_a_plane(torch.cat((core, terrain), 1), odd)
+        else:
+            heights = terrain.split(_sizes(self._terrain), 1)
+            even, odd = first(torch.cat((core, heights[0]), 1), torch.cat((odd, heights[1]), 1))
+        even, odd = _activate(even, odd)
+        for layer in hidden:
+            even, odd = _activate(*layer(even, odd))
+        return self.output(even).squeeze(1)
+
+    def _first_on_a_plane(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        layer = self.value.layers[0]
+        assert isinstance(layer, SplitLinear) and isinstance(self._flat, torch.Tensor)
+        core, terrain = layer.even.weight.split(_sizes_at(self._core.even, layer.even.in_features), 1)
+        weight = torch.cat((core, terrain @ self._flat), 1)
+        first = nn.functional.linear(even, weight, layer.even.bias)
+        return first, nn.functional.linear(odd, layer.odd.weight[:, : self._core.odd])
+
+
+def _sizes(split: EvenOdd) -> tuple[int, int]:
+    return split.even, split.odd
+
+
+def _sizes_at(place: int, total: int) -> tuple[int, int]:
+    return place, total - place
+
+
+# Learner -------------------------------------------------------------------------------------------------------------
+
+
+class ActorNetwork(Protocol):
+    """What evaluations and teachers need of a policy network: mean action and estimate."""
+
+    def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return mean action, shape (n, 19), and estimate, shape (n, 6)."""
+        ...
 
 
 class ActorCritic(nn.Module):
-    """Actor, critic and one exploration standard deviation per joint."""
+    """Actor, critic and one exploration standard deviation per joint.
 
-    def __init__(self, std: float = 1.0) -> None:
+    Attributes:
+        symmetric: whether the networks commute with the mirror; joints that are mirror images then share their std.
+    """
+
+    def __init__(self, std: float = 1.0, *, symmetric: bool = True) -> None:
+        """Draw the weights of symmetric or plain networks, and set the std of all joints."""
         super().__init__()
-        self.actor = Actor()
-        self.critic = Critic()
+        self.symmetric = symmetric
+        self.actor = SymmetricActor() if symmetric else Actor()
+        self.critic = SymmetricCritic() if symmetric else Critic()
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
-        # Start close to the nominal pose: zero mean action.
-        output = self.actor.policy[-1]
-        assert isinstance(output, nn.Linear)
-        nn.init.uniform_(output.weight, -0.01, 0.01)
-        nn.init.zeros_(output.bias)
+        last = self.actor.policy.layers[-1] if isinstance(self.actor, SymmetricActor) else self.actor.policy[-1]
+        for linear in (last.even, last.odd) if isinstance(last, SplitLinear) else (last,):
+            assert isinstance(linear, nn.Linear)
+            nn.init.uniform_(linear.weight, -_OUTPUT_BOUND, _OUTPUT_BOUND)
+            if linear.bias is not None:
+                nn.init.zeros_(linear.bias)
+
+    def exploration(self) -> torch.Tensor:
+        """Return the log of the standard deviation of every joint, shape (19,)."""
+        if not self.symmetric:
+            return self.log_std
+        return 0.5 * (self.log_std + self.log_std[obs.action_mirror().index.to(self.log_std.device)])
+
+    def prepare(self, observation: Observation) -> Observation:
+        """Return an observation in the coordinates in which `prepared` of actor and critic read it."""
+        if not (isinstance(self.actor, SymmetricActor) and isinstance(self.critic, SymmetricCritic)):
+            return observation
+        return Observation(
+            self.actor._history(observation.history),
+            self.actor._command(observation.command),
+            self.critic.prepare(observation.critic),
+            observation.estimate,
+        )

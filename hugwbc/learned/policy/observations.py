@@ -9,24 +9,29 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
+from hugwbc.learned.policy.symmetry import SignedPermutation
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.robot import load_robot
 
 JOINTS = 19
 HISTORY_FRAMES = 5
 PROPRIOCEPTION_SIZE = 3 + 3 + 3 * JOINTS  # angular velocity, gravity, q - nominal, dq, last action
-COMMAND_SIZE = 3 + 9 + 1  # velocities, behaviour with two clocks, intervention indicator
-PRIVILEGED_SIZE = 24
+COMMAND_SIZE = 8 + 5 + 4 + 1  # commands, one of five gaits, two clocks of each foot, intervention indicator
+FIRST_COMMAND_SIZE = 8 + 2 + 2 + 1  # of the first layout: psi and phi_stance for the gait, one clock of each foot
+PRIVILEGED_SIZE = 24 + 16
 TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame
 TERRAIN_SPACING = 0.07  # [m]
 TERRAIN_SIZE = math.prod(TERRAIN_SHAPE)
 ESTIMATE_SIZE = 3 + 2 + 1  # base velocity, both sole clearances, base height
-CRITIC_SIZE = PROPRIOCEPTION_SIZE + COMMAND_SIZE + PRIVILEGED_SIZE + TERRAIN_SIZE
+CRITIC_CORE_SIZE = PROPRIOCEPTION_SIZE + COMMAND_SIZE + PRIVILEGED_SIZE  # what is left of it without the terrain
+CRITIC_SIZE = CRITIC_CORE_SIZE + TERRAIN_SIZE
 
 ANGULAR_VELOCITY_SCALE = 0.25
 JOINT_VELOCITY_SCALE = 0.05
 LINEAR_VELOCITY_SCALE = 2.0
 LENGTH_SCALE = 5.0
 FORCE_SCALE = 0.002
+BIAS_SCALE, PAYLOAD_SCALE, LOAD_SCALE, MASS_SCALE, LATENCY_SCALE = 5.0, 0.25, 0.02, 5.0, 50.0
 # Order of the command observation, with the scale that brings each command to about 1. These scales are ours: the
 # authors scale l by 0.15, which hides it from the network.
 COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
@@ -40,8 +45,9 @@ class Observation:
 
     Attributes:
         history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: commands, gait parameters, clocks and indicator, shape (n, 13).
-        critic: privileged observation, shape (n, 321).
+        command: commands, gait, clocks and indicator, shape (n, 18).
+        critic: privileged observation, shape (n, 342); on a plane, where all heights of the terrain are one number, it
+            has that number once, shape (n, 122).
         estimate: target of the estimator, shape (n, 6).
     """
 
@@ -90,23 +96,58 @@ def command_scale() -> torch.Tensor:
 
 
 def command_observation(
-    command: torch.Tensor, gait: torch.Tensor, clock: torch.Tensor, indicator: torch.Tensor
+    command: torch.Tensor, gait: torch.Tensor, phases: torch.Tensor, indicator: torch.Tensor
 ) -> torch.Tensor:
-    """Build the observation of commands, gait parameters, clocks and indicator, shape (n, 13).
+    """Build the observation of commands, gait, clocks and indicator, shape (n, 18).
 
-    Order: the eight scaled commands, psi, phi_stance, left and right clock, I. Standing has phi_stance = 1 (always in
-    stance), which distinguishes it from a jump at mid-stance; the other gaits have the paper's 0.5.
+    Order: the eight scaled commands, one number for each gait (1 for the commanded one), sin 2 pi phi of the left and
+    the right foot, cos 2 pi phi of both, I. The paper has psi and one clock per foot. Then a jump and hops on either
+    leg look alike where both clocks are equal, and no clock tells phi from 0.5 - phi.
 
     Args:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
         gait: values of `Gait`, shape (n,).
-        clock: clock signals of both feet, shape (n, 2).
+        phases: homogenised phases of both feet, shape (n, 2).
         indicator: the paper's I(t), shape (n,), bool.
     """
-    offset = torch.where(gait == Gait.WALKING, 0.5, 0.0)
-    duty = torch.where(gait == Gait.STANDING, 1.0, gaits.DEFAULT_DUTY)
-    extra = torch.stack((offset, duty, clock[:, 0], clock[:, 1], indicator.to(command.dtype)), dim=1)
-    return torch.cat((command * command_scale(), extra), dim=1)
+    chosen = torch.nn.functional.one_hot(gait.long(), len(Gait)).to(command.dtype)
+    quarter_later = torch.cos(2.0 * math.pi * phases)
+    parts = (
+        command * command_scale(),
+        chosen,
+        gaits.clock(phases),
+        quarter_later,
+        indicator.to(command.dtype)[:, None],
+    )
+    return torch.cat(parts, dim=1)
+
+
+_GAIT, _CLOCK = len(COMMAND_NAMES), len(COMMAND_NAMES) + len(Gait)  # first columns
+
+
+@functools.cache
+def first_layout() -> torch.Tensor:
+    """Return the matrix that makes the first layout of the command observation of the present one, shape (13, 18).
+
+    Order of the first layout: the eight scaled commands, psi (0.5 walking, else 0), phi_stance (1 standing, else 0.5),
+    the clocks of the left and the right foot, I.
+    """
+    matrix = torch.zeros(FIRST_COMMAND_SIZE, COMMAND_SIZE)
+    matrix[:_GAIT, :_GAIT] = torch.eye(_GAIT)
+    psi, stance, clock = _GAIT, _GAIT + 1, _GAIT + 2
+    matrix[psi, _GAIT + Gait.WALKING] = 0.5
+    matrix[stance, _GAIT : _GAIT + len(Gait)] = gaits.DEFAULT_DUTY
+    matrix[stance, _GAIT + Gait.STANDING] = 1.0
+    matrix[clock, _CLOCK] = matrix[clock + 1, _CLOCK + 1] = matrix[-1, -1] = 1.0
+    return matrix
+
+
+def in_layout(observation: torch.Tensor, size: int) -> torch.Tensor:
+    """Return a command observation, shape (n, 18), in the layout of a size: 18, or 13 for the first one."""
+    if observation.shape[1] == size:
+        return observation
+    # Every row of the matrix has one entry, or is a sum of one-hot columns of which one is set: the product is exact.
+    return observation @ first_layout().to(observation.device).T
 
 
 def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
@@ -127,8 +168,11 @@ def privileged(
     friction: torch.Tensor,
     foot_force: torch.Tensor,
     link_contact: torch.Tensor,
+    bias: torch.Tensor,
+    load: torch.Tensor,
+    body: torch.Tensor,
 ) -> torch.Tensor:
-    """Build the privileged part of the critic's observation, shape (n, 24).
+    """Build the privileged part of the critic's observation, shape (n, 40).
 
     Args:
         velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
@@ -137,7 +181,13 @@ def privileged(
         friction: friction coefficient of the robot's geometry, shape (n,).
         foot_force: ground reaction on both feet [N], shape (n, 2, 3).
         link_contact: contact flags of trunk, hips, thighs, shanks, shoulders and arms, shape (n, 11), bool.
+        bias: filtered errors of v_x, v_y [m/s] and omega [rad/s], which some rewards depend on, shape (n, 3).
+        load: payload of the left and the right hand [kg], then the forces on the left hand, the right hand and the
+            trunk in the heading frame [N], shape (n, 11).
+        body: mass of the robot relative to its description, and latency [s], shape (n, 2).
     """
+    payload, forces = load[:, :2], load[:, 2:]
+    mass, latency = body.unbind(1)
     return torch.cat(
         (
             velocity * LINEAR_VELOCITY_SCALE,
@@ -146,6 +196,11 @@ def privileged(
             friction[:, None],
             foot_force.flatten(1) * FORCE_SCALE,
             link_contact.to(velocity.dtype),
+            bias * BIAS_SCALE,
+            payload * PAYLOAD_SCALE,
+            forces * LOAD_SCALE,
+            (mass[:, None] - 1.0) * MASS_SCALE,
+            latency[:, None] * LATENCY_SCALE,
         ),
         dim=1,
     )
@@ -159,50 +214,101 @@ def terrain_points() -> torch.Tensor:
     return torch.cartesian_prod(x, y)
 
 
+# Mirror maps ----------------------------------------------------------------------------------------------------------
+
+
 @functools.cache
-def _mirror_maps() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+def action_mirror() -> SignedPermutation:
+    """Return the mirror map of joints and actions, n = 19."""
     mirror = load_mirror()
-    joints = torch.as_tensor(mirror.joint_index)
-    signs = torch.as_tensor(mirror.joint_sign, dtype=torch.float32)
-    blocks = [torch.arange(6)] + [6 + k * JOINTS + joints for k in range(3)]
-    axes = torch.tensor([*AXIAL_SIGNS, *VECTOR_SIGNS], dtype=torch.float32)
-    frame_index, frame_sign = torch.cat(blocks), torch.cat((axes, signs, signs, signs))
-    offsets = torch.arange(HISTORY_FRAMES)[:, None] * PROPRIOCEPTION_SIZE
-    return (offsets + frame_index).flatten(), frame_sign.repeat(HISTORY_FRAMES), joints, signs
+    return SignedPermutation(
+        torch.as_tensor(mirror.joint_index), torch.as_tensor(mirror.joint_sign, dtype=torch.float32)
+    )
 
 
 @functools.cache
-def _command_mirror() -> tuple[torch.Tensor, torch.Tensor]:
-    index = torch.arange(COMMAND_SIZE)
-    left_clock = len(COMMAND_NAMES) + 2
-    index[[left_clock, left_clock + 1]] = torch.tensor([left_clock + 1, left_clock])
-    return index, torch.cat((torch.as_tensor(COMMAND_SIGNS, dtype=torch.float32), torch.ones(5)))
+def frame_mirror() -> SignedPermutation:
+    """Return the mirror map of a proprioceptive frame, n = 63."""
+    pelvis = SignedPermutation.of_signs([*AXIAL_SIGNS.tolist(), *VECTOR_SIGNS.tolist()])
+    return SignedPermutation.joined([pelvis, *[action_mirror()] * 3])
 
 
-def _on(device: torch.device, tensors: tuple[torch.Tensor, ...]) -> tuple[torch.Tensor, ...]:
-    return tuple(tensor.to(device) for tensor in tensors)
+@functools.cache
+def history_mirror() -> SignedPermutation:
+    """Return the mirror map of a history, n = 315."""
+    return SignedPermutation.joined([frame_mirror()] * HISTORY_FRAMES)
+
+
+@functools.cache
+def command_mirror() -> SignedPermutation:
+    """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet."""
+    commands = SignedPermutation.of_signs(COMMAND_SIGNS.tolist())
+    gait = SignedPermutation(
+        torch.tensor([int(Gait(value).mirrored()) for value in range(len(Gait))]), torch.ones(len(Gait))
+    )
+    clock = SignedPermutation.swapped([1.0])
+    return SignedPermutation.joined([commands, gait, clock, clock, SignedPermutation.of_signs([1.0])])
+
+
+@functools.cache
+def estimate_mirror() -> SignedPermutation:
+    """Return the mirror map of an output of the estimator, n = 6: v_y changes sign, the soles swap."""
+    same = SignedPermutation.of_signs([1.0])
+    velocity = SignedPermutation.of_signs(VECTOR_SIGNS.tolist())
+    return SignedPermutation.joined([velocity, SignedPermutation.swapped([1.0]), same])
+
+
+@functools.cache
+def critic_mirror() -> SignedPermutation:
+    """Return the mirror map of the critic's observation without the terrain, n = 121."""
+    vector, same = VECTOR_SIGNS.tolist(), SignedPermutation.of_signs([1.0])
+    forces = SignedPermutation.swapped(vector)
+    privileged_parts = [
+        SignedPermutation.of_signs(vector),
+        same,
+        SignedPermutation.swapped([1.0]),
+        same,
+        forces,
+        _link_mirror(),
+        SignedPermutation.of_signs([1.0, -1.0, -1.0]),
+        SignedPermutation.swapped([1.0]),
+        forces,
+        SignedPermutation.of_signs(vector),
+        same,
+        same,
+    ]
+    return SignedPermutation.joined([frame_mirror(), command_mirror(), *privileged_parts])
+
+
+def _link_mirror() -> SignedPermutation:
+    names = list(load_robot().contact_links)
+    swap = {"left": "right", "right": "left"}
+    partners = ["_".join([swap.get(part, part) for part in name.split("_")]) for name in names]
+    return SignedPermutation(torch.tensor([names.index(name) for name in partners]), torch.ones(len(names)))
+
+
+@functools.cache
+def terrain_mirror() -> SignedPermutation:
+    """Return the mirror map of the terrain's samples, n = 221: y changes sign."""
+    index = torch.arange(TERRAIN_SIZE).view(TERRAIN_SHAPE).flip(1).flatten()
+    return SignedPermutation(index, torch.ones(TERRAIN_SIZE))
 
 
 def mirror_history(history: torch.Tensor) -> torch.Tensor:
     """Mirror a proprioceptive history, shape (n, 315)."""
-    index, sign, _, _ = _on(history.device, _mirror_maps())
-    return history.index_select(1, index) * sign
+    return history_mirror()(history)
 
 
 def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
-    """Mirror a command observation, shape (n, 13): lateral commands change sign, the clocks swap."""
-    index, sign = _on(observation.device, _command_mirror())
-    return observation.index_select(1, index) * sign
+    """Mirror a command observation, shape (n, 18): lateral commands change sign, hopping legs and clocks swap."""
+    return command_mirror()(observation)
 
 
 def mirror_estimate(estimate: torch.Tensor) -> torch.Tensor:
     """Mirror an output of the estimator, shape (n, 6): v_y changes sign, the soles swap."""
-    mirrored = estimate[:, [0, 1, 2, 4, 3, 5]]
-    mirrored[:, 1] *= -1.0
-    return mirrored
+    return estimate_mirror()(estimate)
 
 
 def mirror_action(action: torch.Tensor) -> torch.Tensor:
     """Mirror an action, shape (n, 19)."""
-    _, _, joints, signs = _on(action.device, _mirror_maps())
-    return action.index_select(1, joints) * signs
+    return action_mirror()(action)

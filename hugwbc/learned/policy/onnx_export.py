@@ -33,7 +33,7 @@ def _onnx() -> tuple[Any, Any]:
 def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     """Write the network of a policy with its contract to an ONNX file, and compare the two.
 
-    Inputs: history, shape (n, 315), and command, shape (n, 13), as the contract lays them out. Outputs: action, shape
+    Inputs: history, shape (n, 315), and command, shape (n, 18), as the contract lays them out. Outputs: action, shape
     (n, 19), and estimate, shape (n, 6). The contract is in the file's metadata, as JSON under "contract"; it says how
     an action becomes joint targets.
 
@@ -101,7 +101,7 @@ def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
     nodes.append(helper.make_node("Concat", ["latent", "estimate", "newest", "command"], ["joined"], axis=1))
     mlp("policy", actor.policy, "joined", "action")
 
-    sizes = {"history": obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, "command": obs.COMMAND_SIZE}
+    sizes = {"history": obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, "command": actor.command_size}
     results = {"action": ACTION_SIZE, "estimate": obs.ESTIMATE_SIZE}
     inputs, outputs = (
         [helper.make_tensor_value_info(name, kind, ["n", size]) for name, size in group.items()]
@@ -116,7 +116,7 @@ def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
 def _difference(session: Any, actor: Actor) -> float:  # noqa: ANN401  an optional package
     generator = torch.Generator().manual_seed(0)
     history = torch.randn(_SAMPLES, obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, generator=generator)
-    command = torch.randn(_SAMPLES, obs.COMMAND_SIZE, generator=generator)
+    command = torch.randn(_SAMPLES, actor.command_size, generator=generator)
     found = session.run(["action", "estimate"], {"history": history.numpy(), "command": command.numpy()})
     expected = actor(history, command)
     pairs = [(torch.from_numpy(a), b) for a, b in zip(found, expected, strict=True)]

@@ -12,7 +12,7 @@ from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.learned.policy import checkpoint, self_test
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_contract import complete_contract
+from hugwbc.learned.policy.policy_contract import command_size, complete_contract
 from hugwbc.learned.policy.policy_rows import PolicyRows, row_by_row
 from hugwbc.robot import load_robot, model_dir
 from hugwbc.state import RobotState
@@ -78,7 +78,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     tensors, metadata = checkpoint.load_file(path, "policy")
     metadata = complete_contract(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
-    actor = Actor()
+    actor = Actor(command_size(metadata))
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:
@@ -192,7 +192,7 @@ class LearnedController:
         """Return inputs and outputs of the network in the last call of `act`.
 
         Returns:
-            history (1, 315), observation (1, 13), action (1, 19) and estimate (1, 6), in observation units.
+            history (1, 315), observation (1, 18), action (1, 19) and estimate (1, 6), in observation units.
         """
         return {
             "history": self._rows.history.flatten(1).clone(),

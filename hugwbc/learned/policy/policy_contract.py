@@ -19,7 +19,7 @@ from hugwbc.learned.policy import networks
 from hugwbc.learned.policy import observations as obs
 from hugwbc.robot import Robot, load_robot, robot_names
 
-CONTRACT_VERSION = 1
+CONTRACT_VERSION = 2  # 1 has the first layout of the command observation
 # Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
@@ -94,13 +94,7 @@ def policy_contract(
             ("dq", obs.JOINTS, obs.JOINT_VELOCITY_SCALE),
             ("last action", obs.JOINTS, 1.0),
         ),
-        "command": _layout(
-            *((name, 1, obs.COMMAND_SCALES[name]) for name in COMMAND_NAMES),
-            ("psi: 0.5 walking, else 0", 1, 1.0),
-            ("phi_stance: 1 standing, else 0.5", 1, 1.0),
-            ("clocks of the left and the right foot", 2, 1.0),
-            ("intervention indicator: arms under external control", 1, 1.0),
-        ),
+        "command": _command_layout(CONTRACT_VERSION),
         "command_names": list(COMMAND_NAMES),
         "command_scales": obs.COMMAND_SCALES,
         "command_defaults": {name: ranges[name].default for name in COMMAND_NAMES},
@@ -131,6 +125,28 @@ def policy_contract(
     }
 
 
+def _command_layout(version: int) -> list[dict[str, Any]]:
+    """Return the layout of the command observation in a version of the contract."""
+    gait: list[tuple[str, int, float]] = [
+        ("psi: 0.5 walking, else 0", 1, 1.0),
+        ("phi_stance: 1 standing, else 0.5", 1, 1.0),
+        ("clocks of the left and the right foot", 2, 1.0),
+    ]
+    if version > 1:
+        gait = [
+            ("1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait), len(Gait), 1.0),
+            ("sin(2 pi phase) of the left and the right foot", 2, 1.0),
+            ("cos(2 pi phase) of the left and the right foot", 2, 1.0),
+        ]
+    indicator = ("intervention indicator: arms under external control", 1, 1.0)
+    return _layout(*((name, 1, obs.COMMAND_SCALES[name]) for name in COMMAND_NAMES), *gait, indicator)
+
+
+def command_size(metadata: dict[str, Any]) -> int:
+    """Return the width of a policy's command observation from its contract."""
+    return sum(int(part["size"]) for part in metadata["command"])
+
+
 def _layout(*parts: tuple[str, int, float]) -> list[dict[str, Any]]:
     return [{"name": name, "size": size, "scale": scale} for name, size, scale in parts]
 
@@ -148,8 +164,8 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
     Raises:
         PolicyFileError: if an entry is missing, out of range, or different from what this version runs.
     """
-    expected = policy_contract()
     version = metadata.get("contract")
+    expected = policy_contract() | {"command": _command_layout(version if isinstance(version, int) else 1)}
     if version is None:
         described = {key: metadata[key] for key in metadata if key not in ("proprioception", "command")}
         metadata = {key: expected[key] for key in expected if key not in ("contract", "versions")} | described

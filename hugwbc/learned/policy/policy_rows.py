@@ -10,8 +10,10 @@ from torch import nn
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
+from hugwbc.learned.policy import feed_forward
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.policy_contract import command_size
 from hugwbc.robot import load_robot
 
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
@@ -25,7 +27,7 @@ class PolicyRows:
     Attributes:
         kp, kd: gains of the joints [N*m/rad, N*m*s/rad], shape (19,).
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
-        observation: command observation, shape (n, 13).
+        observation: command observation in the policy's layout, shape (n, 18), or (n, 13) in the first one.
         action, estimate: last outputs of the network, shapes (n, 19) and (n, 6).
         phase: common phase of each robot's gait, shape (n,).
     """
@@ -42,11 +44,13 @@ class PolicyRows:
         self._nominal, self._scale, self.kp, self.kd = vectors
         self._nominal_row = torch.tensor(self._nominal, dtype=torch.float32)
         self._network = network
+        self._feed_forward = feed_forward.of_contract(metadata)
         self._period = float(metadata["period"])
         self._waist_step = float(metadata["waist_rate"]) * self._period
         self._waist_joint = load_robot(metadata["robot"]).waist
         self.history = torch.zeros(count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
-        self.observation = torch.zeros(count, obs.COMMAND_SIZE)
+        self._command_size = command_size(metadata)
+        self.observation = torch.zeros(count, self._command_size)
         self.action = torch.zeros(count, obs.JOINTS)
         self.estimate = torch.zeros(count, obs.ESTIMATE_SIZE)
         self.phase = np.zeros(count)
@@ -96,10 +100,12 @@ class PolicyRows:
             indicator: whether the arms are under external control, shape (n,), bool.
         """
         self.phase = gaits.advance_phase(self.phase, command[:, _F], self._period)
+        command = self._feed_forward.asked(command, gait)
         gait_row = torch.as_tensor(gait)
         feet = gaits.foot_phases(_tensor(self.phase), gait_row)
-        clock = gaits.clock(gaits.homogenised_phase(feet))
-        self.observation = obs.command_observation(_tensor(command), gait_row, clock, torch.as_tensor(indicator))
+        phases = gaits.homogenised_phase(feet)
+        observation = obs.command_observation(_tensor(command), gait_row, phases, torch.as_tensor(indicator))
+        self.observation = obs.in_layout(observation, self._command_size)
         self.action, self.estimate = self._network(self.history.flatten(1), self.observation)
         q = self._nominal + self._scale * self.action.double().numpy()
         self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)

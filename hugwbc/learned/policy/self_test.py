@@ -79,7 +79,7 @@ def record(controller: Recordable) -> dict[str, torch.Tensor]:
 
     They are those of k successive calls after a reset. Of the controller: orientation (k, 4), angular_velocity (k, 3),
     q and dq (k, 19), command (k, 8), gait (k,), arms (k, 8) and intervention (k,) give target (k, 19), the joint
-    targets [rad]. Of its network: history (k, 315) and observation (k, 13) give action (k, 19) and estimate (k, 6).
+    targets [rad]. Of its network: history (k, 315) and observation (k, 18) give action (k, 19) and estimate (k, 6).
     """
     inputs = _inputs()
     return {PREFIX + name: tensor for name, tensor in (inputs | _run(controller, inputs)).items()}

@@ -2,36 +2,96 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.readings import TRACKED, tracked
-from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
+from hugwbc.learned.env.terminations import held_foot_down
+from hugwbc.learned.policy.networks import ActorNetwork
 from hugwbc.seeds import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
+# Likewise of a gait: stride frequency [Hz], swing height [m], share of the time with the held foot down, speed of
+# descent of a sole before it touches the ground [m/s].
+GAIT_SCALES = {"f": 0.1, "l": 0.05, "held_foot": 0.05, "impact": 1.0}
 FALL_COST = 20.0  # added to the score if every robot falls: more than any error of a robot that stays up
 SETTLE = 1.0  # [s] at the start that do not count in the errors
 SCORE = "evaluation/score"
 _FALLS = "evaluation/falls"
+_SHORTEST_FLIGHT = 2  # control steps off the ground before a contact counts as a touch-down
 _NEVER = 2**30  # control steps
+_F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
+
+
+class _Steps:
+    """What the feet of n robots do: touch-downs, heights of the swings, speeds before the ground, held feet."""
+
+    FIGURES = ("f", "l", "impact", "held_foot")
+
+    def __init__(self, command: torch.Tensor, gait: torch.Tensor, dt: float) -> None:
+        """Take the commands, shape (n, 8), and values of `Gait`, shape (n,), of an evaluation."""
+        self._command, self._gait, self._dt = command, gait, dt
+        held = torch.stack((gait == int(Gait.HOPPING_RIGHT), gait == int(Gait.HOPPING_LEFT)), dim=1)
+        self._swings = ~held & (gait != int(Gait.STANDING))[:, None]
+        shape = held.shape
+        self._airborne, self._apex, self._descent = (torch.zeros(shape) for _ in range(3))
+        self._first, self._last = torch.full(shape, math.nan), torch.full(shape, math.nan)
+        self._landings, self._height_error, self._impact = (torch.zeros(shape) for _ in range(3))
+        self._down, self._samples = torch.zeros(len(gait)), torch.zeros(len(gait))
+
+    def add(self, step: int, readings: Readings, upright: torch.Tensor) -> None:
+        """Add a control step of the robots that are upright, shape (n,), bool."""
+        on_ground = feet_on_ground(readings.foot_force)
+        landed = on_ground & (self._airborne >= _SHORTEST_FLIGHT) & self._swings & upright[:, None]
+        time = torch.full_like(self._first, step * self._dt)
+        self._first = torch.where(landed & self._first.isnan(), time, self._first)
+        self._last = torch.where(landed, time, self._last)
+        self._landings += landed
+        error = (self._apex - self._command[:, [_L]]).abs()
+        self._height_error += torch.where(landed, error, 0.0)
+        self._impact += torch.where(landed, self._descent.clamp(min=0.0), 0.0)
+        self._airborne = torch.where(on_ground, 0.0, self._airborne + 1.0)
+        self._apex = torch.where(on_ground, 0.0, torch.maximum(self._apex, readings.clearance))
+        self._descent = -readings.foot_velocity[..., 2]
+        self._down += held_foot_down(readings, self._gait) & upright
+        self._samples += upright
+
+    def errors(self, robots: torch.Tensor) -> dict[str, float]:
+        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have; without a stride f is wrong by f."""
+        swings = self._swings & robots[:, None]
+        if not bool(swings.any()):
+            return {}
+        stride = (self._landings - 1.0) / (self._last - self._first)
+        wanted = self._command[:, [_F]].expand_as(stride)
+        frequency = torch.where(self._landings > 1.0, (stride - wanted).abs(), wanted)
+        landings = self._landings[swings].sum().clamp(min=1.0)
+        figures = {
+            "f": float(frequency[swings].mean()),
+            "l": float(self._height_error[swings].sum() / landings),
+            "impact": float(self._impact[swings].sum() / landings),
+        }
+        if bool((self._gait[robots] >= int(Gait.HOPPING_LEFT)).all()):
+            figures["held_foot"] = float(self._down[robots].sum() / self._samples[robots].sum().clamp(min=1.0))
+        return figures
 
 
 class Evaluator:
     """Robots that repeat the same episodes at every evaluation.
 
     Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
-    pushes, no observation noise and no intervention; rough ground has all levels; a command lasts the whole episode.
-    All random numbers are the evaluator's own, so that the training continues as if there had been no evaluation.
+    pushes, loads, paper's noise or intervention; sensors err as in training; rough ground has all levels; a command
+    lasts the whole episode. All random numbers are the evaluator's own, so that the training continues as if there had
+    been no evaluation.
     """
 
-    def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int) -> None:
+    def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int, timestep: float = 0.0) -> None:
         """Build the robots.
 
         Args:
@@ -39,15 +99,20 @@ class Evaluator:
             count: number of robots.
             seconds: length of the episodes [s].
             threads: threads of the simulation.
+            timestep: physics time step, by which the control period is divided [s]; 0 for that of the training.
         """
+        timestep = timestep or config.timestep
         calm = dataclasses.replace(config.randomization, noise=0.0, push_velocity=0.0)
         every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
         settings = dataclasses.replace(
             config,
             count=count,
+            timestep=timestep,
+            substeps=round(config.period / timestep),
             episode_steps=_NEVER,
             flip_probability=0.0,
             randomization=calm,
+            loads=LoadConfig(),
             terrain=every_level,
             command=dataclasses.replace(config.command, resample_steps=_NEVER),
         )
@@ -61,14 +126,19 @@ class Evaluator:
     @property
     def names(self) -> list[str]:
         """Names of the figures that `run` returns."""
-        return [SCORE, _FALLS, *(f"evaluation/{gait.label}/{name}" for gait in self._gaits for name in ERROR_SCALES)]
+        names = [SCORE, _FALLS]
+        for gait in self._gaits:
+            own = [n for n in _Steps.FIGURES if gait is not Gait.STANDING and (gait.hops or n != "held_foot")]
+            names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *own)]
+        return names
 
     @torch.no_grad()
-    def run(self, actor: Actor) -> dict[str, float]:
-        """Return the mean absolute errors of each gait, the fraction of falls, and one score; lower is better.
+    def run(self, actor: ActorNetwork) -> dict[str, float]:
+        """Return falls, mean absolute errors and quality of the steps of each gait, and one score; lower is better.
 
-        The score is the mean over gaits of the mean over commands of error / `ERROR_SCALES`, plus `FALL_COST` times
-        the fraction of robots that fell. The errors of a robot count until it falls; an error without samples is NaN.
+        The score is the mean over gaits of the mean of error / scale over commands and the figures of the steps, plus
+        `FALL_COST` times the fraction of robots that fell. The errors of a robot count until it falls; an error without
+        samples is NaN.
 
         Args:
             actor: the policy network.
@@ -78,6 +148,7 @@ class Evaluator:
         command, gait = env.command.clone(), env.gait.clone()
         upright = torch.ones(env.count, dtype=torch.bool)
         sums, samples = torch.zeros(env.count, len(_COLUMNS)), torch.zeros(env.count)
+        steps = _Steps(command, gait, env.dt)
         for step in range(self._steps):
             observation = env.observe()
             action, _ = actor(observation.history, observation.command)
@@ -87,19 +158,31 @@ class Evaluator:
                 error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright
+                steps.add(step, env.readings, upright)
         env.statistics.pop()
-        return self._figures(gait, sums, samples, float((~upright).float().mean()))
+        own = {
+            one: {"falls": float((~upright[gait == one]).float().mean())} | steps.errors(gait == one)
+            for one in self._gaits
+        }
+        return self._figures(gait, sums, samples, float((~upright).float().mean()), own)
 
-    def _figures(self, gait: torch.Tensor, sums: torch.Tensor, samples: torch.Tensor, falls: float) -> dict[str, float]:
-        scales = torch.tensor(list(ERROR_SCALES.values()))
-        figures, scores = {}, []
+    def _figures(
+        self,
+        gait: torch.Tensor,
+        sums: torch.Tensor,
+        samples: torch.Tensor,
+        falls: float,
+        steps: Mapping[Gait, Mapping[str, float]] | None = None,
+    ) -> dict[str, float]:
+        """Return the figures of `run` from sums of errors, shape (n, 6), and what the gaits have of their own."""
+        scales, figures, scores = ERROR_SCALES | GAIT_SCALES, {}, []
         for one in self._gaits:
             chosen = gait == one
-            errors = sums[chosen].sum(0) / samples[chosen].sum()
-            figures |= {
-                f"evaluation/{one.label}/{name}": float(error) for name, error in zip(ERROR_SCALES, errors, strict=True)
-            }
-            if bool(torch.isfinite(errors).all()):
-                scores.append(float((errors / scales).mean()))
+            errors = dict(zip(ERROR_SCALES, (sums[chosen].sum(0) / samples[chosen].sum()).tolist(), strict=True))
+            errors = {**errors, **(steps or {}).get(one, {})}
+            figures |= {f"evaluation/{one.label}/{name}": error for name, error in errors.items()}
+            relative = [error / scales[name] for name, error in errors.items() if name in scales]
+            if all(map(math.isfinite, relative)):
+                scores.append(sum(relative) / len(relative))
         score = FALL_COST * falls + (sum(scores) / len(scores) if scores else 0.0)
         return {SCORE: score, _FALLS: falls, **figures}

@@ -1,4 +1,4 @@
-"""PPO with an estimator loss and a symmetry loss: the whole algorithm, readable from top to bottom.
+"""PPO with losses of estimation, cloning and symmetry: the whole algorithm, readable from top to bottom.
 
 Proximal policy optimisation: Schulman et al., "Proximal Policy Optimization Algorithms", arXiv:1707.06347 (2017).
 Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generalized Advantage Estimation", ICLR 2016.
@@ -15,11 +15,13 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.humanoid_env import StepResult
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic, SymmetricCritic
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.rl.cloning import Labels, cloning_loss
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
+_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "cloning_loss", "kl")
+_GROUPS = torch.tensor([0, 1, 2, 3, 3])  # of advantages, by `Gait`: hops on either leg are alike
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
@@ -78,7 +80,10 @@ def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tens
 
 @dataclasses.dataclass(eq=False)
 class Rollout:
-    """Experience of one iteration; all tensors have shape (horizon, n, ...)."""
+    """Experience of one iteration; all tensors have shape (horizon, n, ...).
+
+    History, command and critic observation are in the coordinates of the networks (`ActorCritic.prepare`).
+    """
 
     history: torch.Tensor
     command: torch.Tensor
@@ -90,14 +95,15 @@ class Rollout:
     value: torch.Tensor
     reward: torch.Tensor
     done: torch.Tensor
+    group: torch.Tensor
 
     @classmethod
-    def empty(cls, horizon: int, count: int, device: torch.device) -> "Rollout":
-        """Allocate storage for `horizon` steps of `count` robots on a device."""
+    def empty(cls, horizon: int, count: int, critic: int, device: torch.device) -> "Rollout":
+        """Allocate storage for `horizon` steps of `count` robots, with a critic's observation of `critic` numbers."""
         sizes = {
             "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
             "command": (obs.COMMAND_SIZE,),
-            "critic": (obs.CRITIC_SIZE,),
+            "critic": (critic,),
             "estimate": (obs.ESTIMATE_SIZE,),
             "action": (ACTION_SIZE,),
             "mean": (ACTION_SIZE,),
@@ -106,7 +112,8 @@ class Rollout:
             "reward": (),
         }
         tensors = {name: torch.empty(horizon, count, *size, device=device) for name, size in sizes.items()}
-        return cls(**tensors, done=torch.empty(horizon, count, dtype=torch.bool, device=device))
+        done = torch.empty(horizon, count, dtype=torch.bool, device=device)
+        return cls(**tensors, done=done, group=torch.zeros(horizon, count, dtype=torch.long, device=device))
 
 
 class PPO:
@@ -114,7 +121,9 @@ class PPO:
 
     Attributes:
         network: actor, critic and exploration std.
+        config: the settings, which may change between iterations.
         learning_rate: current learning rate of the actor, adapted to the KL divergence.
+        labels: labels of a teacher; None without cloning.
         skipped: number of updates left out because a loss or gradient was not finite.
         on_skip: called with the minibatch and the losses of such an update.
     """
@@ -130,15 +139,18 @@ class PPO:
         """
         self.config = config
         self.device = torch.device(device)
-        self.network = ActorCritic(config.std_initial).to(self.device)
+        self.network = ActorCritic(config.std_initial, symmetric=config.symmetry == "network").to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
         # The critic has its own rate: the KL lowers the actor's to 1e-5 at a small std, too slow for the critic.
         self.optimiser = torch.optim.Adam(
-            [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}]
+            [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}],
+            fused=True,
         )
-        self.rollout = Rollout.empty(config.horizon, count, self.device)
+        self.labels = None if config.labels is None else Labels(config.labels, self.network, generator)
+        self._count = count
+        self._rollout: Rollout | None = None
         self.skipped = 0
         self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
         self._generator = generator
@@ -152,24 +164,50 @@ class PPO:
         """
         c = self.config
         progress = min(1.0, steps / c.std_steps)
-        largest = c.std_initial * (c.std_final / c.std_initial) ** progress
+        largest = min(c.std_limit, c.std_initial * (c.std_final / c.std_initial) ** progress)
         with torch.no_grad():
             self.network.log_std.clamp_(math.log(c.std_min), math.log(largest))
 
     # Acting ---------------------------------------------------------------------------------------------------------
 
+    @property
+    def rollout(self) -> Rollout:
+        """The experience of the present iteration.
+
+        Raises:
+            RuntimeError: before the first step of the first iteration.
+        """
+        if self._rollout is None:
+            raise RuntimeError("there is no experience yet: call act for step 0 first")
+        return self._rollout
+
+    def allocate(self, critic: int) -> None:
+        """Make room for an iteration of the present horizon, with a critic's observation of `critic` numbers."""
+        self._rollout = Rollout.empty(self.config.horizon, self._count, critic, self.device)
+
     @torch.no_grad()
-    def act(self, t: int, observation: Observation) -> torch.Tensor:
-        """Sample actions for step t, shape (n, 19), and store what the update needs."""
+    def act(self, t: int, observation: Observation, gait: torch.Tensor) -> torch.Tensor:
+        """Sample actions for step t, shape (n, 19), and store what the update needs.
+
+        Args:
+            t: number of the step in the iteration.
+            observation: what the robots see.
+            gait: values of `Gait`, shape (n,).
+        """
+        seen = self.network.prepare(observation)
+        if self._rollout is None or len(self._rollout.reward) != self.config.horizon:
+            self.allocate(seen.critic.shape[1])
         r = self.rollout
-        for field in dataclasses.fields(observation):
-            getattr(r, field.name)[t] = getattr(observation, field.name)
-        mean, _ = self.network.actor(r.history[t], r.command[t])
+        for field in dataclasses.fields(seen):
+            getattr(r, field.name)[t] = getattr(seen, field.name)
+        r.group[t] = _GROUPS[gait]
+        mean, _ = self.network.actor.prepared(r.history[t], r.command[t])
         # Drawn on the CPU, so that a run on a GPU explores with the same numbers.
         noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
-        action = mean + noise * self.network.log_std.exp()
+        log_std = self.network.exploration()
+        action = mean + noise * log_std.exp()
         r.action[t], r.mean[t] = action, mean
-        r.log_prob[t] = log_probability(action, mean, self.network.log_std)
+        r.log_prob[t] = log_probability(action, mean, log_std)
         r.value[t] = self._value(r.critic[t])
         return action.cpu()
 
@@ -182,12 +220,19 @@ class PPO:
         """
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
         if result.timed_out.numel():
-            final = self._value(result.final_critic.to(self.device))
+            final = self.value(result.final_critic)
             self.rollout.reward[t, result.timed_out.to(self.device)] += self.config.gamma * final
 
-    def _value(self, critic_observation: torch.Tensor) -> torch.Tensor:
+    @torch.no_grad()
+    def value(self, critic_observation: torch.Tensor) -> torch.Tensor:
+        """Return the values of critic observations as the environment gives them, shape (n,)."""
+        critic = self.network.critic
+        rows = critic_observation.to(self.device)
+        return self._value(critic.prepare(rows) if isinstance(critic, SymmetricCritic) else rows)
+
+    def _value(self, prepared: torch.Tensor) -> torch.Tensor:
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
-            value = self.network.critic(critic_observation)
+            value = self.network.critic.prepared(prepared)
         return value.float()
 
     # Learning -------------------------------------------------------------------------------------------------------
@@ -203,13 +248,14 @@ class PPO:
             parameter.requires_grad_(name.startswith("critic.") or not critic_only)
         c, r = self.config, self.rollout
         with torch.no_grad():
-            last_value = self._value(last.critic.to(self.device))
+            last_value = self.value(last.critic)
             advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
         # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]
-        batch["advantage"] = distributed.standardised(advantage.flatten())
-        old_log_std = self.network.log_std.detach().clone()
+        groups = batch.pop("group") if c.advantages == "gait" else None
+        batch["advantage"] = distributed.standardised(advantage.flatten(), groups, len(_GROUPS))
+        old_log_std = self.network.exploration().detach().clone()
         sums: dict[str, float] = {}
         count = 0
         for rows in self._minibatches(advantage.numel()):
@@ -222,7 +268,7 @@ class PPO:
             else:
                 self.skipped += 1
                 self.on_skip(minibatch, losses)
-        std = self.network.log_std.detach().exp()
+        std = self.network.exploration().detach().exp()
         return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
             "learning_rate": self.learning_rate,
             "std": float(std.mean()),
@@ -237,31 +283,34 @@ class PPO:
     def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
         """Take a gradient step on a minibatch; return its losses and whether the step was applied."""
         c, network = self.config, self.network
-        mean, estimate = network.actor(b["history"], b["command"])
+        mean, estimate = network.actor.prepared(b["history"], b["command"])
+        log_std = network.exploration()
         value = self._value(b["critic"])
-        log_prob = log_probability(b["action"], mean, network.log_std)
+        log_prob = log_probability(b["action"], mean, log_std)
 
         l_value = value_loss(value, b["value"], b["returns"], c.value_clip or math.inf)
         l_policy = surrogate_loss(log_prob, b["log_prob"], b["advantage"], c.clip)
         l_estimation = (estimate - b["estimate"]).square().mean()
         l_symmetry = self._symmetry_loss(b["history"], b["command"], mean)
-        entropy = network.log_std.sum()
+        l_cloning = self._cloning_loss()
+        entropy = log_std.sum()
         loss = (
             l_value
             + c.policy_weight * l_policy
             + c.estimation_weight * l_estimation
             + c.beta * l_symmetry
+            + c.cloning_weight * l_cloning
             - c.entropy_weight * entropy
         )
 
         with torch.no_grad():
-            kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, network.log_std).mean()))
+            kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, log_std).mean()))
         # The KL is that of all processes, so that their learning rates, and with them their networks, stay equal.
         # While the critic learns alone the policy does not move: a KL of zero says nothing about the rate.
         if network.log_std.requires_grad:
             self._adapt_learning_rate(kl)
         applied = self._descend(loss)
-        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
+        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry, l_cloning)]
         return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
 
     def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
@@ -269,9 +318,19 @@ class PPO:
 
         The gradient flows through the mirrored branch only; the unmirrored mean is a constant target.
         """
+        if self.config.symmetry != "loss":
+            return mean.new_zeros(())
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
             mirrored, _ = self.network.actor(obs.mirror_history(history), obs.mirror_command_observation(command))
         return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
+
+    def _cloning_loss(self) -> torch.Tensor:
+        """Return the cloning loss of random labels; zero without labels or weight."""
+        if self.labels is None or self.config.cloning_weight == 0.0:
+            return torch.zeros((), device=self.device)
+        batch = {name: column.to(self.device) for name, column in self.labels.sample(self.config.cloning_batch).items()}
+        mean, _ = self.network.actor.prepared(batch["history"], batch["command"])
+        return cloning_loss(mean, batch["action"], batch["weight"])
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""

@@ -17,6 +17,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.policy_contract import policy_contract, settings_record, versions
+from hugwbc.learned.policy.snapshots import is_symmetric, load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
@@ -104,20 +105,25 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """Collect `horizon` steps, update the networks and move the curricula; return the iteration's figures."""
         begin = time.monotonic()
+        self._adopt_schedules()
         observation = self.env.observe()
         reward = 0.0
-        for t in range(self.config.ppo.horizon):
-            result = self.env.step(self.ppo.act(t, observation))
+        horizon = self.ppo.config.horizon
+        for t in range(horizon):
+            result = self.env.step(self.ppo.act(t, observation, self.env.gait))
             self.ppo.record(t, result)
-            reward += float(result.reward.mean()) / self.config.ppo.horizon
+            reward += float(result.reward.mean()) / horizon
             observation = self.env.observe()
         collected = time.monotonic()
         losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
         self.iteration += 1
-        steps = self.config.ppo.horizon * self.config.env.count * distributed.size()
+        steps = horizon * self.config.env.count * distributed.size()
+        # The curricula count steps, so that they do not depend on the length of an iteration.
+        each = self.config.env.curriculum.steps
+        for _ in range((self.steps + steps) // each - self.steps // each):
+            self.env.update_curriculum()
         self.steps += steps
         self.ppo.bound_std(self.steps)
-        self.env.update_curriculum()
         elapsed = time.monotonic() - begin
         self.seconds += elapsed
         levels = self.env.curriculum
@@ -135,16 +141,28 @@ class Trainer:
             **self.env.statistics.pop(),
         }
 
+    def _adopt_schedules(self) -> None:
+        """Give learner and environment the settings of the present number of steps."""
+        if self.config.schedules:
+            now = self.config.at(self.steps)
+            self.ppo.config = now.ppo
+            self.env.adopt(now.env)
+
     def _actor(self) -> Actor:
-        """Return the policy network on the CPU, where it is evaluated and saved."""
-        actor = self.ppo.network.actor
-        return actor if self.ppo.device.type == "cpu" else copy.deepcopy(actor).cpu()
+        """Return the policy in the form in which it runs, on the CPU."""
+        return copy.deepcopy(self.ppo.network.actor).cpu().plain()
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
         if not c.evaluation_interval or not self.leads:
             return None
-        return Evaluator(c.env, count=c.evaluation_robots, seconds=c.evaluation_seconds, threads=c.threads)
+        return Evaluator(
+            c.env,
+            count=c.evaluation_robots,
+            seconds=c.evaluation_seconds,
+            threads=c.threads,
+            timestep=c.evaluation_timestep,
+        )
 
     def _evaluate(self) -> dict[str, float]:
         """Return the figures of an evaluation, NaN where none is due, and keep the best policy."""
@@ -229,9 +247,13 @@ class Trainer:
         if not self.leads:
             tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
+        symmetric = is_symmetric(groups["network"])
+        if symmetric != self.ppo.network.symmetric:
+            kind, remedy = ("symmetric", "network") if symmetric else ("plain", "loss")
+            raise PolicyFileError(f"{path} has {kind} networks; continue from it with --ppo.symmetry {remedy}")
         try:
-            self.ppo.network.load_state_dict(groups["network"])
-        except RuntimeError as error:
+            load_into(self.ppo.network, groups["network"])
+        except (RuntimeError, KeyError) as error:
             raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
         if groups["env"]:
             self._restore_robots(groups["env"], tensors, path)
@@ -336,7 +358,7 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
     contract = contract_of(env)
-    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu(), contract, metadata)
+    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), contract, metadata)
 
 
 def train(config: TrainConfig, report: Report) -> Trainer:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import pathlib
 import threading
 
 import numpy as np
@@ -23,6 +24,7 @@ from hugwbc.evaluation.engine import (
 )
 from hugwbc.evaluation.engine.episode import Job, _batch_size, run_job
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, learned_controller
+from hugwbc.sim.sensors import EXACT, PROFILES
 
 STAND = EpisodePlan(Command())
 NOISY = Conditions(sensing="robot")
@@ -190,6 +192,24 @@ def test_stored_results_count_for_the_same_question_only(tmp_path, counted):
     run_episodes(FACTORY, PLANS[:1], _ending, _settings(fresh))
     run_episodes(FACTORY, PLANS[:1], _ending, _settings(fresh))
     assert len(counted) == 6, "a fresh store runs it once more"
+
+
+def _in_arena(number: int, folder: pathlib.Path) -> EpisodeSettings:
+    return dataclasses.replace(
+        _settings(ResultStore(folder)), conditions=Conditions(arena=number, sensing="exact", timestep=0.005)
+    )
+
+
+def test_stored_results_never_mix_arenas(tmp_path, counted, monkeypatch):
+    rows = [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(number, tmp_path)) for number in (1, 2)]
+    assert len(counted) == 2 and rows[0] != rows[1]
+    assert len(list(tmp_path.glob("*.jsonl"))) == 2, "a file for each arena"
+    assert [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(number, tmp_path)) for number in (1, 2)] == rows
+    assert len(counted) == 2
+    # The same name for other sensors is another arena, too.
+    monkeypatch.setitem(PROFILES, "exact", dataclasses.replace(EXACT, gyro=0.001))
+    run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(2, tmp_path))
+    assert len(counted) == 3
 
 
 def test_a_foreign_file_in_the_way_is_refused(tmp_path):

@@ -212,8 +212,8 @@ def test_impacts_are_means_over_the_episodes_but_for_the_maximum():
     ]
     figures = _by_quantity(SingleCommandProtocol().figures("qp", SINGLE | {"rows": rows}), "qp")
     assert figures["touch-down speed, median"].value == pytest.approx(0.5)
-    assert figures["peak foot force, mean of stances"].value == pytest.approx(1.3)
-    highest = figures["peak foot force, maximum"].estimate
+    assert figures["peak foot force of 10 ms, mean of stances"].value == pytest.approx(1.3)
+    highest = figures["peak foot force of 10 ms, maximum"].estimate
     assert highest.value == 3.0 and highest.low is None and highest.samples == 2
 
 

@@ -175,7 +175,7 @@ def test_the_environment_judges_commands_that_end() -> None:
     env.command[:, 0], env.command[:, 2] = 0.5, 0.1
     env.statistics.tracking[:] = 1.0
     env.statistics.tracking[1] = 0.1
-    env.age[:] = torch.tensor([499, 499, 999, 10, 10, 499])
+    env.age[:] = torch.tensor([299, 299, 999, 10, 10, 299])
     env.simulation.qpos[4, 3:7] = [0.7, 0.0, 0.7, 0.0]  # falls
     env.step(torch.zeros(6, 19))
     assert grid.passed.sum() == 2 and grid.passed[0, 5, 5] == 1 and grid.passed[1, 5, 5] == 1

@@ -1,5 +1,7 @@
 """Each parameter is drawn at two fixed values, and the physics must differ by what mechanics says."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -10,10 +12,12 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import Latency, draw_delays, randomize
 from hugwbc.learned.policy import observations as obs
 from hugwbc.robot import load_robot
+from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.sensors import ROBOT as SENSORS
 
 ROBOT = load_robot()
-PLAIN = {"friction": (1.0, 1.0), "torso_mass": (0.0, 0.0), "torso_centre": 0.0, "gains": (1.0, 1.0)}
+PLAIN = vars(RandomizationConfig.off(friction=1.0))
 COUNT = 3
 
 
@@ -121,8 +125,7 @@ def test_what_is_off_changes_no_other_draw() -> None:
 
 def make_env(**changes: object) -> HumanoidEnv:
     torch.set_num_threads(1)
-    quiet = {**PLAIN, "noise": 0.0, "push_velocity": 0.0}
-    randomization = RandomizationConfig(**{**quiet, **changes})  # type: ignore[arg-type]
+    randomization = RandomizationConfig(**{**PLAIN, **changes})  # type: ignore[arg-type]
     return HumanoidEnv(EnvConfig(count=COUNT, randomization=randomization, waist_rate=0.0), seed=2, threads=1)
 
 
@@ -177,8 +180,9 @@ class Recorder:
         self.ctrl = np.zeros((count, 1))
         self.acted: list[list[float]] = []
 
-    def step(self, substeps: int) -> np.ndarray:
-        self.acted.append(self.ctrl[:, 0].tolist())
+    def step(self, substeps: int, targets: np.ndarray) -> np.ndarray:
+        assert len(targets) == substeps
+        self.acted.extend(targets[:, :, 0].tolist())
         return np.zeros(len(self.ctrl), dtype=bool)
 
 
@@ -204,7 +208,7 @@ def test_delays_are_drawn_in_physics_steps() -> None:
 
 def make(latency: float) -> HumanoidEnv:
     torch.set_num_threads(1)
-    randomization = RandomizationConfig(latency=(latency, latency), push_velocity=0.0)
+    randomization = dataclasses.replace(RandomizationConfig.off(), latency=(latency, latency))
     env = HumanoidEnv(EnvConfig(count=4, randomization=randomization, waist_rate=0.0), seed=1, threads=1)
     env.age[:] = 10
     return env
@@ -259,3 +263,30 @@ def test_a_diverged_robot_is_noticed_in_any_physics_step(latency: float) -> None
     env.simulation.qvel[2, 8] = np.nan
     result = env.step(torch.zeros(4, 19))
     assert result.done.tolist() == [False, False, True, False]
+
+
+def test_all_links_grow_and_shrink_together_to_the_earlier_robot_s_mass() -> None:
+    light = simulate(mass=(0.87, 0.87)).batch.expand("body_mass").sum(1)
+    np.testing.assert_allclose(light, 0.87 * ROBOT.mass)
+    low, high = RandomizationConfig().mass
+    heavy = load_robot("h1").mass
+    assert low * heavy < load_robot("h1-2023").mass < heavy < high * heavy
+
+
+def test_the_friction_of_drives_has_a_factor_a_joint() -> None:
+    def friction(factors: tuple[float, float]) -> np.ndarray:
+        simulation = BatchSimulation(COUNT, actuators=Actuators())
+        randomize(simulation, RandomizationConfig(**{**PLAIN, "drive_friction": factors}), np.random.default_rng(0))
+        return simulation.batch.expand("dof_frictionloss")[:, 6:]
+
+    plain, drawn = friction((1.0, 1.0)), friction((0.5, 1.5))
+    np.testing.assert_allclose(plain, np.tile(ROBOT.friction, (COUNT, 1)))
+    factor = drawn / plain
+    assert 0.5 <= factor.min() < 0.7 and 1.3 < factor.max() <= 1.5 and np.ptp(factor, axis=0).min() > 0.0
+
+
+def test_the_randomised_range_reaches_from_the_true_state_to_more_than_the_arena_s_errors() -> None:
+    config = RandomizationConfig()
+    assert config.sensing[0] == 0.0 and config.sensing[1] > 1.0
+    least = ROBOT.command_delay
+    assert config.latency[0] == 0.0 and config.latency[1] > SENSORS.latency + least

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc.gait import Gait
 from hugwbc.learned.config import ExtraWeights, RewardWeights
 from hugwbc.learned.env import rewards
 from hugwbc.learned.env.readings import Body, Transition
@@ -32,6 +33,8 @@ def make_transition(**changes: torch.Tensor) -> Transition:
     zero19 = torch.zeros(1, 19)
     fields = {
         "command": torch.tensor([[0.0, 0.0, 0.0, 2.0, 0.15, 0.0, 0.0, 0.0]]),
+        "gait": torch.tensor([int(Gait.WALKING)]),
+        "bias": torch.zeros(1, 3),
         "velocity": torch.zeros(1, 3),
         "angular_velocity": torch.zeros(1, 3),
         "yaw_rate": torch.zeros(1),
@@ -48,6 +51,8 @@ def make_transition(**changes: torch.Tensor) -> Transition:
         "clearance": torch.zeros(1, 2),
         "foot_velocity": torch.zeros(1, 2, 3),
         "foot_force": torch.tensor([[[0.0, 0.0, 250.0], [0.0, 0.0, 250.0]]]),
+        "touch_down": torch.zeros(1, 2, dtype=torch.bool),
+        "descent": torch.zeros(1, 2),
         "foot_offset": torch.tensor([[0.0, 0.4, 0.0]]),
         "target_clearance": torch.zeros(1, 2),
         "contact": torch.ones(1, 2),
@@ -133,6 +138,19 @@ CASES = {
         {"contact": torch.tensor([[1.0, 0.25]]), "clearance": torch.tensor([[0.3, 0.1]])},
         0.75 * math.exp(-2.0),
     ),
+    "velocity_bias": ({"bias": torch.tensor([[0.3, -0.4, 9.0]])}, 0.5),
+    "yaw_rate_bias": ({"bias": torch.tensor([[9.0, 9.0, -0.2]])}, 0.2),
+    # The left sole comes down at 0.8 m/s; the right one is still in the air.
+    "foot_impact": ({"touch_down": torch.tensor([[True, False]]), "descent": torch.tensor([[0.8, 2.0]])}, 0.25),
+    # The left foot should stand and is in the air; the right one should swing with 0.8 and is on the ground.
+    "contact_mismatch": (
+        {"contact": torch.tensor([[1.0, 0.2]]), "foot_force": torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])},
+        1.8,
+    ),
+    "flight_contact": (
+        {"contact": torch.tensor([[1.0, 0.2]]), "gait": torch.tensor([int(Gait.JUMPING)])},
+        0.8,
+    ),
     "unequal_support": ({"foot_force": torch.tensor([[[0.0, 0.0, 3.0], [0.0, 4.0, 4.0]]])}, 1.0),
 }
 
@@ -205,7 +223,29 @@ def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
 
 
 def test_the_penalty_scale_is_on_the_rows_of_the_papers_regularisation_but_termination() -> None:
-    assert rewards.REGULARISATION - {"joint_limits"} == {
+    own = {"joint_limits", "velocity_bias", "yaw_rate_bias", "foot_impact", "contact_mismatch", "flight_contact"}
+    assert own < rewards.REGULARISATION and own <= set(rewards.EXTRA_TERMS)
+    assert rewards.REGULARISATION - own == {
         "roll_pitch_angular_velocity", "vertical_body_movement", "feet_slip", "action_rate", "action_smoothness",
         "joint_torque", "joint_acceleration", "upper_joint_deviation", "hip_joint_deviation", "feet_symmetry",
     }  # fmt: skip
+
+
+def test_contacts_in_flight_count_in_jumping_and_hopping_and_no_mismatch_does_in_standing() -> None:
+    lifted = {"contact": torch.tensor([[0.0, 0.0]])}
+    for gait, jumps in (
+        (Gait.STANDING, False),
+        (Gait.WALKING, False),
+        (Gait.JUMPING, True),
+        (Gait.HOPPING_RIGHT, True),
+    ):
+        transition = make_transition(gait=torch.tensor([int(gait)]), **lifted)
+        assert (rewards.flight_contact(transition, make_body()).item() == 2.0) == jumps
+        assert (rewards.contact_mismatch(transition, make_body()).item() == 0.0) == (gait is Gait.STANDING)
+
+
+def test_a_soft_landing_costs_nothing_and_a_hard_one_no_more_than_its_limit() -> None:
+    down = torch.tensor([[True, True]])
+    for descent, expected in (((0.3, -1.0), 0.0), ((5.0, 0.0), 4.0)):
+        transition = make_transition(touch_down=down, descent=torch.tensor([descent]))
+        assert rewards.foot_impact(transition, make_body()).item() == pytest.approx(expected)

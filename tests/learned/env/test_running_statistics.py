@@ -14,7 +14,7 @@ WALKING_PAIR = torch.tensor([Gait.WALKING] * 2 + [Gait.STANDING] * 6)
 
 def add(statistics: Statistics, env: HumanoidEnv, error: float, gait: torch.Tensor, reward: float = 1.0) -> None:
     """Add a step in which the first robot turns too fast by an error and the others turn as commanded."""
-    transition = env._transition(env.readings.dq, NOBODY)
+    transition = env._transition(env.readings, NOBODY)
     yaw_rate = transition.command[:, 2].clone()
     yaw_rate[0] += error
     transition = dataclasses.replace(transition, yaw_rate=yaw_rate)
@@ -62,3 +62,16 @@ def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -
     assert (figures["episodes"], figures["falls"], figures["episode_length"]) == (2.0, 0.0, 30.0)
     assert figures["terrain_level"] == 2.5
     assert statistics.pop()["episodes"] == 0.0
+
+
+def test_a_gate_hears_of_its_robots_alone() -> None:
+    statistics = Statistics(4, waist=10)
+    tracking = torch.tensor([[1.0, 0.5], [0.2, 0.2], [0.0, 0.0], [math.nan, 0.0]])
+    statistics.note_gate("alpha", tracking, torch.tensor([True, True, False, False]))
+    statistics.note_gate("alpha", tracking, torch.zeros(4, dtype=torch.bool))  # nobody: says nothing
+    share = 1.0 - TRACKING_MEMORY
+    assert statistics.gate("alpha") == pytest.approx((0.6 * share, 0.35 * share))
+    assert statistics.gate("speed") == (0.0, 0.0)
+    other = Statistics(4, waist=10)
+    other.load_state_dict(statistics.state_dict())
+    assert other.gate("alpha") == statistics.gate("alpha")

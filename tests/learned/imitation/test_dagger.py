@@ -10,7 +10,7 @@ from hugwbc.learned.policy.observations import Observation
 def test_half_of_a_batch_is_mirrored() -> None:
     torch.manual_seed(0)
     memory = Memory(3, torch.Generator().manual_seed(0))
-    rows = [torch.randn(2, size) for size in (315, 13, 321, 6, 19)]
+    rows = [torch.randn(2, size) for size in (315, obs.COMMAND_SIZE, obs.CRITIC_SIZE, 6, 19)]
     history, command, critic, estimate, action = rows
     weight = torch.rand(2, 19)
     for _ in range(2):  # wraps round

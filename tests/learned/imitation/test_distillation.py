@@ -33,7 +33,7 @@ COMMANDS = CommandConfig(standing_fraction=0.5, walking_fraction=0.3, hopping_fr
 
 def write_teacher(path: pathlib.Path, action: float) -> pathlib.Path:
     """A snapshot of a network that always does the same with the knees."""
-    network = ActorCritic()
+    network = ActorCritic(symmetric=False)
     with torch.no_grad():
         for parameter in network.actor.parameters():
             parameter.zero_()
@@ -79,7 +79,7 @@ def test_each_gait_is_labelled_by_its_teacher_and_a_moving_stand_by_the_catcher(
 def test_hops_on_the_right_leg_are_labelled_as_the_mirror_images_of_those_on_the_left(tmp_path: pathlib.Path) -> None:
     distiller = Distiller(make_config(tmp_path))
     torch.manual_seed(0)
-    teacher = ActorCritic().actor  # random: it does different things on its two sides
+    teacher = ActorCritic(symmetric=False).actor  # random: it does different things on its two sides
     distiller.teachers["hopping"] = teacher
     distiller.env.gait[:4], distiller.env.gait[4:] = int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)
     seen = distiller.env.observe()
@@ -190,7 +190,7 @@ def test_a_student_becomes_its_teacher(tmp_path: pathlib.Path) -> None:
     distiller.run(rows.append)
     assert rows[-1]["imitation_loss"] < 0.1 * rows[0]["imitation_loss"] and rows[-1]["samples"] == 2400
     tensors, metadata = checkpoint.load_file(tmp_path / "out" / SNAPSHOT_NAME, "checkpoint")
-    student = ActorCritic()
+    student = ActorCritic(symmetric=False)
     student.load_state_dict({name.removeprefix("network."): value for name, value in tensors.items()})
     observation = distiller.env.observe()
     with torch.no_grad():

@@ -14,6 +14,7 @@ from hugwbc.learned.env.starts import STARTS_FILE, RecordedStarts
 from hugwbc.learned.imitation import imitation
 from hugwbc.learned.imitation.imitation import Imitator, equivalent_targets
 from hugwbc.learned.policy import load_policy
+from hugwbc.learned.rl.cloning import LABELS_FILE, Labels
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -64,11 +65,13 @@ def test_a_student_learns_what_the_teacher_does(tmp_path: pathlib.Path) -> None:
         teachers.append(Bow())
         return teachers[-1]
 
-    imitator = Imitator(make_config(out=tmp_path, updates=60), make)
+    imitator = Imitator(make_config(out=tmp_path, updates=60, keep_labels=True), make)
     rows: list[dict[str, float]] = []
     imitator.run(rows.append)
     assert len(teachers) == 4 and imitator.samples == 1600
     assert rows[-1]["imitation_loss"] < 0.2 * rows[0]["imitation_loss"]
+    labels = Labels(tmp_path / LABELS_FILE, imitator.network, torch.Generator().manual_seed(0))
+    assert labels.count == 1600
     # Label at p = 0.4: both hip pitches 0.4 / 0.25 units back.
     observation = torch.zeros(1, 13)
     pitches = []

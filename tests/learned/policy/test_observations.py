@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -12,13 +14,13 @@ from hugwbc.state import RobotState
 
 
 def test_sizes_are_the_paper_s() -> None:
-    assert (obs.PROPRIOCEPTION_SIZE, obs.PRIVILEGED_SIZE, obs.TERRAIN_SIZE) == (63, 24, 221)
-    assert obs.COMMAND_SIZE == 12 + 1
-    assert obs.CRITIC_SIZE == 321
+    assert (obs.PROPRIOCEPTION_SIZE, obs.PRIVILEGED_SIZE, obs.TERRAIN_SIZE) == (63, 40, 221)
+    assert 8 + len(Gait) + 2 * 2 + 1 == obs.COMMAND_SIZE
+    assert obs.CRITIC_SIZE == 63 + 18 + 40 + 221
     n = 2
     rows = obs.privileged(
         torch.zeros(n, 3), torch.zeros(n), torch.zeros(n, 2), torch.zeros(n), torch.zeros(n, 2, 3),
-        torch.zeros(n, 11, dtype=torch.bool),
+        torch.zeros(n, 11, dtype=torch.bool), torch.zeros(n, 3), torch.zeros(n, 11), torch.zeros(n, 2),
     )  # fmt: skip
     assert rows.shape == (n, obs.PRIVILEGED_SIZE)
 
@@ -65,11 +67,11 @@ def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot() -> None:
         )
 
 
-def command_row(command: Command, clock: tuple[float, float]) -> torch.Tensor:
+def command_row(command: Command, phases: tuple[float, float]) -> torch.Tensor:
     return obs.command_observation(
         torch.tensor(command.array(), dtype=torch.float32)[None],
         torch.tensor([int(command.gait)]),
-        torch.tensor([clock]),
+        torch.tensor([phases]),
         torch.tensor([True]),
     )
 
@@ -82,21 +84,48 @@ def test_mirror_of_a_command_is_the_observation_of_the_mirrored_command() -> Non
 
 def test_hopping_on_one_leg_mirrors_to_hopping_on_the_other() -> None:
     phase, gait = torch.tensor([0.1, 0.1]), torch.tensor([int(Gait.HOPPING_LEFT), int(Gait.HOPPING_RIGHT)])
-    left, right = gaits.clock(gaits.homogenised_phase(gaits.foot_phases(phase, gait))).tolist()
+    left, right = gaits.homogenised_phase(gaits.foot_phases(phase, gait)).tolist()
     command = Command(v_y=0.2, omega=-0.3, gait=Gait.HOPPING_LEFT)
     mirrored = obs.mirror_command_observation(command_row(command, tuple(left)))
     torch.testing.assert_close(mirrored, command_row(mirror_command(command), tuple(right)))
-    assert left[1] == -1.0 and left[0] > 0.0
+    assert left == pytest.approx([0.1, 0.75])
 
 
 def test_mirror_maps_are_involutions() -> None:
-    history, command, action = torch.randn(4, 315), torch.randn(4, 13), torch.randn(4, 19)
+    history, command, action = torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, 19)
     torch.testing.assert_close(obs.mirror_history(obs.mirror_history(history)), history)
     torch.testing.assert_close(obs.mirror_command_observation(obs.mirror_command_observation(command)), command)
     torch.testing.assert_close(obs.mirror_action(obs.mirror_action(action)), action)
 
 
 def test_standing_is_told_from_a_jump_at_mid_stance() -> None:
-    standing = command_row(Command(gait=Gait.STANDING), (1.0, 1.0))
-    jumping = command_row(Command(gait=Gait.JUMPING), (1.0, 1.0))
+    standing = command_row(Command(gait=Gait.STANDING), (0.25, 0.25))
+    jumping = command_row(Command(gait=Gait.JUMPING), (0.25, 0.25))
     assert not torch.equal(standing, jumping)
+
+
+def test_no_two_gaits_or_phases_look_alike() -> None:
+    """Jumps and hops had equal observations at phase 0.75, and no phase was told from 0.5 minus itself."""
+    rows = []
+    for gait in (Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
+        for phase in (0.0, 0.05, 0.2, 0.45, 0.75):
+            feet = gaits.foot_phases(torch.tensor([phase]), torch.tensor([int(gait)]))
+            rows.append(command_row(Command(gait=gait), tuple(gaits.homogenised_phase(feet)[0].tolist())))
+    rows = torch.cat(rows)
+    assert (torch.cdist(rows, rows) + 10.0 * torch.eye(len(rows))).min() > 0.2
+
+
+def test_the_first_layout_is_made_of_the_present_one() -> None:
+    command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7)
+    expected = {
+        Gait.STANDING: (0.0, 1.0),
+        Gait.WALKING: (0.5, 0.5),
+        Gait.JUMPING: (0.0, 0.5),
+        Gait.HOPPING_LEFT: (0.0, 0.5),
+    }
+    for gait, parameters in expected.items():
+        row = command_row(dataclasses.replace(command, gait=gait), (0.1, 0.6))
+        old = obs.in_layout(row, obs.FIRST_COMMAND_SIZE)
+        assert torch.equal(old[:, :8], row[:, :8]) and old[0, 8:10].tolist() == list(parameters)
+        assert torch.equal(old[0, 10:12], gaits.clock(torch.tensor([0.1, 0.6]))) and old[0, 12] == 1.0
+        assert obs.in_layout(row, obs.COMMAND_SIZE) is row

@@ -64,10 +64,21 @@ def test_controller_does_what_the_training_environment_does(
 ) -> None:
     """The same network in the environment and behind the controller gives the same targets along a trajectory."""
     quiet = RandomizationConfig(
-        friction=(0.8, 0.8), torso_mass=(0, 0), torso_centre=0.0, gains=(1, 1), push_velocity=0.0, noise=0.0
+        friction=(0.8, 0.8),
+        torso_mass=(0, 0),
+        torso_centre=0.0,
+        gains=(1, 1),
+        push_velocity=0.0,
+        sensing=(0, 0),
+        latency=(0, 0),
     )
     settings = EnvConfig(
-        count=1, randomization=quiet, action_scale=action_scale, waist_rate=waist_rate, substeps=substeps
+        count=1,
+        randomization=quiet,
+        action_scale=action_scale,
+        waist_rate=waist_rate,
+        substeps=substeps,
+        flip_probability=0.0,
     )
     env = HumanoidEnv(settings, seed=2, threads=1)
     env.age[:] = 0

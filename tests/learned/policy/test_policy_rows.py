@@ -13,7 +13,7 @@ N = 37
 def test_a_row_of_many_is_the_row_alone():
     torch.manual_seed(0)
     actor = Actor()
-    history, command = torch.randn(N, 315), torch.randn(N, 13)
+    history, command = torch.randn(N, 315), torch.randn(N, 18)
     alone = [actor(history[i : i + 1], command[i : i + 1]) for i in range(N)]
     for part, rows in zip(zip(*alone, strict=True), row_by_row(actor)(history, command), strict=True):
         assert torch.equal(rows, torch.cat(part)), "to the last bit"

@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -7,9 +8,11 @@ from torch.distributions import Independent, Normal, kl_divergence
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import PPOConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import StepResult
-from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.observations import CRITIC_SIZE, Observation
 from hugwbc.learned.rl import ppo
 from hugwbc.learned.rl.ppo import PPO
+
+GAIT = torch.ones(64, dtype=torch.long)
 
 
 def test_gae_by_hand() -> None:
@@ -66,17 +69,19 @@ def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: floa
     torch.manual_seed(0)
     config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3, value_clip=value_clip)
     learner = PPO(config, 64, torch.Generator().manual_seed(0))
-    observation = Observation(torch.zeros(64, 315), torch.zeros(64, 13), torch.zeros(64, 321), torch.zeros(64, 6))
-    before = float(learner._value(observation.critic).detach().mean())
+    observation = Observation(
+        torch.zeros(64, 315), torch.zeros(64, 18), torch.zeros(64, CRITIC_SIZE), torch.zeros(64, 6)
+    )
+    before = float(learner.value(observation.critic).detach().mean())
     for t in range(4):
-        learner.act(t, observation)
+        learner.act(t, observation, GAIT[: len(observation.command)])
         done, nobody = torch.ones(64, dtype=torch.bool), torch.empty(0, dtype=torch.long)
-        learner.record(t, StepResult(torch.full((64,), before + 4.0), done, nobody, torch.empty(0, 321)))
+        learner.record(t, StepResult(torch.full((64,), before + 4.0), done, nobody, torch.empty(0, CRITIC_SIZE)))
     learner.update(observation, critic_only=True)
-    assert least < float(learner._value(observation.critic).detach().mean()) - before < most
+    assert least < float(learner.value(observation.critic).detach().mean()) - before < most
 
 
-def make_learner(**changes: float) -> PPO:
+def make_learner(**changes: Any) -> PPO:
     torch.manual_seed(0)
     return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
 
@@ -107,8 +112,8 @@ def test_non_finite_loss_is_skipped() -> None:
 
 
 def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
-    learner = make_learner(mixed_precision=False)
-    history, command = torch.randn(6, 315), torch.randn(6, 13)
+    learner = make_learner(mixed_precision=False, symmetry="loss")
+    history, command = torch.randn(6, 315), torch.randn(6, 18)
     mean, _ = learner.network.actor(history, command)
     assert learner._symmetry_loss(history, command, mean).item() > 0.0
     for parameter in learner.network.actor.policy[-1].parameters():
@@ -135,35 +140,37 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     config = PPOConfig(horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5)
     learner = PPO(config, count, torch.Generator().manual_seed(0))
     history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
-    observation = Observation(history, torch.zeros(count, 13), torch.zeros(count, 321), history @ mixing.T)
+    observation = Observation(history, torch.zeros(count, 18), torch.zeros(count, CRITIC_SIZE), history @ mixing.T)
     everything_done = torch.ones(count, dtype=torch.bool)
     rewards, losses = [], []
     for _ in range(60):
         for t in range(horizon):
-            action = learner.act(t, observation)
+            action = learner.act(t, observation, GAIT[: len(observation.command)])
             reward = -(action - 0.5).square().mean(1)
             learner.record(
-                t, StepResult(reward, everything_done, torch.empty(0, dtype=torch.long), torch.empty(0, 321))
+                t, StepResult(reward, everything_done, torch.empty(0, dtype=torch.long), torch.empty(0, CRITIC_SIZE))
             )
         rewards.append(float(learner.rollout.reward.mean()))
         losses.append(learner.update(observation))
-    noise_floor = -float(learner.network.log_std.exp().square().mean())
+    noise_floor = -float(learner.network.exploration().exp().square().mean())
     assert rewards[0] < -0.45  # 0.25 from the mean, 0.25 from the noise
     assert rewards[-1] > noise_floor - 0.05
     assert losses[-1]["estimation_loss"] < 0.3 * losses[0]["estimation_loss"]
-    assert abs(float(learner._value(observation.critic).mean()) - rewards[-1]) < 0.1
+    assert abs(float(learner.value(observation.critic).mean()) - rewards[-1]) < 0.1
 
 
 def test_the_critic_can_learn_alone() -> None:
     learner = make_learner()
-    observation = Observation(torch.randn(4, 315), torch.randn(4, 13), torch.randn(4, 321), torch.randn(4, 6))
+    observation = Observation(torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, CRITIC_SIZE), torch.randn(4, 6))
     nobody, everybody = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
 
     def update(*, critic_only: bool) -> tuple[dict[str, torch.Tensor], float]:
         before = {name: value.clone() for name, value in learner.network.state_dict().items()}
         for t, done in enumerate((nobody, everybody)):
-            learner.act(t, observation)
-            learner.record(t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, 321)))
+            learner.act(t, observation, GAIT[: len(observation.command)])
+            learner.record(
+                t, StepResult(torch.rand(4), done, torch.empty(0, dtype=torch.long), torch.empty(0, CRITIC_SIZE))
+            )
         learner.update(observation, critic_only=critic_only)
         after = learner.network.state_dict()
         return {name: (after[name] - value).abs().max() for name, value in before.items()}, learner.learning_rate

@@ -12,6 +12,7 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.learned.config import (
     CurriculumConfig,
     EnvConfig,
+    LoadConfig,
     PPOConfig,
     RandomizationConfig,
     TerrainConfig,
@@ -24,8 +25,10 @@ from hugwbc.learned.rl.run_log import LOG_NAME
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
-ENV = EnvConfig(count=16, curriculum=CurriculumConfig(warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0,
-                                                      angular_threshold=0.0))  # fmt: skip
+CURRICULUM = CurriculumConfig(
+    steps=64, warm_up_iterations=0, alpha_interval=1, linear_threshold=0.0, angular_threshold=0.0
+)
+ENV = EnvConfig(count=16, curriculum=CURRICULUM)
 PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
 
 
@@ -37,6 +40,7 @@ def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig
 LATE = RandomizationConfig(latency=(0.0, 0.02))
 SETTINGS = [
     {"curriculum": dataclasses.replace(ENV.curriculum, speed="grid", speed_interval=2), "intervention": "motion"},
+    {"loads": LoadConfig(4.0, 40.0, 60.0, hand_interval=0.05, trunk_interval=0.05), "episode_steps": 4},
     {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
 ]
 EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
@@ -122,11 +126,12 @@ def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -
         result.reward[3] = float("nan")
         return result
 
-    before = trainer.ppo.network.actor.encoder[0].weight.clone()
+    weight = next(trainer.ppo.network.actor.parameters())
+    before = weight.detach().clone()
     trainer.env.step = broken
     row = trainer.iterate()
     assert trainer.ppo.skipped == PPO.epochs * PPO.minibatches
-    assert torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+    assert torch.equal(weight, before)
     dumps = sorted(tmp_path.glob("skipped-*.safetensors"))
     assert len(dumps) == MAX_DUMPS
     tensors, record = checkpoint.load_file(dumps[0], "minibatch")
@@ -134,7 +139,7 @@ def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -
     assert torch.isnan(tensors["advantage"]).any()
     trainer.env.step = step
     row = trainer.iterate()
-    assert row["skipped"] == 4 and not torch.equal(trainer.ppo.network.actor.encoder[0].weight, before)
+    assert row["skipped"] == 4 and not torch.equal(weight, before)
 
 
 def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
@@ -150,7 +155,7 @@ def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) ->
         return result
 
     trainer.env.step = observed
-    torch.nn.init.constant_(trainer.ppo.network.critic.value[-1].bias, 50.0)
+    torch.nn.init.constant_(list(trainer.ppo.network.critic.parameters())[-1], 50.0)
     assert trainer.iterate()["reward"] == pytest.approx(float(torch.stack(got).mean()))
 
 
@@ -182,7 +187,7 @@ def test_the_critic_learns_alone_at_first_if_asked(tmp_path: pathlib.Path) -> No
 @pytest.mark.parametrize("changes", SETTINGS)
 def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pathlib.Path, changes: dict) -> None:
     mixed = dataclasses.replace(ENV.command, resample_steps=3, hopping_fraction=0.2)
-    env = dataclasses.replace(ENV, command=mixed, flip_probability=0.2, episode_steps=10, **changes)
+    env = dataclasses.replace(ENV, command=mixed, flip_probability=0.2, **{"episode_steps": 10, **changes})
 
     def go(folder: str, iterations: int, *, resume: bool = False) -> Trainer:
         return run(dataclasses.replace(config(tmp_path / folder, iterations, resume=resume), env=env))

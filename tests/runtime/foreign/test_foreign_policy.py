@@ -5,9 +5,11 @@ import pytest
 import torch
 
 from hugwbc import Command, Controller, Gait, UpperBody, load_robot
+from hugwbc.arm_servo import ArmServo
 from hugwbc.errors import PolicyFileError
+from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import robot_names
-from hugwbc.runtime import Constant, rollout
+from hugwbc.runtime import Constant, HoldController, SafetyFilter, rollout
 from hugwbc.runtime.foreign import ForeignPolicy, load_contract, load_foreign_policy
 from hugwbc.sim import Simulation
 
@@ -52,6 +54,23 @@ def test_it_walks_through_a_rollout_with_arms_taken_over(unitree, state, robot):
     assert trace.safety.failures == 0 and trace.safety.bad_outputs == 0 and trace.name == "unitree-h1"
     arms = UpperBody.targets(np.full(8, 0.3))
     np.testing.assert_array_equal(unitree.act(state, WALK, arms).q[ROBOT.arms], 0.3)
+
+
+def test_external_arms_are_driven_as_those_of_every_other_controller(unitree, state):
+    """All five vectors of the arms' command, once the takeover has faded."""
+    arms = UpperBody.targets([-0.4, 0.2, 0.1, 0.3, -0.5, -0.2, -0.1, 0.4], tau=np.full(8, 0.5))
+    commands = []
+    for controller in (unitree, HoldController(), WholeBodyController(period=unitree.period)):
+        safe = SafetyFilter(controller)
+        safe.reset(state)
+        for _ in range(30):
+            command = safe.act(state, Command(), arms)
+        commands.append(command)
+    servo = ArmServo(robot=ROBOT)
+    expected = servo(arms, state, unitree.period)
+    for command in commands:
+        for name in ("q", "dq", "kp", "kd", "tau"):
+            np.testing.assert_allclose(getattr(command, name)[ROBOT.arms], getattr(expected, name), atol=1e-12)
 
 
 class _Fixed:

@@ -1,0 +1,113 @@
+"""Mirror maps of vectors as signed permutations, and coordinates in which a mirror image only changes signs.
+
+Every vector of the learner has a mirror image x' = F x: entries change places and signs, and twice the image is the
+vector itself. The coordinates e = (x_i + s x_j) / sqrt 2 and o = (x_i - s x_j) / sqrt 2 of a pair x_i -> s x_j are even
+(e' = e) and odd (o' = -o). A linear map commutes with the mirror if and only if it takes even to even and odd to odd
+coordinates, which is half of the products of a full matrix.
+"""
+
+import math
+
+import torch
+
+_HALF = math.sqrt(0.5)
+
+
+class SignedPermutation:
+    """A mirror map: (F x)_i = sign_i x_index_i.
+
+    Attributes:
+        index: partner of each entry, shape (n,).
+        sign: +1 or -1, shape (n,).
+    """
+
+    def __init__(self, index: torch.Tensor, sign: torch.Tensor) -> None:
+        """Take partners, shape (n,), and signs, shape (n,).
+
+        Raises:
+            ValueError: if the image of the image is not the vector itself.
+        """
+        again = index[index]
+        if not (
+            torch.equal(again, torch.arange(len(index))) and torch.equal(sign * sign[index], torch.ones(len(sign)))
+        ):
+            raise ValueError("a mirror map must be its own inverse")
+        self.index, self.sign = index, sign
+
+    @classmethod
+    def joined(cls, parts: "list[SignedPermutation]") -> "SignedPermutation":
+        """Return the map of vectors that are put together end to end."""
+        indices, start = [], 0
+        for part in parts:
+            indices.append(part.index + start)
+            start += len(part.index)
+        return cls(torch.cat(indices), torch.cat([part.sign for part in parts]))
+
+    @classmethod
+    def of_signs(cls, signs: list[float]) -> "SignedPermutation":
+        """Return the map of entries that stay in their places."""
+        return cls(torch.arange(len(signs)), torch.tensor(signs))
+
+    @classmethod
+    def swapped(cls, signs: list[float]) -> "SignedPermutation":
+        """Return the map of two blocks, left and right, that change places; `signs` are those of one block."""
+        size = len(signs)
+        index = torch.cat((torch.arange(size) + size, torch.arange(size)))
+        return cls(index, torch.tensor(signs).repeat(2))
+
+    def __call__(self, rows: torch.Tensor) -> torch.Tensor:
+        """Return the mirror images of rows, shape (m, n)."""
+        index, sign = self.index.to(rows.device), self.sign.to(rows.device)
+        return rows.index_select(1, index) * sign
+
+
+class EvenOdd:
+    """The orthogonal change to even and odd coordinates of a mirror map, the even ones first.
+
+    Attributes:
+        even, odd: numbers of coordinates; entries that the mirror negates in place are odd.
+        matrix: coordinates = matrix @ vector, shape (n, n).
+    """
+
+    def __init__(self, mirror: SignedPermutation) -> None:
+        """Build the coordinates of a mirror map, in the order of the first entry of each pair."""
+        index, sign = mirror.index.tolist(), mirror.sign.tolist()
+        even, odd = [], []
+        for i, (j, s) in enumerate(zip(index, sign, strict=True)):
+            if i == j:
+                (even if s > 0.0 else odd).append({i: 1.0})
+            elif i < j:
+                even.append({i: _HALF, j: s * _HALF})
+                odd.append({i: _HALF, j: -s * _HALF})
+        self.even, self.odd = len(even), len(odd)
+        self.matrix = torch.zeros(len(index), len(index))
+        for row, entries in enumerate([*even, *odd]):
+            for column, value in entries.items():
+                self.matrix[row, column] = value
+        self._forward, self._back = _sparse(self.matrix), _sparse(self.matrix.T)
+
+    def __call__(self, rows: torch.Tensor) -> torch.Tensor:
+        """Return the coordinates of rows, shape (m, n): even ones first."""
+        return _product(rows, self._forward)
+
+    def inverse(self, coordinates: torch.Tensor) -> torch.Tensor:
+        """Return the rows of which these are the coordinates, shape (m, n)."""
+        return _product(coordinates, self._back)
+
+
+def _sparse(matrix: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return the columns and values of the one or two entries in each row; a single entry counts twice by half."""
+    first, second, a, b = [], [], [], []
+    for row in matrix:
+        columns = row.nonzero().squeeze(1).tolist()
+        share = 1.0 / (3 - len(columns))
+        first.append(columns[0])
+        second.append(columns[-1])
+        a.append(share * float(row[columns[0]]))
+        b.append(share * float(row[columns[-1]]))
+    return torch.tensor(first), torch.tensor(second), torch.tensor(a), torch.tensor(b)
+
+
+def _product(rows: torch.Tensor, sparse: tuple[torch.Tensor, ...]) -> torch.Tensor:
+    first, second, a, b = (part.to(rows.device) for part in sparse)
+    return rows.index_select(1, first) * a + rows.index_select(1, second) * b

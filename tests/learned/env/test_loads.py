@@ -1,0 +1,129 @@
+"""What hands carry and what pulls, checked on the physics."""
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, LoadConfig, RandomizationConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.loads import Loads
+from hugwbc.robot import load_robot
+from hugwbc.sim.batch import BatchSimulation
+
+ROBOT = load_robot("h1")
+COUNT = 4
+
+
+def make(config: LoadConfig, eligible: tuple[bool, ...] = (True,) * COUNT) -> tuple[BatchSimulation, Loads]:
+    simulation = BatchSimulation(COUNT, robot=ROBOT)
+    generator = torch.Generator().manual_seed(0)
+    return simulation, Loads(simulation, ROBOT, config, torch.tensor(eligible), generator, 0.02)
+
+
+def test_a_payload_is_a_point_mass_in_the_hand() -> None:
+    simulation, loads = make(LoadConfig(payload=4.0, loaded_share=1.0), (True, True, True, False))
+    com = simulation.batch.bind("subtree_com")
+    simulation.forward(np.arange(COUNT))
+    before = com[:, 0].copy()
+    loads.reset(torch.arange(COUNT))
+    simulation.forward(np.arange(COUNT))
+    payload = loads.payload.double().numpy()
+    assert (payload[:3] > 0.0).all() and payload.max() <= 4.0 and (payload[3] == 0.0).all()
+    mass = simulation.batch.expand("body_mass").sum(1)
+    np.testing.assert_allclose(mass, ROBOT.mass + payload.sum(1))
+    forearms = [simulation.model.body(f"{side}_elbow_link").id for side in ("left", "right")]
+    position, matrix = simulation.batch.bind("xpos"), simulation.batch.bind("xmat")
+    simulation.batch.forward()
+    hands = position[:, forearms] + np.einsum("nbij,j->nbi", matrix[:, forearms].reshape(COUNT, 2, 3, 3), ROBOT.hand)
+    moment = ROBOT.mass * before + (payload[..., None] * hands).sum(1)
+    np.testing.assert_allclose(com[:, 0], moment / mass[:, None], atol=1e-6)
+    # Laid down again, the arms are as light as before.
+    loads.config = LoadConfig()
+    loads.reset(torch.arange(COUNT))
+    np.testing.assert_allclose(simulation.batch.expand("body_mass").sum(1), ROBOT.mass)
+
+
+def test_forces_begin_and_end_and_push_where_they_say() -> None:
+    config = LoadConfig(
+        hand_force=40.0, trunk_force=60.0, hand_interval=0.02, trunk_interval=0.02, hand_time=(0.1, 0.1)
+    )
+    simulation, loads = make(config, (True, True, True, False))
+    hopping = torch.tensor([False, False, True, False])
+    loads.step(hopping)
+    assert (loads.hand_time[:2] > 0.0).all() and not loads.hand_force[2:].any() and not loads.trunk_force[2:].any()
+    assert torch.linalg.vector_norm(loads.hand_force, dim=2).max() <= 40.0
+    assert torch.linalg.vector_norm(loads.trunk_force, dim=1).max() <= 60.0 and not loads.trunk_force[:, 2].any()
+    total = (loads.hand_force.sum(1) + loads.trunk_force).double().numpy()
+    np.testing.assert_allclose(simulation.forces[:, :, :3].sum(1), total)
+    simulation.qpos[:, 2] += 1.0  # in the air, where nothing else acts but weight
+    simulation.forward(np.arange(COUNT))
+    acceleration = simulation.batch.bind("qacc")
+    simulation.batch.forward()
+    moved = acceleration[:, :3].copy()
+    simulation.forces[:] = 0.0
+    simulation.batch.forward()
+    change = moved - acceleration[:, :3]
+    assert (np.abs(change[:2]).max(1) > 0.01).all() and not change[3].any()
+    before = loads.hand_force[:2].clone()
+    for _ in range(4):
+        loads.step(hopping)
+    torch.testing.assert_close(loads.hand_force[:2], before)
+    loads.config = LoadConfig()
+    loads.reset(torch.arange(COUNT))
+    loads.step(hopping)
+    assert not simulation.forces.any()
+
+
+def test_a_force_on_a_hand_acts_at_the_hand() -> None:
+    simulation, loads = make(LoadConfig(hand_force=1.0))
+    loads.hand_force[:, 0] = torch.tensor([0.0, 0.0, -10.0])
+    loads.hand_time[:] = 1.0
+    loads.step(torch.zeros(COUNT, dtype=torch.bool))
+    body = simulation.model.body("left_elbow_link").id
+    centre = simulation.batch.bind("xipos")
+    position, matrix = simulation.batch.bind("xpos"), simulation.batch.bind("xmat")
+    simulation.batch.forward()
+    lever = position[0, body] + matrix[0, body].reshape(3, 3) @ ROBOT.hand - centre[0, body]
+    np.testing.assert_allclose(simulation.forces[0, body], [0, 0, -10.0, *np.cross(lever, [0, 0, -10.0])], atol=1e-9)
+
+
+def test_loaded_robots_do_not_hop_and_the_agile_group_is_not_loaded() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
+    loads = LoadConfig(payload=4.0, loaded_share=1.0)
+    env = HumanoidEnv(EnvConfig(count=8, command=command, loads=loads), seed=0, threads=1)
+    assert not env.loads.payload[:4].any() and bool((env.loads.payload[4:] > 0.0).all())
+    assert (env.gait[:4] >= Gait.HOPPING_LEFT).all() and (env.gait[4:] == Gait.WALKING).all()
+    assert env.observe().critic.isfinite().all()
+
+
+def test_what_the_critic_sees_is_in_the_heading_frame() -> None:
+    _, loads = make(LoadConfig())
+    loads.payload[0, 1] = 2.0
+    loads.trunk_force[0] = torch.tensor([0.0, 3.0, 0.0])
+    row = loads.observation(torch.full((COUNT,), np.pi / 2))[0]
+    torch.testing.assert_close(row[:2], torch.tensor([0.0, 2.0]))
+    torch.testing.assert_close(row[8:], torch.tensor([3.0, 0.0, 0.0]), atol=1e-6, rtol=0.0)
+
+
+def test_loads_need_the_processor_s_physics() -> None:
+    _, loads = make(LoadConfig(payload=1.0))
+    with pytest.raises(ConfigError, match="--device cpu"):
+        loads.check("cuda")
+    make(LoadConfig())[1].check("cuda")
+
+
+def test_a_loaded_run_is_restored_bit_for_bit() -> None:
+    loads = LoadConfig(4.0, 40.0, 60.0, hand_interval=0.1, trunk_interval=0.1)
+    config = EnvConfig(count=8, loads=loads, randomization=RandomizationConfig(), curriculum=CurriculumConfig())
+    straight, resumed = (HumanoidEnv(config, seed=5, threads=1) for _ in range(2))
+    generator = torch.Generator().manual_seed(1)
+    actions = 0.3 * torch.randn(30, 8, 19, generator=generator)
+    for action in actions[:15]:
+        straight.step(action)
+    resumed.load_state_dict({name: value.clone() for name, value in straight.state_dict().items()})
+    for env in (straight, resumed):
+        for action in actions[15:]:
+            env.step(action)
+    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)

@@ -1,0 +1,38 @@
+import pytest
+import torch
+
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.symmetry import EvenOdd, SignedPermutation
+
+MAPS = {
+    "action": obs.action_mirror,
+    "history": obs.history_mirror,
+    "command": obs.command_mirror,
+    "estimate": obs.estimate_mirror,
+    "critic": obs.critic_mirror,
+    "terrain": obs.terrain_mirror,
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_mirror_image_negates_the_odd_coordinates_alone(name: str) -> None:
+    mirror = MAPS[name]()
+    split = EvenOdd(mirror)
+    rows = torch.randn(3, len(mirror.index))
+    even, odd = split(rows).split((split.even, split.odd), 1)
+    torch.testing.assert_close(split(mirror(rows)), torch.cat((even, -odd), 1))
+    torch.testing.assert_close(split(rows), rows @ split.matrix.T)
+    torch.testing.assert_close(split.inverse(split(rows)), rows)
+
+
+def test_numbers_of_coordinates() -> None:
+    # Of 19 joints nine pairs, and the waist, which turns the other way in a mirror.
+    split = EvenOdd(obs.action_mirror())
+    assert (split.even, split.odd) == (9, 10)
+
+
+def test_a_map_that_is_not_its_own_inverse_is_refused() -> None:
+    with pytest.raises(ValueError, match="inverse"):
+        SignedPermutation(torch.tensor([1, 2, 0]), torch.ones(3))
+    with pytest.raises(ValueError, match="inverse"):
+        SignedPermutation(torch.tensor([1, 0]), torch.tensor([1.0, -1.0]))

@@ -1,0 +1,169 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.arm_servo import ArmServo, ArmServoConfig
+from hugwbc.controller import JointCommand, UpperBody, override_arms
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.sim import Actuators
+from tests.upper_ik.conftest import Hanging, make_state
+
+# Both arms forward, elbows slightly bent.
+REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
+DT = 0.02
+
+
+@pytest.fixture
+def robot():
+    return load_robot()
+
+
+@pytest.fixture
+def nominal_state(robot):
+    return make_state(robot.nominal)
+
+
+def driven(servo, robot, q, state, dq=None):
+    """The joint command of a robot in its nominal pose whose arms the servo moves; without a servo, PD alone."""
+    targets = UpperBody.targets(q, dq)
+    if servo is not None:
+        targets = servo(targets, state, DT)
+    return override_arms(JointCommand.position(robot, robot.nominal), targets, robot)
+
+
+def test_torque_of_the_elbow_by_hand(nominal_state):
+    # Nominal arms: forearms level, centre of mass 0.164862 m ahead of the elbow's axis, 0.745 kg (h1.yaml).
+    torque = ArmServo(robot=load_robot("h1")).torque(np.zeros(8), nominal_state)
+    assert torque[[3, 7]] == pytest.approx([-0.745 * 9.81 * 0.164862] * 2, rel=1e-6)
+    # Shoulder roll: the arm hangs below its axis, offset sideways by the parts' centres of mass only.
+    sideways = 0.852 * 0.00115 + 0.862 * 0.002767 + 0.745 * 0.000118
+    assert torque[[1, 5]] == pytest.approx([9.81 * sideways, -9.81 * sideways], rel=1e-6)
+
+
+def test_torque_of_an_accelerated_elbow_by_hand(nominal_state):
+    robot, faster = load_robot("h1"), np.zeros(8)
+    servo = ArmServo(robot=robot)
+    faster[3] = 10.0
+    inertia = 0.0060062 + 0.745 * (0.164862**2 + 0.015734**2) + robot.armature[robot.arms[3]]
+    change = servo.torque(np.zeros(8), nominal_state, np.zeros(8), faster) - servo.torque(np.zeros(8), nominal_state)
+    assert change[3] == pytest.approx(10.0 * inertia, rel=1e-6)
+
+
+def test_upside_down_the_torques_change_sign(nominal_state):
+    servo = ArmServo()
+    turned = make_state(nominal_state.q, orientation=rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), math.pi))
+    assert servo.torque(REACHING, turned) == pytest.approx(-servo.torque(REACHING, nominal_state), abs=1e-9)
+
+
+def test_torques_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_state):
+    servo = ArmServo()
+    rng = np.random.default_rng(0)
+    limit = robot.torque_limit[robot.arms]
+    for q in rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms], (200, 8)):
+        command = servo(UpperBody.targets(q, rng.uniform(-9.0, 9.0, 8), rng.normal(0.0, 30.0, 8)), nominal_state, DT)
+        assert np.all(np.abs(command.tau) <= limit)
+    lost = make_state(nominal_state.q, orientation=[math.nan] * 4)
+    command = servo(UpperBody.targets(REACHING), lost, DT)
+    assert command.q.tolist() == REACHING.tolist()
+    assert command.tau.tolist() == [0.0] * 8
+
+
+def test_released_arms_are_left_alone(nominal_state):
+    nothing = UpperBody.none()
+    assert ArmServo()(nothing, nominal_state, DT) is nothing
+
+
+def test_a_torque_of_the_targets_is_added(nominal_state):
+    push = np.linspace(-2.0, 2.0, 8)
+    plain, pushing = (ArmServo()(UpperBody.targets(REACHING, tau=tau), nominal_state, DT) for tau in (None, push))
+    assert pushing.tau - plain.tau == pytest.approx(push)
+
+
+def test_it_has_no_memory_and_only_the_planned_acceleration_counts(robot, nominal_state):
+    """A target that jumps after the measured body must not be fed forward as an acceleration."""
+    servo, faster = ArmServo(), np.full(8, 5.0)
+    first = servo(UpperBody.targets(REACHING), nominal_state, DT)
+    servo(UpperBody.targets(REACHING, faster), nominal_state, DT)
+    again = servo(UpperBody.targets(REACHING), nominal_state, DT)
+    assert again.tau.tolist() == first.tau.tolist()
+    planned = servo(UpperBody.targets(REACHING, ddq=faster), nominal_state, DT)
+    expected = servo.torque(REACHING, nominal_state, np.zeros(8), faster)
+    assert planned.tau == pytest.approx(expected) and np.abs(planned.tau - first.tau).max() > 1.0
+
+
+def test_friction_is_that_of_the_robot_it_is_given(robot, nominal_state):
+    dq, none = np.full(8, 1.0), np.zeros(19)
+    ideal = ArmServo(robot=dataclasses.replace(robot, friction=none, viscous=none))
+    with_friction, without = (s(UpperBody.targets(REACHING, dq), nominal_state, DT) for s in (ArmServo(), ideal))
+    lost = robot.friction_torque(np.ones(19))[robot.arms]
+    assert with_friction.tau - without.tau == pytest.approx(lost) and np.all(lost > 0.0)
+
+
+def test_config_refuses_nonsense():
+    with pytest.raises(ConfigError, match="stiffness is 0"):
+        ArmServoConfig(stiffness=0)
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.3])
+def test_soft_arms_rest_where_they_should(robot, pitch):
+    sag = {}
+    for servo in (None, ArmServo()):
+        rig = Hanging(pitch)
+        state = rig.step(driven(servo, robot, REACHING, rig.state), 6.0)
+        sag[servo is not None] = np.abs(state.q[robot.arms] - REACHING).max()
+    print(
+        f"pitch {pitch} rad: sag {sag[False]:.3f} rad without, {sag[True]:.4f} rad with the servo"
+    )  # docs/upper_ik.md
+    assert sag[False] > 0.1
+    assert sag[True] < 0.005
+
+
+def test_gains_are_worth_the_torque_they_say(robot, nominal_state):
+    servo = ArmServo()
+    command = driven(servo, robot, np.zeros(8), nominal_state)
+    arms = robot.arms
+    assert command.kp[arms] == pytest.approx(np.full(8, 140.0))
+    assert command.kd[arms] == pytest.approx([10.0, 10.0, 3.0, 3.0] * 2), "shoulders move the whole arm"
+    moving = dataclasses.replace(nominal_state, dq=np.where(np.isin(np.arange(19), arms), 1.0, 0.0))
+    again = driven(ArmServo(), robot, np.zeros(8), moving)
+    assert again.tau == pytest.approx(command.tau), "the measured speed of an arm only counts in its damping"
+
+
+def test_a_pushed_arm_comes_to_rest_sooner(robot):
+    """Called at 50 Hz, as the learned controller is."""
+    left = {}
+    for servo in (None, ArmServo()):
+        rig = Hanging()
+        rig.simulation.data.qvel[6 + robot.arms[:2]] = 3.0
+        for _ in range(40):
+            rig.step(driven(servo, robot, REACHING, rig.state), DT)
+        left[servo is not None] = np.abs(rig.state.dq[robot.arms]).max()
+    print(f"{left[False]:.3f} rad/s left without, {left[True]:.3f} with the servo")  # docs/upper_ik.md
+    assert left[True] < 0.3 * left[False]
+
+
+def test_damped_arms_do_not_chatter(robot):
+    servo, rig, speeds = ArmServo(), Hanging(), []
+    for _ in range(120):
+        speeds.append(np.abs(rig.step(driven(servo, robot, np.zeros(8), rig.state), DT).dq[robot.arms]).max())
+    assert max(speeds[-20:]) < 0.02
+
+
+@pytest.mark.parametrize("period", [0.002, 0.02])
+def test_arms_follow_a_sine_alike_at_every_control_period(robot, period):
+    """0.4 rad at 1 Hz, real drives: the tracking does not depend on which controller calls the servo."""
+    rig, servo, errors = Hanging(actuators=Actuators()), ArmServo(), []
+    for tick in range(round(2.0 / period)):
+        phase = 2.0 * math.pi * tick * period
+        q, dq = REACHING + 0.4 * np.sin(phase), np.full(8, 0.8 * math.pi * np.cos(phase))
+        ddq = np.full(8, -1.6 * math.pi**2 * np.sin(phase))
+        errors.append(np.abs(rig.state.q[robot.arms] - q))
+        targets = servo(UpperBody.targets(q, dq, ddq), rig.state, period)
+        rig.step(override_arms(JointCommand.position(robot, robot.nominal), targets, robot), period)
+    worst = np.max(errors[len(errors) // 2 :])
+    print(f"period {period} s: largest error {worst:.4f} rad")  # docs/upper_ik.md
+    assert worst < 0.02
