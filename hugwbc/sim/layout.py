@@ -41,7 +41,7 @@ def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
     The state arrays are shared with the physics: a part of them is a view only if it is without gaps.
 
     Raises:
-        ModelError: if the pelvis, a joint or an actuator is missing, if the pelvis has no free joint, or if the joints or
+        ModelError: if the pelvis, a joint or an actuator is missing, if the pelvis has no free joint, or if joints and
             actuators are not next to each other in the order of `Robot.joint_names`.
     """
     try:
