@@ -41,8 +41,8 @@ def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
     The state arrays are shared with the physics: a part of them is a view only if it is without gaps.
 
     Raises:
-        ModelError: if the pelvis, a joint or an actuator is missing, the pelvis has no free joint, or if the joints or actuators are not next to each other in the
-            order of `Robot.joint_names`.
+        ModelError: if the pelvis, a joint or an actuator is missing, if the pelvis has no free joint, or if joints and
+            actuators are not next to each other in the order of `Robot.joint_names`.
     """
     try:
         root = int(model.body("pelvis").jntadr[0])

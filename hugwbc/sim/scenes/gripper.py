@@ -17,8 +17,8 @@ REACH = 0.03  # [m], from the hand's surface to that of the object
 BREAKING_FORCE = 150.0  # [N]
 HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the forearm; distances begin at it
 _UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
-# Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn. The
-# two points of a ball joint are the other way round.
+# Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.
+# The two points of a ball joint are the other way round.
 _FIRST, _SECOND, _TURN = slice(0, 3), slice(3, 6), slice(6, 10)
 _KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 
