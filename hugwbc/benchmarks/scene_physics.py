@@ -7,6 +7,7 @@ python -m hugwbc.benchmarks.scene_physics --grasp    # the table of contacts in 
 import argparse
 import dataclasses
 import time
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,6 +25,15 @@ REPETITIONS, STEPS, TICKS = 7, 150, 60
 GRASP_TIME, SETTLING = 1.0, 0.2  # [s]
 # A stiff sling at the pelvis holds the robot, so that a grasp is that of the arms alone [N/m, N*s/m, N*m, N*m*s].
 _SPRING, _DAMPER, _TURN_SPRING, _TURN_DAMPER = 4e4, 4e3, 4e3, 4e2
+_CONTACTS: tuple[dict[str, Any], ...] = (
+    {},
+    {"iterations": 8},
+    {"time_constant": 0.005, "impedance": (0.9, 0.95)},
+    {"time_constant": 0.005, "impedance": (0.99, 0.995)},
+    {"time_constant": 0.0075, "impedance": (0.99, 0.995)},
+    {"time_constant": 0.01, "impedance": (0.99, 0.995)},
+    {"time_constant": 0.015, "impedance": (0.99, 0.995)},
+)
 
 
 def nine_boxes() -> Scene:
@@ -154,15 +164,7 @@ def main() -> None:
         return
     print("| box, force | contacts | unrest [N] | slip [mm] | depth [mm] |\n|---|---|---|---|---|")
     for mass, force in ((1.0, 40.0), (3.0, 40.0), (3.0, 60.0)):
-        for changes in (
-            {},
-            {"iterations": 8},
-            {"time_constant": 0.005, "impedance": (0.9, 0.95)},
-            {"time_constant": 0.005, "impedance": (0.99, 0.995)},
-            {"time_constant": 0.0075, "impedance": (0.99, 0.995)},
-            {"time_constant": 0.01, "impedance": (0.99, 0.995)},
-            {"time_constant": 0.015, "impedance": (0.99, 0.995)},
-        ):
+        for changes in _CONTACTS:
             held = grasp(mass, force, **changes)
             name = ", ".join(f"{key} {value}" for key, value in changes.items()) or "as in a scene"
             figures = f"{held.unrest:.1f} | {1e3 * held.slip:.1f} | {1e3 * held.depth:.2f}"
