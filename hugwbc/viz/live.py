@@ -40,6 +40,7 @@ HOST = "127.0.0.1"
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
 CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
+SCENE_CAMERA = (-1.0, 2.8, 1.8)  # [m], from the side: what a robot works at is ahead of it
 _NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
           "w": "waist"}  # fmt: skip
 OWN_NAMES = ("127.0.0.1", "localhost", "::1")
@@ -250,10 +251,13 @@ class LivePage:
         self._objects, model = [], None if around is None else around.model()
         if around is None or model is None:
             return
+        self.server.initial_camera.position = SCENE_CAMERA
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
             frame = self.server.scene.add_frame(f"/objects/{number}", show_axes=False)
             for part, (colour, mesh) in enumerate(object_meshes(model, body)):
-                self.server.scene.add_mesh_simple(f"/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour)
+                self.server.scene.add_mesh_simple(
+                    f"/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour, flat_shading=True
+                )
             self._objects.append(frame)
 
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
