@@ -15,9 +15,9 @@ from hugwbc.sim.scenes.varied import Colour, Number, drawn, options, settled, va
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
-FARTHEST = 50.0  # [m] from the origin; what is farther away has left the world
-# Contacts that also resist twisting and have (nearly) no friction throw things into the air: MuJoCo's pyramid of friction
-# is as steep as the one coefficient is small beside the other.
+FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
+# Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
+# as steep as the one coefficient is small beside the other.
 LEAST_FRICTION = 0.005
 # Bits of MuJoCo's collision masks. The soles of a robot on a height field have the second one only (`sim.footing`).
 _TOUCHED, _TOUCHES = 3, 1
