@@ -15,7 +15,10 @@ from hugwbc.sim.scenes.varied import Colour, Number, drawn, options, settled, va
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
-FARTHEST = 50.0  # [m] from the origin; what is farther away has left the world
+FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
+# Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
+# as steep as the one coefficient is small beside the other.
+LEAST_FRICTION = 0.005
 # Bits of MuJoCo's collision masks. The soles of a robot on a height field have the second one only (`sim.footing`).
 _TOUCHED, _TOUCHES = 3, 1
 # Of two things that touch, the one of higher priority decides the friction: movable things, then fixed ones, then robot
@@ -95,7 +98,7 @@ class Thing:
         for value in self.position[2:]:
             self._check("height of the position", value, 0.0, 10.0)
         self._check("yaw", self.yaw, -2.0 * math.pi, 2.0 * math.pi)
-        self._check("friction", self.friction, 0.0, 5.0)
+        self._check("friction", self.friction, LEAST_FRICTION, 5.0)
         for value in options(self.colour):
             if not isinstance(value, str) or not _COLOUR.fullmatch(value):
                 raise SceneError(f'colour of {self.label} is {value}; give it as "#rrggbb", such as "#b9a58a"')

@@ -307,3 +307,11 @@ def test_a_hand_wakes_what_sleeps() -> None:
     run(simulation, 0.5, {"left_elbow_link": (25.0, 0.0, 0.0)})
     assert simulation.objects["parcel"].position[0] > start + 0.02
     assert simulation.state().hand_force[0, 0] < 0.0 or simulation.data.ntree_awake == 2
+
+
+def test_the_most_slippery_box_lies_still_on_level_ground() -> None:
+    simulation = Simulation(scene=Scene((Box(name="ice", position=FAR, size=(0.1, 0.1, 0.1), friction=0.005),)))
+    run(simulation, 1.0)
+    assert simulation.objects["ice"].position == pytest.approx([3.0, 0.0, 0.05], abs=1e-3)
+    run(simulation, 0.5, {"ice": (0.1, 0.0, 0.0)})
+    assert simulation.objects["ice"].velocity[0] == pytest.approx((0.1 - 0.005 * 9.81) * 0.5, rel=0.05)

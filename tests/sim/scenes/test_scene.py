@@ -50,7 +50,7 @@ VARIED = Scene((
         (lambda: Box(name="a", size=0.2), r"size of box 'a' is 0.2; give 3 numbers, in m"),
         (lambda: Box(name="a", size=(0.2, 0.0, 0.2)), r"size of box 'a' is 0.0; give 0.001 to 10"),
         (lambda: Box(name="a b", **BOX), r"a box is named 'a b'; use letters, digits, - and _"),
-        (lambda: Box(name="a", friction=-1.0, **BOX), r"friction of box 'a' is -1.0; give 0 to 5"),
+        (lambda: Box(name="a", friction=-1.0, **BOX), r"friction of box 'a' is -1.0; give 0.005 to 5"),
         (lambda: Box(name="a", position=(1.0,), **BOX), r"position of box 'a' is \(1.0,\); give \[x, y\]"),
         (lambda: Box(name="a", position=(1.0, 2.0, -1.0), **BOX), r"height of the position of box 'a' is -1.0"),
         (lambda: Box(name="a", colour="red", **BOX), r"colour of box 'a' is red; give it as \"#rrggbb\""),
