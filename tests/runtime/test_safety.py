@@ -245,7 +245,7 @@ class _WithoutHandover(SafetyFilter):
     """The filter, with a handover that does nothing."""
 
     def __init__(self, controller):
-        super().__init__(controller)
+        super().__init__(controller, clock=lambda: 0.0)
         self._handover.__class__ = _NoHandover
 
 
@@ -258,7 +258,8 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
     """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
     rng = np.random.default_rng(0)
     recorders = Recorder(), Recorder()
-    safe, plain, behind = SafetyFilter(recorders[0]), _WithoutHandover(recorders[1]), Handover(ROBOT.arms)
+    safe, plain = SafetyFilter(recorders[0], clock=lambda: 0.0), _WithoutHandover(recorders[1])
+    behind = Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
     for tick in range(2000):
         if tick % 20 == 0:

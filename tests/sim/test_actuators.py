@@ -234,3 +234,13 @@ def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
 def test_grounds_out_of_range_are_refused(settings: dict, message: str) -> None:
     with pytest.raises((ConfigError, UnknownNameError), match=message):
         Ground(**settings)
+
+
+def test_the_solver_converges_on_a_standing_robot_with_real_drives() -> None:
+    """Friction of 19 joints and the contacts of two feet together; short of convergence, the ankles shake."""
+    simulation = Simulation()
+    model, steps = simulation.model, []
+    for _ in range(100):
+        simulation.step(HOLD, simulation.timestep)
+        steps.append(int(simulation.data.solver_niter[0]))
+    assert max(steps) < model.opt.iterations
