@@ -61,3 +61,7 @@ class ResultFileError(HugwbcError):
 
 class WorkerError(HugwbcError):
     """Worker processes or a cluster that cannot be reached or ended during an evaluation."""
+
+
+class DeploymentError(HugwbcError):
+    """A robot that cannot be reached, or does not let itself be controlled."""
