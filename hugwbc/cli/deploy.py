@@ -19,7 +19,7 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Limits
-from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.errors import ConfigError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import upper_body_source
@@ -31,7 +31,7 @@ from hugwbc.sim.sensors import ROBOT
 FAULT = 1
 _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
 # What a recording must hold for its replay.
-_RECORDED = ("controller", "policy", "robot", "script", "age", "hands")
+_RECORDED = ("controller", "policy", "robot", "script", "age")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +83,7 @@ def run(words: Sequence[str]) -> int:
         age=options.age,
         duration=options.duration,
     )
-    header = {name: getattr(options, name, True) for name in _RECORDED}
+    header = {name: getattr(options, name) for name in _RECORDED}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
     recorder = None if options.record is None else Recorder(options.record, header)
@@ -163,7 +163,7 @@ def _replay(path: pathlib.Path) -> int:
     robot, pilot = _build(recording.header)
     age = recording.header.get("age")
     if not isinstance(age, int | float):
-        raise HugwbcError(f"{path} does not say how old the readings were; record it again")
+        raise ConfigError(f"{path} does not say how old the readings were; record it again")
     result = replay(recording, pilot, Messages(robot), float(age))
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")

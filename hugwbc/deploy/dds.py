@@ -4,15 +4,12 @@ import contextlib
 import socket
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hugwbc.deploy.messages import COMMAND, STATE
 from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
 from hugwbc.deploy.wire import EXTRA, from_cdr, idl_class, to_cdr
 from hugwbc.errors import ConfigError
-
-if TYPE_CHECKING:
-    from cyclonedds.domain import DomainParticipant
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 SWITCHER_TOPICS = ("rt/api/motion_switcher/request", "rt/api/motion_switcher/response")
@@ -65,8 +62,7 @@ class DdsEndpoint:
         """
         check_network(net, domain)
         try:
-            from cyclonedds.core import DDSException, ReadCondition, SampleState, ViewState, WaitSet
-            from cyclonedds.core import InstanceState
+            from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
             from cyclonedds.domain import Domain, DomainParticipant
             from cyclonedds.pub import DataWriter
             from cyclonedds.qos import Policy, Qos

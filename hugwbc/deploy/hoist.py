@@ -33,7 +33,7 @@ class Hoist:
         """
         self._simulation = simulation
         self._row = simulation.link_names.index(_LINK)
-        self._pulley = self._hook() + (0.0, 0.0, _ROPE)
+        self._pulley = self._hook() + np.array([0.0, 0.0, _ROPE])
         self._weight = simulation.robot.mass * GRAVITY
         self._distance = _ROPE
         self.attached, self.height, self._target = True, 0.0, height

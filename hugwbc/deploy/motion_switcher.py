@@ -30,13 +30,13 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
         DeploymentError: if a mode stays active, or nobody answers although `required`.
     """
     released: list[str] = []
-    for _ in range(_TRIES):
+    for attempt in range(_TRIES):
         code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
         if code == UNREACHABLE:
             if required:
                 raise DeploymentError(
-                    "the robot's motion switcher does not answer; check network and domain, or give --no-release if the "
-                    "robot is in its debug mode"
+                    "the robot's motion switcher does not answer; check network and domain, or give --no-release if "
+                    "the robot is in its debug mode"
                 )
             return "no motion switcher answers"
         name = _active(data) if code == DONE else ""
@@ -44,7 +44,7 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
             return f"released {', '.join(released)}" if released else "no motion mode is active"
         released.append(name)
         endpoint.call(RELEASE_MODE, "{}", _TIMEOUT)
-        time.sleep(_PAUSE if _ else 0.0)
+        time.sleep(_PAUSE if attempt else 0.0)
     raise DeploymentError(
         f"motion mode '{released[-1]}' stays active; release it with the remote control (docs/deploy.md)"
     )

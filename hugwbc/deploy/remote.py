@@ -1,4 +1,4 @@
-"""The remote control, whose buttons and sticks are part of every state message, and the keyboard's keys for the same."""
+"""The remote control, whose buttons and sticks are part of every state message, and the keys for the same."""
 
 import dataclasses
 import enum

@@ -323,7 +323,7 @@ class RobotSide:
         return time.perf_counter() + allowed * self.settings.slower
 
     def answer(self, timeout: float) -> bool:
-        """Take the states that have arrived within `timeout` [s], and answer the last one; return whether there was one.
+        """Take the states that arrive within `timeout` [s], and answer the last one; return whether there was one.
 
         In lockstep, time is that of the robot's clock: it stands still while the robot waits.
         """

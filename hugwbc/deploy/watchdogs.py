@@ -12,9 +12,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
-_RESTART = (
-    1.0  # [s] of robot time without a fresh tick, after which a lower count is that of a robot that was restarted
-)
+_RESTART = 1.0  # [s] of robot time without a fresh tick, after which a lower count is that of a restarted robot
 _UP = np.array([0.0, 0.0, 1.0])
 
 
