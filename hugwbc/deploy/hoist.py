@@ -13,7 +13,7 @@ _STIFFNESS, _DAMPING = 5000.0, 500.0  # [N/m], [N*s/m]; the maker's 200 N/m lets
 _SPEED = 0.1  # [m/s] of the winch
 # [m] above the stand, where the rope carries all of the weight. A lowered robot stands with two thirds of its weight on
 # its feet, and the rope keeps it upright until its controller runs.
-LIFTED, LOWERED = 0.1, -0.08
+LIFTED, LOWERED = 0.1, -0.085
 
 
 class Hoist:

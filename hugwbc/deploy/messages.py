@@ -98,7 +98,7 @@ class Messages:
         blank["head"], blank["level_flag"] = _HEAD, _LEVEL
         blank["motor_cmd"]["mode"] = self._motors.modes
         blank["motor_cmd"]["q"], blank["motor_cmd"]["dq"] = NO_POSITION, NO_VELOCITY
-        self._blank = blank
+        self._blank = blank.tobytes()
 
     def pack_command(self, command: JointCommand, answers: int = 0) -> bytes:
         """Return a joint command as a message with its check sum.
@@ -107,7 +107,7 @@ class Messages:
             command: the joint command.
             answers: tick of the state that it answers, which only a simulated robot reads (`reserve`).
         """
-        message, slots = self._blank.copy(), self._motors.slots
+        message, slots = record(COMMAND, self._blank), self._motors.slots
         for field in dataclasses.fields(command):
             message["motor_cmd"][field.name][slots] = getattr(command, field.name)
         message["reserve"] = answers

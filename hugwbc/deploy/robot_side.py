@@ -32,7 +32,7 @@ from hugwbc.robot import Robot
 
 PERIOD = 0.002  # [s] between two commands
 FADE = 2.0  # [s] of damping at the end of a deployment
-_PATIENCE = 10.0  # [s] beyond the duration, for a robot that sends nothing
+_PATIENCE = 10.0  # [s] for a robot that sends nothing: beyond the duration, and in lockstep between two states
 _POLL = 0.05  # [s], longest wait of a thread before it looks whether to end
 _SWITCH = 0.0005  # [s] for which one thread may keep the interpreter; the default of 5 ms is more than two commands
 
@@ -57,6 +57,7 @@ class Outlet:
         self._lock = threading.Lock()
         self._unanswered: collections.deque[tuple[float, float]] = collections.deque()  # time of a state, its arrival
         self._message: bytes | None = None
+        self._active = False
         self._arrival: float | None = None  # of the state that a message not yet sent answers
         self.fault: str | None = None
 
@@ -65,13 +66,20 @@ class Outlet:
         with self._lock:
             self._unanswered.append((time, now))
 
-    def put(self, message: bytes | None, time: float, *, new: bool) -> None:
-        """Take the pilot's message for the state of a time [s]; `new` if it was computed from it."""
+    def put(self, message: bytes | None, time: float, *, new: bool, active: bool) -> None:
+        """Take the pilot's message for the state of a time [s].
+
+        Args:
+            message: what to send from now on; None for nothing.
+            time: of the state.
+            new: whether the message was computed from this state.
+            active: whether it drives the joints, so that a fault must end it.
+        """
         with self._lock:
             while self._unanswered and self._unanswered[0][0] <= time:
                 arrival = self._unanswered.popleft()[1]
                 self._arrival = arrival if new else self._arrival
-            self._message = message
+            self._message, self._active = message, active
 
     def take(self, now: float, timing: Timing) -> bytes | None:
         """Return what to send now [s]; None if nothing."""
@@ -79,7 +87,7 @@ class Outlet:
             message, arrival = self._message, self._arrival
             if message is None:
                 return None
-            if self.fault is None:
+            if self._active and self.fault is None:
                 waiting = now - self._unanswered[0][1] if self._unanswered else 0.0
                 self.fault = self._intake.fault(now)
                 if self.fault is None and waiting > self._late:
@@ -228,7 +236,7 @@ class RobotSide:
         decision = self.pilot.observe(state, asked, fault)
         message = None if decision.command is None else self._messages.pack_command(decision.command)
         self._record(recording.DECISION, message or b"")
-        self._outlet.put(message, state.state.time, new=decision.new)
+        self._outlet.put(message, state.state.time, new=decision.new, active=self.pilot.machine.active)
         self._time_over(state.state.time)
         return message
 
@@ -305,10 +313,11 @@ class RobotSide:
             self.timing.published(time.perf_counter())
 
     def _run_lockstep(self) -> None:
-        last = self._deadline()
+        last = math.inf
         try:
             while not self._end.is_set() and time.perf_counter() < last:
-                self.answer(_POLL)
+                if self.answer(_POLL) and self._start is not None:
+                    last = time.perf_counter() + _PATIENCE
         except KeyboardInterrupt as interrupt:  # damp, then end
             self._failure = interrupt
             self.ask(Request.STOP)
@@ -319,7 +328,7 @@ class RobotSide:
     def _deadline(self) -> float:
         """Return when to end by the wall clock even if the robot sends nothing [s]."""
         duration = self.settings.duration
-        allowed = math.inf if duration is None or self.settings.lockstep else duration + FADE + _PATIENCE
+        allowed = math.inf if duration is None else duration + FADE + _PATIENCE
         return time.perf_counter() + allowed * self.settings.slower
 
     def answer(self, timeout: float) -> bool:

@@ -86,10 +86,15 @@ class StateMachine:
             self._note(event)
 
     def fail(self, reason: str, state: RobotState) -> None:
-        """Damp the joints because of a fault; a robot that gets no commands yet stays without."""
-        if self.mode not in (Mode.IDLE, Mode.DAMPING):
+        """Damp the joints because of a fault; a robot whose joints are limp stays as it is."""
+        if self.active:
             self.faulty = True
             self.enter(Mode.DAMPING, reason, state)
+
+    @property
+    def active(self) -> bool:
+        """Whether the joints are driven, so that a fault must end it."""
+        return self.mode in (Mode.START_POSE, Mode.RUN)
 
     def _note(self, event: Event) -> None:
         self.events.append(event)

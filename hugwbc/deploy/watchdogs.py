@@ -25,7 +25,8 @@ class Limits:
         late: longest time by which the controller may lag behind the states [s].
         tilt: largest angle between the torso's axis and the vertical [rad]; published for the G1.
         start_tilt: the same at a start [rad].
-        joint_speed: largest speed of a joint, as a multiple of the robot's table.
+        joint_speed: largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles reach
+            1.8 times theirs (the policy at 1 m/s in simulation).
         temperature: largest temperature of a motor [degrees Celsius]; published for the G1's casings.
         lasting: how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task.
         start_speed: largest speed of a joint when the controller starts [rad/s].
@@ -36,11 +37,11 @@ class Limits:
     late: float = 0.02
     tilt: float = 1.0
     start_tilt: float = 0.3
-    joint_speed: float = 1.2
+    joint_speed: float = 2.5
     temperature: float = 85.0
     lasting: float = 0.006
     start_speed: float = 2.0
-    carried: float = 0.5
+    carried: float = 0.3
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

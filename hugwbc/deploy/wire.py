@@ -63,13 +63,21 @@ def layout(name: str) -> np.dtype:
 def _fields(message: type) -> Iterator[tuple[str, str, int | None]]:
     """Yield name, kind (a number's, or an IDL class's name) and length (None for a single one) of each field."""
     for name, annotation in message.__annotations__.items():
-        kind = annotation if isinstance(annotation, str) else annotation.__metadata__[0]
-        count = None
-        if not isinstance(kind, str):
-            kind, count = kind.subtype, kind.length
-            if not isinstance(kind, str):
-                kind = kind.__metadata__[0]
-        yield name, kind.rpartition(".")[2], count
+        kind = _meaning(annotation)
+        if hasattr(kind, "length"):
+            yield name, _name(_meaning(kind.subtype)), kind.length
+        else:
+            yield name, _name(kind), None
+
+
+def _meaning(annotation: Any) -> Any:  # noqa: ANN401  cyclonedds mixes names, classes and annotated numbers
+    """Return what a field's annotation stands for: a class, its name, a number's name, or an array."""
+    return annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else annotation
+
+
+def _name(kind: str | type) -> str:
+    """Return the short name of a class; cyclonedds replaces names by classes when a topic is made."""
+    return kind.rpartition(".")[2] if isinstance(kind, str) else kind.__name__
 
 
 @functools.cache
@@ -150,7 +158,10 @@ def is_sealed(message: bytes) -> bool:
 
 
 def record(name: str, message: bytes | None = None) -> np.ndarray:
-    """Return a message as a record whose fields can be read and written, of shape (); zeros without bytes."""
-    if message is None:
-        return np.zeros((), dtype=layout(name))
-    return np.frombuffer(message, dtype=layout(name))[0:1].copy().reshape(())
+    """Return a message as a record whose fields can be read and written, of shape (); zeros without bytes.
+
+    A copy of a record is not good for sending: NumPy leaves its padding undefined, which the check sum includes.
+    """
+    kind = layout(name)
+    content = bytearray(kind.itemsize if message is None else message)
+    return np.frombuffer(content, dtype=kind).reshape(())
