@@ -29,7 +29,8 @@ class SimulateRobotOptions(ArenaChoice):
     """How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
     so that it collapses)."""
     schedule: str = ""
-    """What its remote control and its hoist do, such as "1 Start, 6 lower, 9 A, 10 release, 12 ly=0.5, 30 Select"."""
+    """What its remote control and its hoist do, in seconds from the first sound command: "1 Start, 4 lower, 7 A, 8 release,
+    9 ly=0.5, 30 Select"."""
     mode: str = ""
     """Motion mode that is active at first, such as normal; commands are refused until it is released."""
     loss: float = 0.0
@@ -74,7 +75,7 @@ def run(words: Sequence[str]) -> int:
     say(
         f"simulating {simulation.robot.name} on {options.net}, domain {options.domain}; words: {', '.join(HOIST_WORDS)}"
     )
-    listen(lambda line: schedule.add(Happening(robot.time, line)) if line in HOIST_WORDS else None)
+    listen(lambda line: schedule.add(Happening(max(robot.scheduled, 0.0), line)) if line in HOIST_WORDS else None)
     try:
         robot.run(options.duration or math.inf, slower=options.slower, lockstep=options.lockstep)
     finally:

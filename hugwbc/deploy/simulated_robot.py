@@ -79,7 +79,7 @@ class SimulatedRobot:
             simulation: the physics, whose sensors have no latency of their own.
             endpoint: the robot's end of the connection.
             radio: what happens to messages in each direction; None for nothing.
-            schedule: what the remote control and the hoist do; None for nothing.
+            schedule: what the remote control and the hoist do, from the first sound command on; None for nothing.
             hoist: height to which the hoist lifts the robot [m]; None for a robot that stands without one.
             mode: name of the motion mode that is active at first; empty for none.
             latency: age of a state when it is sent [s].
@@ -103,6 +103,7 @@ class SimulatedRobot:
         self._command = _off(simulation)
         self._command_sent = -math.inf
         self._sent_tick = 0
+        self._first: float | None = None
         self._last_arrival = 0.0
         self._told: dict[str, float] = {}
         self._size = layout(COMMAND).itemsize
@@ -122,9 +123,14 @@ class SimulatedRobot:
         """The robot's clock [s]."""
         return self.simulation.time
 
+    @property
+    def scheduled(self) -> float:
+        """Time since the first sound command, on which the schedule runs [s]; below 0 before it."""
+        return -1.0 if self._first is None else self.time - self._first
+
     def send(self) -> int:
         """Read the sensors and send the states that are due; return their number."""
-        for word in self._schedule.update(self.time):
+        for word in self._schedule.update(self.scheduled):
             getattr(self.hoist, word)()
             self._tell(f"[{self.time:.2f} s] hoist: {word}")
         # The count begins at 1: clients take a tick of 0 for a robot that does not send yet.
@@ -148,6 +154,7 @@ class SimulatedRobot:
                 continue
             content = self._messages.unpack_command(message)
             answers = content.answers
+            self._first = self.time if self._first is None else self._first
             self._commands.put((self.time, content.command), self.time)
         return answers
 
