@@ -7,7 +7,7 @@ import pytest
 from hugwbc.deploy.remote import BUTTONS, ButtonWatch, Remote, Request
 
 
-@pytest.mark.parametrize(("bit", "name"), enumerate(BUTTONS))
+@pytest.mark.parametrize(("bit", "name"), list(enumerate(BUTTONS)))
 def test_each_button_has_its_bit(bit: int, name: str) -> None:
     data = bytearray(40)
     struct.pack_into("<H", data, 2, 1 << bit)
