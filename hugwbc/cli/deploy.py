@@ -15,11 +15,10 @@ from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.remote import OF_KEY, Request
 from hugwbc.deploy.robot_side import RobotSide, Settings
-from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Limits
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import upper_body_source
@@ -29,6 +28,7 @@ from hugwbc.sim.arena import known_robot
 from hugwbc.sim.sensors import ROBOT
 
 FAULT = 1
+_PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
 _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
 # What a recording must hold for its replay.
 _RECORDED = ("controller", "policy", "robot", "script", "age")
@@ -107,9 +107,11 @@ def _deploy(
     endpoint: Endpoint,
     recorder: Recorder | None,
 ) -> int:
+    say(f"waiting for states on {options.net}")
+    _await_robot(endpoint, options.net)
     if options.release and not options.dry_run:
         say(release_modes(endpoint, required=options.net != "lo"))
-    say(f"waiting for states on {options.net}; remote control: Start, A, Select; {_KEYS}")
+    say(f"remote control: Start, A, Select; {_KEYS}")
     side = RobotSide(pilot, robot, endpoint, settings, recorder, tell=say)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
     begin = time.perf_counter()
@@ -118,6 +120,20 @@ def _deploy(
     finally:
         say(summary(side, time.perf_counter() - begin))
     return FAULT if pilot.machine.faulty or side.fault is not None else 0
+
+
+def _await_robot(endpoint: Endpoint, net: str) -> None:
+    """Wait for the first state.
+
+    Raises:
+        DeploymentError: if none comes.
+    """
+    end = time.perf_counter() + _PATIENCE
+    while not endpoint.receive(_POLL):
+        if time.perf_counter() > end:
+            raise DeploymentError(
+                f"no state has come on {net} for {_PATIENCE:g} s; check that the robot is on, the network and the domain"
+            )
 
 
 def summary(side: RobotSide, wall: float) -> str:
@@ -131,8 +147,6 @@ def summary(side: RobotSide, wall: float) -> str:
         f"jitter of the publishing thread: {timing.jitter}",
         *report.messages,
     ]
-    if side.pilot.mode is Mode.IDLE:
-        lines.append("no state has arrived: check the network, the domain, and that the robot is on")
     return "\n".join(lines)
 
 

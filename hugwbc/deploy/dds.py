@@ -15,9 +15,10 @@ TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 SWITCHER_TOPICS = ("rt/api/motion_switcher/request", "rt/api/motion_switcher/response")
 LOOPBACK = "lo"
 LAST_DOMAIN = 232  # of the ports that RTPS assigns to domains
-# Loopback has no multicast, so each side looks for the other at the first ports of this machine.
-_LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}" multicast="false"/>
-</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><Peers><Peer address="127.0.0.1"/></Peers>
+# On loopback, two programs of ours find each other at the first ports of this machine, since not every machine has
+# multicast there. Where there is, it is used to find others, such as the maker's programs, which rely on it.
+_LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces>
+<AllowMulticast>spdp</AllowMulticast></General><Discovery><Peers><Peer address="127.0.0.1"/></Peers>
 <ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"""
 _NETWORK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces></General>
 </Domain></CycloneDDS>"""

@@ -1,7 +1,8 @@
 """A robot that stands, as messages, and a simulated robot with its robot side in one process."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -159,8 +160,6 @@ class Pair:
 
 
 @pytest.fixture
-def free_domain() -> Iterator[int]:
-    """A DDS domain that no other test of this machine uses at the same time."""
-    import os
-
-    yield 100 + os.getpid() % 100
+def free_domain() -> int:
+    """A DDS domain that no other process of the tests uses at the same time."""
+    return 100 + os.getpid() % 100

@@ -43,7 +43,8 @@ def test_jitter_lets_messages_overtake_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("loss", 1.0), ("loss", -0.1), ("loss", float("nan")), ("delay", -1.0), ("jitter", float("inf"))]
+    ("name", "value"),
+    [("loss", 1.0), ("loss", -0.1), ("loss", float("nan")), ("delay", -1.0), ("jitter", float("inf"))],
 )
 def test_a_network_out_of_range_is_refused(name, value) -> None:
     with pytest.raises(ConfigError, match=name):
