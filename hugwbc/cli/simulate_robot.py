@@ -29,8 +29,8 @@ class SimulateRobotOptions(ArenaChoice):
     """How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
     so that it collapses)."""
     schedule: str = ""
-    """What its remote control and its hoist do, in seconds from the first sound command: "1 Start, 4 lower, 7 A, 8 release,
-    9 ly=0.5, 30 Select"."""
+    """What its remote control and its hoist do, and when, from the first sound command on [s]:
+    "1 Start, 4 lower, 7 A, 8 release, 9 ly=0.5, 30 Select"."""
     mode: str = ""
     """Motion mode that is active at first, such as normal; commands are refused until it is released."""
     loss: float = 0.0

@@ -25,8 +25,8 @@ class Limits:
         late: longest time by which the controller may lag behind the states [s].
         tilt: largest angle between the torso's axis and the vertical [rad]; published for the G1.
         start_tilt: the same at a start [rad].
-        joint_speed: largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles reach
-            1.8 times theirs (the policy at 1 m/s in simulation).
+        joint_speed: largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles
+            reach 1.8 times theirs (the policy at 1 m/s in simulation).
         temperature: largest temperature of a motor [degrees Celsius]; published for the G1's casings.
         lasting: how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task.
         start_speed: largest speed of a joint when the controller starts [rad/s].

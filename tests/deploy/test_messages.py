@@ -105,7 +105,7 @@ def test_a_thousand_random_states_are_read_as_they_were_written(messages: Messag
 
 @pytest.mark.parametrize("joint", H1.joint_names)
 def test_each_joint_moves_alone(joint: str, messages: Messages) -> None:
-    """A target in a joint's slot of the maker's table moves this joint of the simulated robot, and its slot tells so."""
+    """A target in a joint's slot of the maker's table moves this joint of the simulated robot alone."""
     raw = wire.record("LowCmd_", messages.pack_command(JointCommand.position(H1, H1.nominal)))
     goal = H1.nominal[H1.index(joint)] + 0.1
     raw["motor_cmd"]["q"][SLOTS[joint]] = goal

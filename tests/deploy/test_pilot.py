@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from deploy_bench import Counting, bring_to, make_pilot
 
 from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.deploy.pilot import Pilot
@@ -9,8 +10,6 @@ from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.runtime.estimation import StateEstimator
-
-from .conftest import Counting, bring_to, make_pilot
 
 H1 = load_robot()
 
@@ -186,9 +185,9 @@ def test_sticks_reach_the_controller(standing) -> None:
 
 
 def test_equal_histories_give_equal_commands(still) -> None:
-    from hugwbc.deploy.messages import Messages
+    from deploy_bench import Standing
 
-    from .conftest import Standing
+    from hugwbc.deploy.messages import Messages
 
     results = []
     for _ in range(2):

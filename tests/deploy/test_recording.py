@@ -5,6 +5,7 @@ import pathlib
 import zlib
 
 import pytest
+from deploy_bench import Standing, make_pilot
 
 from hugwbc import load_robot
 from hugwbc.deploy import recording
@@ -16,15 +17,13 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import ResultFileError
 
-from .conftest import Standing, make_pilot
-
 H1 = load_robot()
 
 
 def record_a_run(path: pathlib.Path, standing: Standing, *, fault: bool = False) -> None:
     """Record a short deployment with requests by the keyboard and, if asked for, a fault."""
     recorder = Recorder(path, {"controller": "test"})
-    robot_end, end = local_pair()
+    _, end = local_pair()
     side = RobotSide(make_pilot(), H1, end, Settings(), recorder)
     now = 10.0
 

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from deploy_bench import Counting, Standing, bring_to, make_pilot
 
 from hugwbc import load_robot
 from hugwbc.deploy import wire
@@ -14,8 +15,6 @@ from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
 from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
 from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import ConfigError
-
-from .conftest import Counting, Standing, bring_to, make_pilot
 
 H1 = load_robot()
 TRIALS = 20

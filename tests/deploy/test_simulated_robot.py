@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from deploy_bench import Counting, Pair
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.deploy import state_machine, wire
@@ -20,8 +21,6 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
 from hugwbc.sim.arena import ARENAS
-
-from .conftest import Counting, Pair
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
