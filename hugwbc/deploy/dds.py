@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import time
-from collections.abc import Callable
 from typing import Any
 
 from hugwbc.deploy.messages import COMMAND, STATE
@@ -191,7 +190,7 @@ def check_network(net: str, domain: int) -> None:
         raise ConfigError(f"DDS domain is {domain}; give 0 (a robot) to {LAST_DOMAIN}")
 
 
-def _api(name: str) -> Callable[..., Any]:
+def _api(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
     import unitree_sdk2py.idl.unitree_api.msg.dds_ as api
 
     return getattr(api, name)

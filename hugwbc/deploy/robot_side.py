@@ -140,7 +140,7 @@ class RobotSide:
     Attributes:
         pilot: decides.
         intake: counts what arrives.
-        timing: latency and jitter.
+        timing: latency and jitter, on the robot's clock.
         sent: number of commands sent.
     """
 
@@ -168,7 +168,7 @@ class RobotSide:
         self._endpoint, self._recorder = endpoint, recorder
         self._messages = Messages(robot)
         self.intake = Intake(self._messages, pilot.limits, self.settings.age)
-        self.timing = Timing(PERIOD * self.settings.slower)
+        self.timing = Timing(PERIOD)
         damping = self._messages.pack_command(pilot.damped())
         self._outlet = Outlet(self.intake, pilot.limits.late, pilot.safe.period, damping)
         self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -310,7 +310,7 @@ class RobotSide:
             slot = max(slot + period, time.perf_counter())  # slots that were missed are left out
             time.sleep(max(slot - time.perf_counter(), 0.0))
             self.publish(self.now())
-            self.timing.published(time.perf_counter())
+            self.timing.published(self.now())
 
     def _run_lockstep(self) -> None:
         last = math.inf
@@ -349,7 +349,7 @@ class RobotSide:
             self._endpoint.send(self._messages.answering(self._sent_decision, raws[-1]))
             self.sent += 1
             self._record(recording.PUBLISHED, self._sent_decision)
-        self.timing.answered(time.perf_counter() - begin, self.pilot.safe.period)
+        self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.safe.period)
         return True
 
 

@@ -37,7 +37,7 @@ class Schedule:
         """Begin before the first one."""
         self._next = sorted(happenings, key=lambda one: one.time)
         self._held: dict[str, float] = {}
-        self._sticks = dict.fromkeys(_STICKS, 0.0)
+        self._sticks: dict[str, float] = dict.fromkeys(_STICKS, 0.0)
         self.remote = Remote()
 
     @classmethod

@@ -101,8 +101,8 @@ def _numbers(kind: np.dtype, offset: int = 0) -> Iterator[tuple[int, int]]:
         for index in range(shape[0]):
             yield from _numbers(element, offset + index * element.itemsize)
     elif kind.fields is not None:
-        for field in kind.names or ():
-            inner, inner_offset = kind.fields[field][:2]
+        # Fields are in the order of their offsets.
+        for inner, inner_offset, *_ in kind.fields.values():
             yield from _numbers(inner, offset + inner_offset)
     else:
         yield offset, kind.itemsize
