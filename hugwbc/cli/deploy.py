@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from hugwbc.cli.output import parse, say
+from hugwbc.cli.output import check_writable, parse, say
 from hugwbc.deploy.dds import DdsEndpoint
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.messages import Messages
@@ -14,6 +14,7 @@ from hugwbc.deploy.motion_switcher import release_modes
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.remote import OF_KEY, Request
+from hugwbc.deploy.replayed import ReplayedRun
 from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.deploy.transport import Endpoint
@@ -69,13 +70,17 @@ class DeployOptions:
     """Record every message to this file."""
     replay: pathlib.Path | None = None
     """Replay this recording through the controller instead, without a network, and compare the commands bit by bit."""
+    html: pathlib.Path | None = None
+    """With --replay, write a page that shows the recording in three dimensions, as the robot side knew the robot."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, and deploy or replay; return the exit code: 1 after a fault, or for a replay that differs."""
     options = parse(DeployOptions, words, "deploy", DeployOptions.__doc__)
     if options.replay is not None:
-        return _replay(options.replay)
+        return _replay(options.replay, options.html)
+    if options.html is not None:
+        raise ConfigError("--html shows a recording; add --replay FILE, or leave it out")
     settings = Settings(
         lockstep=options.lockstep,
         slower=options.slower,
@@ -171,14 +176,22 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
 
 
-def _replay(path: pathlib.Path) -> int:
-    """Replay a recording and say whether every command is the recorded one; return the exit code."""
+def _replay(path: pathlib.Path, page: pathlib.Path | None) -> int:
+    """Replay a recording, say whether every command is the recorded one, and write a page; return the exit code."""
+    check_writable(page)
     recording = Recording(path)
     robot, pilot = _build(recording.header)
     age = recording.header.get("age")
     if not isinstance(age, int | float):
         raise ConfigError(f"{path} does not say how old the readings were; record it again")
-    result = replay(recording, pilot, Messages(robot), float(age))
+    run = ReplayedRun(robot)
+    result = replay(recording, pilot, Messages(robot), float(age), run.add)
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
+    trace = run.trace(pilot.safe.name, pilot)
+    if page is not None and trace is not None:
+        from hugwbc.viz.replay import write_replay
+
+        write_replay(page, [trace], title=f"replay of {path.name}")
+        say(f"wrote {page}")
     return FAULT if result.different else 0

@@ -59,6 +59,7 @@ class Pilot:
         safe: the controller behind the safety filter.
         estimate: the last estimate; None before the first state.
         estimator: the only source of the controller's state.
+        plan: what the controller plans, for pictures.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class Pilot:
         self.estimate: RobotState | None = None
         self._source, self._upper_body, self._robot = source, upper_body, robot
         self._steer = getattr(source, "steer", None)
-        self._plan = PlanView(controller)
+        self.plan = PlanView(controller)
         self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
         # The estimator's own observer takes it for granted that nothing but the feet carries the robot; a hoist may.
         self._feet = ContactObserver(ContactParams(base_weight=0.0), robot)
@@ -143,7 +144,7 @@ class Pilot:
             self._estimating = state.is_usable
             self.estimate = self.estimator.reset(state) if state.is_usable else state
         else:
-            planned = self._plan.acceleration if self.mode is Mode.RUN else None
+            planned = self.plan.acceleration if self.mode is Mode.RUN else None
             self.estimate = self.estimator.update(state, planned)
 
     def _weigh(self, state: RobotState) -> None:
@@ -217,6 +218,11 @@ class Pilot:
         hands = self._source.hands_at(time - self._run_start)
         arms, command = self._upper_body.update(estimate, hands, command, self.safe.period, self._arms)
         return command, arms
+
+    @property
+    def commanded(self) -> JointCommand | None:
+        """The last joint command; None while nothing is to be sent."""
+        return self._last
 
     def damped(self) -> JointCommand:
         """Return the command for joints whose robot must only be slowed down."""

@@ -11,7 +11,7 @@ import queue
 import struct
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 from hugwbc.deploy.messages import Messages
@@ -183,7 +183,13 @@ class ReplayResult:
     first: float | None
 
 
-def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -> ReplayResult:
+def replay(
+    recording: Recording,
+    pilot: Pilot,
+    messages: Messages,
+    age: float,
+    on_decision: Callable[[Pilot], None] = lambda pilot: None,
+) -> ReplayResult:
     """Feed a recording to a new pilot and compare its commands with the recorded ones.
 
     Args:
@@ -191,6 +197,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
         pilot: built as the recorded one was.
         messages: the robot's messages.
         age: how old a reading is when it arrives, as in the recording [s].
+        on_decision: called after each decision.
 
     Raises:
         ResultFileError: if the recording is damaged.
@@ -213,6 +220,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
                 decided = pilot.observe(state, asked, fault).command
                 command = b"" if decided is None else messages.pack_command(decided)
                 asked, fault = [], None
+                on_decision(pilot)
         elif entry.kind == DECISION:
             decisions += 1
             if entry.content != command:
