@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hugwbc.cli.output import check_writable, parse, say
-from hugwbc.deploy.dds import DdsEndpoint
+from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.motion_switcher import release_modes
@@ -88,11 +88,13 @@ def run(words: Sequence[str]) -> int:
         age=options.age,
         duration=options.duration,
     )
+    if options.net != LOOPBACK and (options.lockstep or options.slower != 1.0):
+        raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
     header = {name: getattr(options, name) for name in _RECORDED}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
     recorder = None if options.record is None else Recorder(options.record, header)
-    domain = options.domain if options.domain is not None else 1 if options.net == "lo" else 0
+    domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
     endpoint = DdsEndpoint(robot=False, net=options.net, domain=domain)
     try:
         return _deploy(options, settings, pilot, robot, endpoint, recorder)
@@ -115,7 +117,7 @@ def _deploy(
     say(f"waiting for states on {options.net}")
     _await_robot(endpoint, options.net)
     if options.release and not options.dry_run:
-        say(release_modes(endpoint, required=options.net != "lo"))
+        say(release_modes(endpoint, required=options.net != LOOPBACK))
     say(f"remote control: Start, A, Select; {_KEYS}")
     side = RobotSide(pilot, robot, endpoint, settings, recorder, tell=say)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))

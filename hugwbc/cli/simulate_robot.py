@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 
 from hugwbc.cli.output import parse, say
-from hugwbc.deploy.dds import DdsEndpoint
+from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.radio import Radio
@@ -21,8 +21,8 @@ STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 class SimulateRobotOptions(ArenaChoice):
     """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
-    net: str = "lo"
-    """Network interface; lo, so that nothing but programs of this machine can drive it."""
+    net: str = LOOPBACK
+    """Network interface; only lo, because on a real network it would answer for a real robot."""
     domain: int = 1
     """DDS domain."""
     start: str = "hoist"
@@ -54,6 +54,8 @@ def run(words: Sequence[str]) -> int:
     options = parse(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
     if options.start not in STARTS:
         raise ConfigError(f"start is '{options.start}'; give one of {', '.join(STARTS)}")
+    if options.net != LOOPBACK:
+        raise ConfigError(f"a simulated robot on '{options.net}' could be taken for a real one; use --net {LOOPBACK}")
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if not 1.0 <= options.slower <= 1000.0:

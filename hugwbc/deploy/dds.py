@@ -21,6 +21,7 @@ _LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterfa
 <ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"""
 _NETWORK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces></General>
 </Domain></CycloneDDS>"""
+_CALL_AGAIN = 0.5  # [s] after which a call is repeated
 _BUSY_PAUSE = 0.002  # [s] between two looks for an answer
 
 
@@ -129,11 +130,11 @@ class DdsEndpoint:
         self._call_count += 1
         identity = time.time_ns() + self._call_count
         request = _request(identity, number, parameter)
-        sent = False
-        while time.perf_counter() < end:
-            if not sent and writer.get_matched_subscriptions():
+        again = 0.0
+        while (now := time.perf_counter()) < end:
+            if now >= again:  # an answer is lost while the other side has not yet found this one's reader
                 writer.write(request)
-                sent = True
+                again = now + _CALL_AGAIN
             for answer in reader.take(N=HISTORY):
                 if getattr(answer, "header", None) is not None and answer.header.identity.id == identity:
                     return answer.header.status.code, answer.data

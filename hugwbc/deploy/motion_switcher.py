@@ -12,7 +12,7 @@ from hugwbc.errors import DeploymentError
 
 CHECK_MODE, RELEASE_MODE = 1001, 1003
 DONE, UNKNOWN_CALL = 0, 3203
-_TIMEOUT = 2.0  # [s] for one call
+_TIMEOUT = 5.0  # [s] for one call
 _TRIES, _PAUSE = 5, 0.5
 
 

@@ -11,6 +11,8 @@ from hugwbc.deploy import wire
     [
         (["--controller", "pq"], "unknown controller 'pq'"),
         (["--net", "eth77"], "no network interface 'eth77'"),
+        (["--net", "eth0", "--lockstep"], "a real one does not wait"),
+        (["--net", "eth0", "--slower", "2"], "a real one does not wait"),
         (["--domain", "999"], "DDS domain is 999"),
         (["--slower", "0"], "times slower"),
         (["--duration", "-1"], "duration is -1"),

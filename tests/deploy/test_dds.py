@@ -1,67 +1,21 @@
 """Two processes over DDS on the loopback interface."""
 
-import os
-import pathlib
 import re
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import pytest
+from deploy_processes import Processes, output
 
 from hugwbc.deploy.dds import DdsEndpoint, check_network
 from hugwbc.errors import ConfigError
 
-PATIENCE = 120.0  # [s] for a process on a busy machine
-
-
-class Processes:
-    """Processes of a test; none outlives it."""
-
-    def __init__(self, folder: pathlib.Path) -> None:
-        self._folder = folder
-        self._all: list[subprocess.Popen] = []
-
-    def start(self, words: Sequence[str]) -> subprocess.Popen:
-        process = subprocess.Popen(
-            [sys.executable, *words],
-            cwd=self._folder,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-        )
-        self._all.append(process)
-        return process
-
-    def hugwbc(self, *words: object) -> subprocess.Popen:
-        return self.start(["-m", "hugwbc.cli", *map(str, words)])
-
-    def end(self) -> None:
-        for process in self._all:
-            if process.poll() is None:
-                process.kill()
-            process.wait(PATIENCE)
-            if process.stdout is not None:
-                process.stdout.close()
-
 
 @pytest.fixture
 def processes(tmp_path) -> Iterator[Processes]:
-    found = Processes(tmp_path)
-    try:
+    with Processes(tmp_path) as found:
         yield found
-    finally:
-        found.end()
-
-
-def output(process: subprocess.Popen, code: int = 0) -> str:
-    text = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == code, text
-    return text
 
 
 def test_deploy_and_replay_in_lockstep(processes, tmp_path, free_domain) -> None:
