@@ -17,8 +17,8 @@ from hugwbc.deploy.remote import ButtonWatch, Remote, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
-from hugwbc.runtime.contact import ContactObserver, ContactParams
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.contact import ContactParams
+from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.loop import ArmSource
 from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.safety import SafetyFilter
@@ -86,14 +86,14 @@ class Pilot:
         self.limits = limits or Limits()
         self.machine = StateMachine(robot, tell)
         self.safe = SafetyFilter(controller, robot=robot)
-        self.estimator = StateEstimator(robot=robot)
+        # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
+        # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
+        self.estimator = StateEstimator(EstimatorParams(contact=ContactParams(base_weight=0.0)), robot=robot)
         self.estimate: RobotState | None = None
         self._source, self._upper_body, self._robot = source, upper_body, robot
         self._steer = getattr(source, "steer", None)
         self.plan = PlanView(controller)
         self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
-        # The estimator's own observer takes it for granted that nothing but the feet carries the robot; a hoist may.
-        self._feet = ContactObserver(ContactParams(base_weight=0.0), robot)
         self._weight = GRAVITY * robot.mass
         self._estimating = False
         self._last: JointCommand | None = None
@@ -109,7 +109,7 @@ class Pilot:
     @property
     def carried(self) -> float:
         """Part of the weight that the feet carry, as the torques of the legs tell."""
-        return float(self._feet.force[:, 2].sum()) / self._weight
+        return float(self.estimator.foot_force[:, 2].sum()) / self._weight
 
     def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
         """Take a state, and decide.
@@ -124,8 +124,6 @@ class Pilot:
         """
         state = message.state
         self._estimate(state)
-        if self.mode is not Mode.RUN:
-            self._weigh(state)
         fault = fault or self._fault(message)
         if fault is not None:
             self.machine.fail(fault, state)
@@ -146,14 +144,6 @@ class Pilot:
         else:
             planned = self.plan.acceleration if self.mode is Mode.RUN else None
             self.estimate = self.estimator.update(state, planned)
-
-    def _weigh(self, state: RobotState) -> None:
-        """Infer how much of the weight the feet carry."""
-        estimate = self.estimate
-        if estimate is None or not estimate.is_usable or estimate.torque is None or estimate.velocity is None:
-            return
-        dt = 0.0 if self._last_time is None else min(state.time - self._last_time, self.limits.silence)
-        self._feet.update(estimate, estimate.torque, dt)
 
     def _fault(self, message: StateMessage) -> str | None:
         """Return what is wrong with the body or with the time between two states; None if nothing is."""
