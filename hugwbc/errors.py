@@ -69,3 +69,7 @@ class WorkerError(HugwbcError):
 
 class SceneError(HugwbcError):
     """A scene that cannot be built, or a scene file that is not valid; names file and line where there is one."""
+
+
+class DeploymentError(HugwbcError):
+    """A robot that cannot be reached, or does not let itself be controlled."""

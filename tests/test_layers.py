@@ -1,6 +1,6 @@
 """Which room may import which, and that no modules import each other in a circle.
 
-core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {viz, evaluation, benchmarks} <- report <- cli.
+core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {viz, evaluation, benchmarks, deploy} <- report <- cli.
 """
 
 import ast
@@ -22,11 +22,12 @@ MAY_IMPORT = {
     "sim": frozenset({"core", "sim"}),
     **{pillar: BELOW | {pillar} for pillar in PILLARS},
     "runtime": RUNTIME,
+    "deploy": RUNTIME | {"deploy"},
     "viz": RUNTIME | {"viz"},
     "evaluation": RUNTIME | {"evaluation"},
     "benchmarks": RUNTIME | {"evaluation", "benchmarks"},
     "report": RUNTIME | {"viz", "evaluation", "report"},
-    "cli": RUNTIME | {"viz", "evaluation", "benchmarks", "report", "cli"},
+    "cli": RUNTIME | {"deploy", "viz", "evaluation", "benchmarks", "report", "cli"},
 }
 HEAVY = ("torch", "pinocchio", "placo", "proxsuite", "meshcat", "matplotlib")
 

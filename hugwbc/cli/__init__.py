@@ -13,6 +13,8 @@ VERBS = {
     "compare": "play one script with each controller and compare the results",
     "evaluate": "run one of the protocols and print its figures next to the paper's",
     "play": "watch a controller live in the browser",
+    "deploy": "control a robot over the network: a real H1, or a simulated one",
+    "simulate-robot": "simulate an H1 behind the messages of a real one",
     "imitate": "make a policy that imitates qp, to start a training from",
     "distil": "fit one policy to several teachers, one for each gait",
     "train": "train a policy, or continue a training",
@@ -63,7 +65,7 @@ def _usage() -> str:
 
 
 def _verb(name: str) -> types.ModuleType:
-    return importlib.import_module(f"hugwbc.cli.{name}")
+    return importlib.import_module(f"hugwbc.cli.{name.replace('-', '_')}")
 
 
 def _with_json_path(words: list[str]) -> list[str]:

@@ -1,0 +1,199 @@
+"""`hugwbc deploy`: control a robot over the network."""
+
+import dataclasses
+import pathlib
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from hugwbc.cli.output import check_writable, parse, say
+from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
+from hugwbc.deploy.keyboard import listen
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.motion_switcher import release_modes
+from hugwbc.deploy.pilot import Pilot
+from hugwbc.deploy.recording import Recorder, Recording, replay
+from hugwbc.deploy.remote import OF_KEY, Request
+from hugwbc.deploy.replayed import ReplayedRun
+from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.sticks import Sticks
+from hugwbc.deploy.transport import Endpoint
+from hugwbc.deploy.watchdogs import Limits
+from hugwbc.errors import ConfigError, DeploymentError
+from hugwbc.robot import DEFAULT_ROBOT, Robot
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.loop import upper_body_source
+from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.script_file import load_script
+from hugwbc.sim.arena import known_robot
+from hugwbc.sim.sensors import ROBOT
+
+FAULT = 1
+_PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
+_KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
+# What a recording must hold for its replay.
+_RECORDED = ("controller", "policy", "robot", "script", "age")
+
+
+@dataclasses.dataclass(frozen=True)
+class DeployOptions:
+    """Control an H1 over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
+
+    controller: str = "learned"
+    """learned, qp, a plug-in's name, or the path of a policy or of a contract."""
+    policy: str | None = None
+    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
+    net: str = "lo"
+    """Network interface to the robot, such as eth0; lo for a simulated robot on this machine."""
+    domain: int | None = None
+    """DDS domain; by default 1 on lo (a simulated robot), else 0 (a real one)."""
+    robot: str = DEFAULT_ROBOT
+    """Robot as the controller and the estimator know it: h1, or h1-2023."""
+    script: str | None = None
+    """Play this script, with its hand targets, once the controller runs: a shipped script's name, or a file (.yaml). By
+    default the sticks of the remote control give the commands."""
+    duration: float | None = None
+    """End after this time since the first state, on the robot's clock [s]; by default when the operator ends it."""
+    slower: float = 1.0
+    """How many times slower than the wall clock the (simulated) robot runs."""
+    lockstep: bool = False
+    """Answer each state of a simulated robot, which waits for the answer. Never with a real robot."""
+    dry_run: bool = False
+    """Do everything but publish and release the motion modes."""
+    release: bool = True
+    """Release the robot's motion modes first."""
+    age: float = ROBOT.latency
+    """How old the readings are when they arrive, as far as is known [s]."""
+    tilt: float = Limits.tilt
+    """Tilt above which the joints are damped [rad]."""
+    record: pathlib.Path | None = None
+    """Record every message to this file."""
+    replay: pathlib.Path | None = None
+    """Replay this recording through the controller instead, without a network, and compare the commands bit by bit."""
+    html: pathlib.Path | None = None
+    """With --replay, write a page that shows the recording in three dimensions, as the robot side knew the robot."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse the options, and deploy or replay; return the exit code: 1 after a fault, or for a replay that differs."""
+    options = parse(DeployOptions, words, "deploy", DeployOptions.__doc__)
+    if options.replay is not None:
+        return _replay(options.replay, options.html)
+    if options.html is not None:
+        raise ConfigError("--html shows a recording; add --replay FILE, or leave it out")
+    settings = Settings(
+        lockstep=options.lockstep,
+        slower=options.slower,
+        dry_run=options.dry_run,
+        age=options.age,
+        duration=options.duration,
+    )
+    if options.net != LOOPBACK and (options.lockstep or options.slower != 1.0):
+        raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
+    header = {name: getattr(options, name) for name in _RECORDED}
+    header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
+    robot, pilot = _build(header)
+    recorder = None if options.record is None else Recorder(options.record, header)
+    domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
+    endpoint = DdsEndpoint(robot=False, net=options.net, domain=domain)
+    try:
+        return _deploy(options, settings, pilot, robot, endpoint, recorder)
+    finally:
+        endpoint.close()
+        if recorder is not None:
+            recorder.close()
+            if recorder.failure is not None:
+                say(f"the recording is not complete: {recorder.failure}")
+
+
+def _deploy(
+    options: DeployOptions,
+    settings: Settings,
+    pilot: Pilot,
+    robot: Robot,
+    endpoint: Endpoint,
+    recorder: Recorder | None,
+) -> int:
+    say(f"waiting for states on {options.net}")
+    _await_robot(endpoint, options.net)
+    if options.release and not options.dry_run:
+        say(release_modes(endpoint, required=options.net != LOOPBACK))
+    say(f"remote control: Start, A, Select; {_KEYS}")
+    side = RobotSide(pilot, robot, endpoint, settings, recorder, tell=say)
+    listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
+    begin = time.perf_counter()
+    try:
+        side.run()
+    finally:
+        say(summary(side, time.perf_counter() - begin))
+    return FAULT if pilot.machine.faulty or side.fault is not None else 0
+
+
+def _await_robot(endpoint: Endpoint, net: str) -> None:
+    """Wait for the first state.
+
+    Raises:
+        DeploymentError: if none comes.
+    """
+    end = time.perf_counter() + _PATIENCE
+    while not endpoint.receive(_POLL):
+        if time.perf_counter() > end:
+            raise DeploymentError(
+                f"no state has come on {net} for {_PATIENCE:g} s; check the robot, the network and the domain"
+            )
+
+
+def summary(side: RobotSide, wall: float) -> str:
+    """Return what has been measured, for people."""
+    intake, timing, report = side.intake, side.timing, side.pilot.safe.report()
+    lines = [
+        f"{intake.received} states in {wall:.1f} s: {intake.wrong_sum} with a wrong check sum, {intake.old} old, "
+        f"{intake.torn} of a wrong size, longest gap {1e3 * intake.gap:.0f} ms",
+        f"{side.sent} commands sent",
+        f"latency from state to command: {timing.latency}; {timing.missed} later than the controller's period",
+        f"jitter of the publishing thread: {timing.jitter}",
+        *report.messages,
+    ]
+    return "\n".join(lines)
+
+
+def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
+    """Return robot and pilot of a deployment or of its recording.
+
+    Raises:
+        ConfigError: if the header does not hold what a pilot is built from.
+    """
+    try:
+        robot = known_robot(header["robot"])
+        spec = ControllerSpec(header["controller"], header["policy"])
+        told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
+        controller = (told if spec.takes_robot else spec).build()
+        source: CommandSource = Sticks() if header["script"] is None else load_script(header["script"])
+        arms = upper_body_source(controller)
+        limits = Limits(**header["limits"])
+        return robot, Pilot(
+            controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event))
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
+
+
+def _replay(path: pathlib.Path, page: pathlib.Path | None) -> int:
+    """Replay a recording, say whether every command is the recorded one, and write a page; return the exit code."""
+    check_writable(page)
+    recording = Recording(path)
+    robot, pilot = _build(recording.header)
+    age = recording.header.get("age")
+    if not isinstance(age, int | float):
+        raise ConfigError(f"{path} does not say how old the readings were; record it again")
+    run = ReplayedRun(robot)
+    result = replay(recording, pilot, Messages(robot), float(age), run.add)
+    same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
+    say(f"{result.states} states, {result.decisions} commands: {same}")
+    trace = run.trace(pilot.safe.name, pilot)
+    if page is not None and trace is not None:
+        from hugwbc.viz.replay import write_replay
+
+        write_replay(page, [trace], title=f"replay of {path.name}")
+        say(f"wrote {page}")
+    return FAULT if result.different else 0

@@ -1,0 +1,100 @@
+"""`hugwbc simulate-robot`: an H1 in simulation, behind the messages of a real one."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from hugwbc.cli.output import parse, say
+from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
+from hugwbc.deploy.hoist import LIFTED
+from hugwbc.deploy.keyboard import listen
+from hugwbc.deploy.radio import Radio
+from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
+from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.errors import ConfigError
+from hugwbc.sim import ArenaChoice
+
+STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulateRobotOptions(ArenaChoice):
+    """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
+
+    net: str = LOOPBACK
+    """Network interface; only lo, because on a real network it would answer for a real robot."""
+    domain: int = 1
+    """DDS domain."""
+    start: str = "hoist"
+    """How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
+    so that it collapses)."""
+    schedule: str = ""
+    """What its remote control and its hoist do, and when, from the first sound command on [s]:
+    "1 Start, 4 lower, 7 A, 8 release, 9 ly=0.5, 30 Select"."""
+    mode: str = ""
+    """Motion mode that is active at first, such as normal; commands are refused until it is released."""
+    loss: float = 0.0
+    """Part of the packets that is lost in each direction."""
+    delay: float = 0.0
+    """Time that a packet takes in each direction, in addition to the sensors' latency [s]."""
+    jitter: float = 0.0
+    """Largest additional time, drawn evenly; packets may overtake each other [s]."""
+    slower: float = 1.0
+    """How many times slower than the wall clock it runs."""
+    lockstep: bool = False
+    """Wait for the answer to each state, from `hugwbc deploy --lockstep`."""
+    duration: float | None = None
+    """End after this time [s]; by default on Ctrl-C."""
+    seed: int = 0
+    """Seed of the sensors' errors and of the packets' fates."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse the options and simulate; return the exit code."""
+    options = parse(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
+    if options.start not in STARTS:
+        raise ConfigError(f"start is '{options.start}'; give one of {', '.join(STARTS)}")
+    if options.net != LOOPBACK:
+        raise ConfigError(f"a simulated robot on '{options.net}' could be taken for a real one; use --net {LOOPBACK}")
+    if options.duration is not None and not options.duration > 0.0:
+        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
+    if not 1.0 <= options.slower <= 1000.0:
+        raise ConfigError(f"the robot is {options.slower} times slower; give 1 to 1000")
+    radio, schedule = Radio(options.loss, options.delay, options.jitter), Schedule.parse(options.schedule)
+    simulation = options.chosen.simulation(latency=0.0, seed=options.seed)
+    endpoint = DdsEndpoint(robot=True, net=options.net, domain=options.domain)
+    robot = SimulatedRobot(
+        simulation,
+        endpoint,
+        radio=radio,
+        schedule=schedule,
+        hoist=STARTS[options.start],
+        mode=options.mode,
+        latency=options.chosen.profile.latency,
+        seed=options.seed,
+        tell=say,
+    )
+    say(
+        f"simulating {simulation.robot.name} on {options.net}, domain {options.domain}; words: {', '.join(HOIST_WORDS)}"
+    )
+    listen(lambda line: schedule.add(Happening(max(robot.scheduled, 0.0), line)) if line in HOIST_WORDS else None)
+    try:
+        robot.run(options.duration or math.inf, slower=options.slower, lockstep=options.lockstep)
+    finally:
+        say(summary(robot))
+        endpoint.close()
+    return 0
+
+
+def summary(robot: SimulatedRobot) -> str:
+    """Return what happened, for people."""
+    simulation, most = robot.simulation, robot.extremes
+    refused = ", ".join(f"{count} for their {reason}" for reason, count in robot.refused.items()) or "none"
+    return "\n".join(
+        [
+            f"{robot.time:.1f} s simulated, {robot.received} commands received, refused: {refused}",
+            f"largest joint speed {most.speed:.2f} and torque {most.torque:.2f} of the limit, {most.beyond:.3f} rad "
+            f"beyond a joint's range, lowest pelvis {most.lowest:.2f} m, longest silence {most.silence:.3f} s",
+            f"the robot {'has fallen' if simulation.fallen else 'is up'}",
+        ]
+    )

@@ -1,0 +1,209 @@
+"""The connection to a robot over DDS, the middleware of Unitree's robots."""
+
+import contextlib
+import socket
+import time
+from typing import Any
+
+from hugwbc.deploy.messages import COMMAND, STATE
+from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
+from hugwbc.deploy.wire import EXTRA, from_cdr, idl_class, to_cdr
+from hugwbc.errors import ConfigError
+
+TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
+SWITCHER_TOPICS = ("rt/api/motion_switcher/request", "rt/api/motion_switcher/response")
+LOOPBACK = "lo"
+LAST_DOMAIN = 232  # of the ports that RTPS assigns to domains
+# On loopback, two programs of ours find each other at the first ports of this machine, since not every machine has
+# multicast there. Where there is, it is used to find others, such as the maker's programs, which rely on it.
+_LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces>
+<AllowMulticast>spdp</AllowMulticast></General><Discovery><Peers><Peer address="127.0.0.1"/></Peers>
+<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"""
+_NETWORK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces></General>
+</Domain></CycloneDDS>"""
+_CALL_AGAIN = 0.5  # [s] after which a call is repeated
+_BUSY_PAUSE = 0.002  # [s] between two looks for an answer
+
+
+class _Raw:
+    """A message that stays bytes; readers and writers of cyclonedds call these methods of a topic's data type."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.sample_info: Any = None
+
+    def serialize(self, use_version_2: bool | None = None) -> bytes:
+        """Return the bytes; the two versions of CDR do not differ in these messages."""
+        return self.data
+
+    @classmethod
+    def deserialize(cls, data: bytes) -> "_Raw":
+        """Keep the bytes."""
+        return cls(data)
+
+    @classmethod
+    def deserialize_key(cls, data: bytes) -> "_Raw":
+        """Keep the bytes."""
+        return cls(data)
+
+
+class DdsEndpoint:
+    """One end of a connection over DDS."""
+
+    def __init__(self, *, robot: bool, net: str, domain: int) -> None:
+        """Join the network.
+
+        Args:
+            robot: whether this is the robot's end, which sends states, or the other one, which sends commands.
+            net: network interface, such as "lo" or "eth0".
+            domain: DDS domain; 0 on a robot, 1 for simulated ones by the maker's custom.
+
+        Raises:
+            ConfigError: if cyclonedds is not installed, the network or the domain does not exist, or DDS refuses it.
+        """
+        check_network(net, domain)
+        try:
+            from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+            from cyclonedds.domain import Domain, DomainParticipant
+            from cyclonedds.pub import DataWriter
+            from cyclonedds.qos import Policy, Qos
+            from cyclonedds.sub import DataReader
+            from cyclonedds.util import duration
+        except ImportError as error:
+            raise ConfigError(f"a connection to a robot needs the extra [deploy] ({error}); {EXTRA}") from error
+        self._robot, self._seconds = robot, lambda seconds: duration(seconds=seconds)
+        self._sends, self._receives = (STATE, COMMAND) if robot else (COMMAND, STATE)
+        configuration = (_LOOPBACK if net == LOOPBACK else _NETWORK).format(net=net)
+        try:
+            self._domain = Domain(domain, configuration)
+            self._participant = DomainParticipant(domain)
+        except DDSException as error:
+            raise ConfigError(
+                f"DDS cannot use network {net} in domain {domain}: {error}; check the interface's address, and that "
+                "this process has not joined the domain before"
+            ) from error
+        best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(HISTORY))
+        self._writer = DataWriter(self._participant, self._topic(self._sends))
+        self._reader = DataReader(self._participant, self._topic(self._receives), qos=best_effort)
+        unread = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        self._wait = WaitSet(self._participant)
+        self._wait.attach(unread)
+        self._condition, self._error = unread, DDSException
+        self._service: Service | None = None
+        self._calls: tuple[Any, Any] | None = None
+        self._call_count = 0
+
+    def _topic(self, name: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
+        """Return the topic of a message, with the maker's type on the network and bytes in this process."""
+        from cyclonedds.topic import Topic
+
+        topic = Topic(self._participant, TOPICS[name], idl_class(name))
+        topic.data_type = _Raw
+        return topic
+
+    @property
+    def matched(self) -> bool:
+        """Whether somebody listens to what this end sends."""
+        return bool(self._writer.get_matched_subscriptions())
+
+    def send(self, message: bytes) -> None:
+        """Send a message; an error of the network is not told, as a lost message is not."""
+        with contextlib.suppress(self._error):
+            self._writer.write(_Raw(to_cdr(self._sends, message)))
+
+    def receive(self, timeout: float) -> list[bytes]:
+        """Return the messages that have arrived, oldest first; wait up to `timeout` [s] for the first one."""
+        self._answer()
+        with contextlib.suppress(self._error):
+            samples = self._reader.take(N=HISTORY)
+            if not samples and timeout > 0.0:
+                self._wait.wait(self._seconds(timeout))
+                samples = self._reader.take(N=HISTORY)
+            data = [sample.data for sample in samples if isinstance(sample, _Raw)]
+            return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
+        return []
+
+    def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
+        """Call the robot's motion switcher and wait for the answer; see `Endpoint.call`."""
+        writer, reader = self._switcher()
+        end = time.perf_counter() + timeout
+        self._call_count += 1
+        identity = time.time_ns() + self._call_count
+        request = _request(identity, number, parameter)
+        again = 0.0
+        while (now := time.perf_counter()) < end:
+            if now >= again:  # an answer is lost while the other side has not yet found this one's reader
+                writer.write(request)
+                again = now + _CALL_AGAIN
+            for answer in reader.take(N=HISTORY):
+                if getattr(answer, "header", None) is not None and answer.header.identity.id == identity:
+                    return answer.header.status.code, answer.data
+            time.sleep(_BUSY_PAUSE)
+        return UNREACHABLE, ""
+
+    def serve(self, service: Service) -> None:
+        """Answer calls of the motion switcher from now on."""
+        self._service = service
+        self._switcher()
+
+    def _answer(self) -> None:
+        if self._service is None:
+            return
+        writer, reader = self._switcher()
+        for request in reader.take(N=HISTORY):
+            if getattr(request, "header", None) is not None:
+                code, data = self._service(request.header.identity.api_id, request.parameter)
+                writer.write(_response(request, code, data))
+
+    def _switcher(self) -> tuple[Any, Any]:
+        """Return writer and reader of calls and answers, made when they are first needed."""
+        if self._calls is None:
+            from cyclonedds.pub import DataWriter
+            from cyclonedds.sub import DataReader
+            from cyclonedds.topic import Topic
+
+            kinds = (_api("Request_"), _api("Response_"))
+            topics = [Topic(self._participant, name, kind) for name, kind in zip(SWITCHER_TOPICS, kinds, strict=True)]
+            written, read = reversed(topics) if self._robot else topics
+            self._calls = DataWriter(self._participant, written), DataReader(self._participant, read)
+        return self._calls
+
+    def close(self) -> None:
+        """Leave the network."""
+        # An entity of cyclonedds is deleted with its last reference; whatever depends on another one goes first.
+        self._wait.detach(self._condition)
+        del self._condition, self._wait
+        self._calls = None
+        del self._reader, self._writer
+        del self._participant, self._domain
+
+
+def check_network(net: str, domain: int) -> None:
+    """Check that a network interface and a DDS domain exist.
+
+    Raises:
+        ConfigError: if one does not.
+    """
+    names = [name for _, name in socket.if_nameindex()]
+    if net not in names:
+        raise ConfigError(f"there is no network interface '{net}'; this machine has {', '.join(names)}")
+    if not 0 <= domain <= LAST_DOMAIN:
+        raise ConfigError(f"DDS domain is {domain}; give 0 (a robot) to {LAST_DOMAIN}")
+
+
+def _api(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
+    import unitree_sdk2py.idl.unitree_api.msg.dds_ as api
+
+    return getattr(api, name)
+
+
+def _request(identity: int, number: int, parameter: str) -> Any:  # noqa: ANN401  a message of the maker's
+    header = _api("RequestHeader_")(
+        _api("RequestIdentity_")(identity, number), _api("RequestLease_")(0), _api("RequestPolicy_")(0, False)
+    )
+    return _api("Request_")(header, parameter, [])
+
+
+def _response(request: Any, code: int, data: str) -> Any:  # noqa: ANN401  messages of the maker's
+    header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
+    return _api("Response_")(header, data, [])

@@ -1,0 +1,192 @@
+"""What the H1's low-level messages say: joint commands, sensor readings, in the order of the robot's joints."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.controller import JointCommand
+from hugwbc.deploy.remote import Remote
+from hugwbc.deploy.wire import layout, record, sealed
+from hugwbc.errors import ModelError
+from hugwbc.robot import Robot, robot_table
+from hugwbc.state import RobotState, pelvis_from_torso_imu
+
+COMMAND, STATE = "LowCmd_", "LowState_"
+TICK = 1e-3  # [s]; the robot counts milliseconds, and the maker's simulator too
+TICKS = 2**32  # after which the count starts again
+_HEAD, _LEVEL = (0xFE, 0xEF), 0xFF
+# "No target" of the maker's examples; a motor without a joint gets these and no gains.
+NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motors:
+    """The motor slots of a robot.
+
+    Attributes:
+        slots: slot of each joint, in the order of `Robot.joint_names`, shape (19,).
+        modes: mode in which each slot's motor follows commands, shape (20,).
+    """
+
+    slots: np.ndarray
+    modes: np.ndarray
+
+    @classmethod
+    def of(cls, robot: Robot) -> "Motors":
+        """Read the slots from the robot's table.
+
+        Raises:
+            ModelError: if the table does not give each joint one slot.
+        """
+        table = robot_table(robot.name)["interface"]
+        names = [name for name in table["motors"] if name is not None]
+        if sorted(names) != sorted(robot.joint_names):
+            raise ModelError(
+                f"interface.motors in h1.yaml must name each joint of {robot.name} once; restore the table"
+            )
+        slots = np.array([table["motors"].index(name) for name in robot.joint_names])
+        return cls(slots, np.array(table["modes"]))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StateMessage:
+    """A state message.
+
+    Attributes:
+        tick: the robot's clock [ms].
+        state: readings of encoders, motors and IMU; its `time` is that of the tick.
+        temperature: of the motors [degrees Celsius], shape (19,).
+        remote: the remote control.
+    """
+
+    tick: int
+    state: RobotState
+    temperature: np.ndarray
+    remote: Remote
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CommandMessage:
+    """A command message.
+
+    Attributes:
+        command: the joint command; a motor that is not in its mode has no gains and no torque.
+        answers: tick of the state that the command answers, in lockstep with a simulated robot; else 0.
+    """
+
+    command: JointCommand
+    answers: int
+
+
+class Messages:
+    """Packing and unpacking of a robot's messages. All joint vectors follow `Robot.joint_names`."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Read the motor slots of a robot.
+
+        Raises:
+            ConfigError: if the maker's package is not installed.
+            ModelError: if the robot's table lacks a joint's slot.
+        """
+        self._robot = robot
+        self._motors = Motors.of(robot)
+        self._waist = robot.waist
+        blank = record(COMMAND)
+        blank["head"], blank["level_flag"] = _HEAD, _LEVEL
+        blank["motor_cmd"]["mode"] = self._motors.modes
+        blank["motor_cmd"]["q"], blank["motor_cmd"]["dq"] = NO_POSITION, NO_VELOCITY
+        self._blank = blank.tobytes()
+
+    def pack_command(self, command: JointCommand, answers: int = 0) -> bytes:
+        """Return a joint command as a message with its check sum.
+
+        Args:
+            command: the joint command.
+            answers: tick of the state that it answers, which only a simulated robot reads (`reserve`).
+        """
+        message, slots = record(COMMAND, self._blank), self._motors.slots
+        for field in dataclasses.fields(command):
+            message["motor_cmd"][field.name][slots] = getattr(command, field.name)
+        message["reserve"] = answers
+        return sealed(message)
+
+    def answering(self, command: bytes, state: bytes) -> bytes:
+        """Return a command message that says which state message it answers; see `CommandMessage.answers`."""
+        content, size = record(COMMAND, command), layout(STATE).itemsize
+        content["reserve"] = record(STATE, state)["tick"] if len(state) == size else 0
+        return sealed(content)
+
+    def unpack_command(self, message: bytes) -> CommandMessage:
+        """Read a command message whose check sum is right."""
+        content, slots = record(COMMAND, message), self._motors.slots
+        motors = content["motor_cmd"][slots]
+        given = {field.name: motors[field.name].astype(float) for field in dataclasses.fields(JointCommand)}
+        off = motors["mode"] != self._motors.modes[slots]
+        for name in ("kp", "kd", "tau"):
+            given[name][off] = 0.0
+        # A motor without a target: its gain times a number of 2e9 would be a torque.
+        for name, gain, none in (("q", "kp", NO_POSITION), ("dq", "kd", NO_VELOCITY)):
+            empty = given[name] >= np.float32(none)
+            given[name][empty] = given[gain][empty] = 0.0
+        return CommandMessage(JointCommand(**given), int(content["reserve"]))
+
+    def pack_state(self, reading: RobotState, tick: int, temperature: np.ndarray, remote: Remote) -> bytes:
+        """Return a reading of a robot as a message with its check sum.
+
+        Args:
+            reading: with the raw readings of the IMU and the joint torques.
+            tick: the robot's clock [ms].
+            temperature: of the motors [degrees Celsius], shape (19,).
+            remote: the remote control.
+        """
+        message, slots = record(STATE), self._motors.slots
+        assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
+        torso = rotations.from_axis_angle(_UP, float(reading.q[self._waist]))
+        attitude = rotations.multiply(reading.orientation, torso)
+        imu, motors = message["imu_state"], message["motor_state"]
+        imu["quaternion"], imu["gyroscope"], imu["accelerometer"] = (
+            attitude,
+            reading.imu_gyro,
+            reading.imu_accelerometer,
+        )
+        imu["rpy"] = rotations.roll_of(attitude), rotations.pitch_of(attitude), rotations.yaw_of(attitude)
+        message["head"], message["level_flag"] = _HEAD, _LEVEL
+        motors["mode"] = self._motors.modes
+        motors["q"][slots], motors["dq"][slots], motors["tau_est"][slots] = reading.q, reading.dq, reading.torque
+        motors["temperature"][slots] = np.clip(temperature, 0, 255)
+        message["tick"] = tick % TICKS
+        message["wireless_remote"] = np.frombuffer(remote.pack(), dtype=np.uint8)
+        return sealed(message)
+
+    def unpack_state(self, message: bytes, age: float = 0.0) -> StateMessage:
+        """Read a state message whose check sum is right.
+
+        Args:
+            message: the bytes of the structure.
+            age: how long ago the reading was taken, as far as is known [s].
+        """
+        content, slots = record(STATE, message), self._motors.slots
+        imu, motors = content["imu_state"], content["motor_state"][slots]
+        q, dq, gyro = motors["q"].astype(float), motors["dq"].astype(float), imu["gyroscope"].astype(float)
+        attitude = imu["quaternion"].astype(float)
+        length = math.sqrt(float(attitude @ attitude))
+        # A quaternion of single precision is a unit one to 1e-7; what is far from that stays as it is, to be seen.
+        attitude = attitude / length if 0.9 < length < 1.1 else attitude
+        orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
+        tick = int(content["tick"])
+        state = RobotState(
+            q=q,
+            dq=dq,
+            orientation=orientation,
+            angular_velocity=rate,
+            imu_gyro=gyro,
+            imu_accelerometer=imu["accelerometer"].astype(float),
+            torque=motors["tau_est"].astype(float),
+            time=tick * TICK,
+            age=age,
+        )
+        remote = Remote.parse(content["wireless_remote"].tobytes())
+        return StateMessage(tick, state, motors["temperature"].astype(float), remote)

@@ -1,0 +1,80 @@
+"""The robot's own motion modes: while one is active, its programs send commands to the same motors.
+
+The calls are those of the maker's `MotionSwitcherClient` (unitree_sdk2_python, comm/motion_switcher). That class is not
+used, because it joins the network by itself with multicast, which a second participant of this process would undo.
+"""
+
+import json
+import time
+
+from hugwbc.deploy.transport import UNREACHABLE, Endpoint
+from hugwbc.errors import DeploymentError
+
+CHECK_MODE, RELEASE_MODE = 1001, 1003
+DONE, UNKNOWN_CALL = 0, 3203
+_TIMEOUT = 5.0  # [s] for one call
+_TRIES, _PAUSE = 5, 0.5
+
+
+def release_modes(endpoint: Endpoint, *, required: bool) -> str:
+    """Release the robot's motion modes until none is active.
+
+    Args:
+        endpoint: the connection to the robot.
+        required: whether a robot without a motion switcher is an error; an H1 in its debug mode may have none.
+
+    Returns:
+        What was done, for the log.
+
+    Raises:
+        DeploymentError: if a mode stays active, or nobody answers although `required`.
+    """
+    released: list[str] = []
+    for attempt in range(_TRIES):
+        code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
+        if code == UNREACHABLE:
+            if required:
+                raise DeploymentError(
+                    "the robot's motion switcher does not answer; check network and domain, or give --no-release if "
+                    "the robot is in its debug mode"
+                )
+            return "no motion switcher answers"
+        name = _active(data) if code == DONE else ""
+        if not name:
+            return f"released {', '.join(released)}" if released else "no motion mode is active"
+        released.append(name)
+        endpoint.call(RELEASE_MODE, "{}", _TIMEOUT)
+        time.sleep(_PAUSE if attempt else 0.0)
+    raise DeploymentError(
+        f"motion mode '{released[-1]}' stays active; release it with the remote control (docs/deploy.md)"
+    )
+
+
+def _active(data: str) -> str:
+    """Return the name of the active mode in an answer; empty if none is."""
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return ""
+    return str(content.get("name") or "") if isinstance(content, dict) else ""
+
+
+class SimulatedSwitcher:
+    """The motion switcher of a simulated robot.
+
+    Attributes:
+        active: name of the active mode; empty if none is.
+    """
+
+    def __init__(self, active: str = "") -> None:
+        """Begin with a mode."""
+        self.active = active
+
+    def __call__(self, number: int, parameter: str) -> tuple[int, str]:
+        """Answer a call."""
+        if number == CHECK_MODE:
+            return DONE, json.dumps({"form": "0", "name": self.active})
+        if number == RELEASE_MODE:
+            self.active = ""
+            return DONE, ""
+        return UNKNOWN_CALL, ""

@@ -1,0 +1,219 @@
+"""The part of a deployment that decides: from each state and request to the joint command that answers it.
+
+It has neither threads nor a clock of its own. What it does follows from the states, requests and faults that it is
+given, in their order, so that a recording of these can be replayed bit for bit.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.deploy.messages import StateMessage
+from hugwbc.deploy.remote import ButtonWatch, Remote, Request
+from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
+from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
+from hugwbc.robot import Robot
+from hugwbc.runtime.contact import ContactParams
+from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
+from hugwbc.runtime.loop import ArmSource
+from hugwbc.runtime.moment import PlanView
+from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.scripts.command_source import CommandSource
+from hugwbc.state import GRAVITY, RobotState
+
+_ROUNDING = 1e-9  # [s]
+
+
+class FollowsRemote(Protocol):
+    """A source of commands that the remote control's sticks drive."""
+
+    def steer(self, remote: Remote, time: float) -> None:
+        """Take a reading of the remote control at a time [s], before each `command_at`."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Decision:
+    """What answers a state.
+
+    Attributes:
+        time: of the state, on the robot's clock [s].
+        command: for the joints; None while nothing is to be sent.
+        new: whether it was computed from this state, and is not that of an earlier one.
+    """
+
+    time: float
+    command: JointCommand | None
+    new: bool
+
+
+class Pilot:
+    """State estimator, state machine, and the controller behind its safety filter.
+
+    Attributes:
+        machine: the modes.
+        safe: the controller behind the safety filter.
+        estimate: the last estimate; None before the first state.
+        estimator: the only source of the controller's state.
+        plan: what the controller plans, for pictures.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        source: CommandSource,
+        robot: Robot,
+        *,
+        limits: Limits | None = None,
+        upper_body: ArmSource | None = None,
+        tell: Callable[[Event], None] | None = None,
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            controller: any object with the members of `Controller`.
+            source: gives commands and hand targets over time, from the moment when the controller starts; if it has
+                the member of `FollowsRemote`, it is told the sticks.
+            robot: robot as the estimator and the limits know it.
+            limits: when to damp; None for the defaults.
+            upper_body: turns hand targets into arm targets; None ignores hand targets.
+            tell: called with each transition and refusal.
+        """
+        self.limits = limits or Limits()
+        self.machine = StateMachine(robot, tell)
+        self.safe = SafetyFilter(controller, robot=robot)
+        # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
+        # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
+        self.estimator = StateEstimator(EstimatorParams(contact=ContactParams(base_weight=0.0)), robot=robot)
+        self.estimate: RobotState | None = None
+        self._source, self._upper_body, self._robot = source, upper_body, robot
+        self._steer = getattr(source, "steer", None)
+        self.plan = PlanView(controller)
+        self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
+        self._weight = GRAVITY * robot.mass
+        self._estimating = False
+        self._last: JointCommand | None = None
+        self._last_time: float | None = None
+        self._due = self._run_start = 0.0
+        self._arms: np.ndarray | None = None
+
+    @property
+    def mode(self) -> Mode:
+        """The current mode."""
+        return self.machine.mode
+
+    @property
+    def carried(self) -> float:
+        """Part of the weight that the feet carry, as the torques of the legs tell."""
+        return float(self.estimator.foot_force[:, 2].sum()) / self._weight
+
+    def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
+        """Take a state, and decide.
+
+        Args:
+            message: the state, newer than all before.
+            asked: what the operator has asked for by other means than the remote control, since the last state.
+            fault: what has failed outside, since the last state.
+
+        Returns:
+            The joint command that holds from now on.
+        """
+        state = message.state
+        self._estimate(state)
+        fault = fault or self._fault(message)
+        if fault is not None:
+            self.machine.fail(fault, state)
+        if self.mode is Mode.IDLE:
+            self.machine.enter(Mode.ZERO_TORQUE, "the robot sends states", state)
+        for request in (*self._buttons.update(message.remote.pressed), *asked):
+            self._take(request, state)
+        self._last_time = state.time
+        if self.mode is Mode.RUN:
+            return self._run(message)
+        self._last = self.machine.command(state.time)
+        return Decision(state.time, self._last, new=True)
+
+    def _estimate(self, state: RobotState) -> None:
+        if not self._estimating:
+            self._estimating = state.is_usable
+            self.estimate = self.estimator.reset(state) if state.is_usable else state
+        else:
+            planned = self.plan.acceleration if self.mode is Mode.RUN else None
+            self.estimate = self.estimator.update(state, planned)
+
+    def _fault(self, message: StateMessage) -> str | None:
+        """Return what is wrong with the body or with the time between two states; None if nothing is."""
+        fault = self._watch.fault(message)
+        gap = 0.0 if self._last_time is None else message.state.time - self._last_time
+        if fault is None and gap > self.limits.silence + _ROUNDING:
+            return f"no state for {gap * 1e3:.0f} ms by their ticks"
+        return fault
+
+    def _take(self, request: Request, state: RobotState) -> None:
+        machine = self.machine
+        if request is Request.STOP:
+            if self.mode is not Mode.DAMPING:
+                machine.enter(Mode.DAMPING, "asked to stop", state)
+        elif request is Request.START and self.mode is Mode.ZERO_TORQUE:
+            refusal = start_refusal(state, self._robot, self.limits)
+            if refusal is None:
+                where = "hanging or held" if self.carried < self.limits.carried else "with its weight on its feet"
+                machine.enter(Mode.START_POSE, f"asked to start, {where}", state)
+            else:
+                machine.refuse(refusal, state.time)
+        elif request is Request.RUN and self.mode is Mode.START_POSE:
+            refusal = run_refusal(state, self.carried, self._robot, self.limits)
+            if not machine.in_start_pose(state.time):
+                machine.refuse("asked to run, but the robot is still on its way to the start pose", state.time)
+            elif refusal is not None:
+                machine.refuse(refusal, state.time)
+            else:
+                self._begin(state)
+        else:
+            machine.refuse(f"asked to {request.value}, which {self.mode.value} does not lead to", state.time)
+
+    def _begin(self, state: RobotState) -> None:
+        """Start the controller from a robot that stands still."""
+        self.machine.enter(Mode.RUN, f"asked to run, with {100 * self.carried:.0f} % of the weight on the feet", state)
+        self.estimate = self.estimator.reset(state)
+        self.safe.reset(self.estimate)
+        if self._upper_body is not None:
+            self._upper_body.reset()
+        self._arms = None
+        self._run_start = self._due = state.time
+
+    def _run(self, message: StateMessage) -> Decision:
+        """Call the controller if its period is over; else repeat its last command."""
+        time, estimate = message.state.time, self.estimate
+        assert estimate is not None
+        if time < self._due - _ROUNDING and self._last is not None:
+            return Decision(time, self._last, new=False)
+        # After a gap the controller goes on from now; it does not catch up.
+        on_time = time < self._due + self.safe.period - _ROUNDING
+        self._due = (self._due if on_time else time) + self.safe.period
+        if self._steer is not None:
+            self._steer(message.remote, time)
+        command, arms = self._arm_targets(estimate, self._source.command_at(time - self._run_start), time)
+        self._last = self.safe.act(estimate, command, arms)
+        self._arms = self._last.q[self._robot.arms]
+        return Decision(time, self._last, new=True)
+
+    def _arm_targets(self, estimate: RobotState, command: Command, time: float) -> tuple[Command, UpperBody]:
+        if self._upper_body is None:
+            return command, UpperBody.none()
+        hands = self._source.hands_at(time - self._run_start)
+        arms, command = self._upper_body.update(estimate, hands, command, self.safe.period, self._arms)
+        return command, arms
+
+    @property
+    def commanded(self) -> JointCommand | None:
+        """The last joint command; None while nothing is to be sent."""
+        return self._last
+
+    def damped(self) -> JointCommand:
+        """Return the command for joints whose robot must only be slowed down."""
+        return damping(self._robot)

@@ -1,0 +1,73 @@
+"""A network that loses, delays and shuffles messages, for simulated robots."""
+
+import dataclasses
+import heapq
+import math
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from hugwbc.errors import ConfigError
+
+Content = TypeVar("Content")
+
+
+@dataclasses.dataclass(frozen=True)
+class Radio:
+    """What a network does to messages, in each direction.
+
+    Attributes:
+        loss: part of the messages that is lost.
+        delay: time that a message takes [s].
+        jitter: largest additional time, drawn evenly [s]; messages may overtake each other.
+
+    Raises:
+        ConfigError: if a number is out of range.
+    """
+
+    loss: float = 0.0
+    delay: float = 0.0
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.loss < 1.0:
+            raise ConfigError(f"loss of packets is {self.loss}; give a part from 0 to below 1")
+        for name in ("delay", "jitter"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} of packets is {getattr(self, name)} s; give a finite time from 0")
+
+
+class Channel(Generic[Content]):
+    """Messages on their way in one direction.
+
+    Attributes:
+        lost: number of messages that were lost.
+    """
+
+    def __init__(self, radio: Radio, rng: np.random.Generator, delay: float = 0.0) -> None:
+        """Begin empty.
+
+        Args:
+            radio: what happens to messages.
+            rng: draws losses and jitter.
+            delay: in addition to the radio's [s].
+        """
+        self._radio, self._rng, self._delay = radio, rng, radio.delay + delay
+        self._waiting: list[tuple[float, int, Content]] = []
+        self._count = self.lost = 0
+
+    def put(self, message: Content, now: float) -> None:
+        """Send a message at a time [s]."""
+        loss, jitter = self._rng.uniform(size=2)
+        if loss < self._radio.loss:
+            self.lost += 1
+            return
+        self._count += 1
+        heapq.heappush(self._waiting, (now + self._delay + jitter * self._radio.jitter, self._count, message))
+
+    def take(self, now: float) -> list[Content]:
+        """Return what has arrived by a time [s], in the order of arrival."""
+        arrived = []
+        while self._waiting and self._waiting[0][0] <= now + 1e-9:
+            arrived.append(heapq.heappop(self._waiting)[2])
+        return arrived

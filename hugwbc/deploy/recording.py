@@ -1,0 +1,229 @@
+"""Recordings of a deployment: every message, and what the pilot made of them, for a replay bit for bit.
+
+A recording is a line of JSON (what was run) and a zlib stream of entries: kind, time, length, content. What a killed
+process leaves behind can be read up to its last flush.
+"""
+
+import dataclasses
+import json
+import pathlib
+import queue
+import struct
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from typing import Any, BinaryIO
+
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.pilot import Pilot
+from hugwbc.deploy.remote import Request
+from hugwbc.deploy.watchdogs import Intake
+from hugwbc.errors import ResultFileError
+
+FORMAT = "hugwbc deployment 1"
+# Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
+# while nothing is to be sent); a published command (empty if it is the pilot's last one).
+STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED = b"S", b"X", b"R", b"F", b"D", b"P"
+_KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED)
+_ENTRY = struct.Struct("<cdI")
+_LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 1 << 16  # bytes
+_FLUSH_EVERY = 500  # entries
+_WAITING = 50_000  # entries; more than a disk may fall behind
+
+
+class Recorder:
+    """A writer of recordings, in a thread of its own so that a slow disk delays nothing.
+
+    Attributes:
+        failure: why the recording is not complete; None if it is.
+    """
+
+    def __init__(self, path: pathlib.Path, header: dict[str, Any]) -> None:
+        """Open a file.
+
+        Args:
+            path: of the file, which is replaced.
+            header: what is run, as JSON.
+
+        Raises:
+            ResultFileError: if the file cannot be written.
+        """
+        self.failure: str | None = None
+        self._entries: queue.Queue[bytes | None] = queue.Queue(maxsize=_WAITING)
+        try:
+            self._file: BinaryIO = path.open("wb")
+            self._file.write(json.dumps({"format": FORMAT, **header}).encode() + b"\n")
+        except OSError as error:
+            raise ResultFileError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def add(self, kind: bytes, time: float, content: bytes = b"") -> None:
+        """Record an entry at a time [s]."""
+        try:
+            self._entries.put_nowait(_ENTRY.pack(kind, time, len(content)) + content)
+        except queue.Full:
+            self.failure = "the disk is too slow"
+
+    def _write(self) -> None:
+        stream, count = zlib.compressobj(1), 0
+        try:
+            while (entry := self._entries.get()) is not None:
+                self._file.write(stream.compress(entry))
+                count += 1
+                if count % _FLUSH_EVERY == 0:
+                    self._file.write(stream.flush(zlib.Z_SYNC_FLUSH))
+                    self._file.flush()
+            self._file.write(stream.flush())
+        except OSError as error:
+            self.failure = str(error.strerror)
+            while self._entries.get() is not None:
+                pass
+
+    def close(self) -> None:
+        """Write what is left and close the file."""
+        self._entries.put(None)
+        self._thread.join()
+        try:
+            self._file.close()
+        except OSError as error:
+            self.failure = self.failure or str(error.strerror)
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One entry of a recording; see the kinds above.
+
+    Attributes:
+        kind: of the entry.
+        time: when it happened, on the clock of the robot side [s].
+        content: message or text.
+    """
+
+    kind: bytes
+    time: float
+    content: bytes
+
+
+class Recording:
+    """A recording that is read from a file.
+
+    Attributes:
+        header: what was run.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        """Read the header.
+
+        Raises:
+            ResultFileError: if the file cannot be read, or is no recording.
+        """
+        self._path = path
+        if not path.is_file():
+            raise ResultFileError(f"there is no recording {path}; give the path of a file that --record has written")
+        try:
+            with path.open("rb") as file:
+                line = file.readline(_LONGEST_HEADER)
+            header = json.loads(line)
+        except (OSError, ValueError, RecursionError) as error:
+            raise self._error("it has no header") from error
+        if not isinstance(header, dict) or header.get("format") != FORMAT:
+            raise self._error(f"its format is not '{FORMAT}'")
+        self.header = header
+
+    def _error(self, what: str) -> ResultFileError:
+        return ResultFileError(f"{self._path} is no recording of a deployment: {what}; record it again with --record")
+
+    def entries(self) -> Iterator[Entry]:
+        """Yield the entries; one that was cut off ends the recording.
+
+        Raises:
+            ResultFileError: if the entries are damaged.
+        """
+        waiting = b""
+        for data in self._data():
+            waiting += data
+            while len(waiting) >= _ENTRY.size:
+                kind, time, length = _ENTRY.unpack_from(waiting)
+                if kind not in _KINDS or length > _LONGEST_ENTRY:
+                    raise self._error("an entry is damaged")
+                end = _ENTRY.size + length
+                if len(waiting) < end:
+                    break
+                yield Entry(kind, time, waiting[_ENTRY.size : end])
+                waiting = waiting[end:]
+
+    def _data(self) -> Iterator[bytes]:
+        stream = zlib.decompressobj()
+        with self._path.open("rb") as file:
+            file.readline(_LONGEST_HEADER)
+            while block := file.read(_LONGEST_ENTRY):
+                while block:
+                    try:
+                        yield stream.decompress(block, _LONGEST_ENTRY)
+                    except zlib.error as error:
+                        raise self._error("its data are damaged") from error
+                    block = stream.unconsumed_tail
+
+
+@dataclasses.dataclass(frozen=True)
+class ReplayResult:
+    """The comparison of a replay with its recording.
+
+    Attributes:
+        states: states that the pilot took.
+        decisions: its commands.
+        different: commands that differ in any bit.
+        first: time of the first one that does [s]; None if none does.
+    """
+
+    states: int
+    decisions: int
+    different: int
+    first: float | None
+
+
+def replay(
+    recording: Recording,
+    pilot: Pilot,
+    messages: Messages,
+    age: float,
+    on_decision: Callable[[Pilot], None] = lambda pilot: None,
+) -> ReplayResult:
+    """Feed a recording to a new pilot and compare its commands with the recorded ones.
+
+    Args:
+        recording: the recording.
+        pilot: built as the recorded one was.
+        messages: the robot's messages.
+        age: how old a reading is when it arrives, as in the recording [s].
+        on_decision: called after each decision.
+
+    Raises:
+        ResultFileError: if the recording is damaged.
+    """
+    intake = Intake(messages, pilot.limits, age)
+    asked: list[Request] = []
+    fault: str | None = None
+    command = b""
+    states = decisions = different = 0
+    first = None
+    for entry in recording.entries():
+        if entry.kind == REQUEST:
+            asked.append(Request(entry.content.decode()))
+        elif entry.kind == FAULT:
+            fault = entry.content.decode()
+        elif entry.kind == STATE:
+            state = intake.accept(entry.content, entry.time)
+            if state is not None:
+                states += 1
+                decided = pilot.observe(state, asked, fault).command
+                command = b"" if decided is None else messages.pack_command(decided)
+                asked, fault = [], None
+                on_decision(pilot)
+        elif entry.kind == DECISION:
+            decisions += 1
+            if entry.content != command:
+                different += 1
+                first = entry.time if first is None else first
+    return ReplayResult(states, decisions, different, first)

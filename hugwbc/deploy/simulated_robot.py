@@ -1,0 +1,236 @@
+"""A simulated H1 behind the messages of a real one."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.controller import JointCommand
+from hugwbc.deploy.hoist import Hoist
+from hugwbc.deploy.messages import COMMAND, STATE, TICK, Messages
+from hugwbc.deploy.motion_switcher import SimulatedSwitcher
+from hugwbc.deploy.radio import Channel, Radio
+from hugwbc.deploy.schedule import Schedule
+from hugwbc.deploy.transport import Endpoint
+from hugwbc.deploy.wire import check_sum, is_sealed, layout, record
+from hugwbc.errors import ConfigError
+from hugwbc.sim import Simulation
+
+AMBIENT = 30.0  # [degrees Celsius] of the motors; heating is not simulated
+_TELL_EVERY = 1.0  # [s] between two messages of one kind
+_PATIENCE = 1.0  # [s] of the wall clock for an answer in lockstep
+_POLL = 0.002  # [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Extremes:
+    """The largest values of a run.
+
+    Attributes:
+        speed: of a joint, as a part of its limit.
+        torque: of a joint, as a part of its limit.
+        beyond: distance of a joint beyond its range [rad].
+        lowest: lowest height of the pelvis above the ground [m].
+        silence: longest time for which the same command was held because none came [s].
+    """
+
+    speed: float = 0.0
+    torque: float = 0.0
+    beyond: float = 0.0
+    lowest: float = math.inf
+    silence: float = 0.0
+
+
+class SimulatedRobot:
+    """A simulated robot that is read and driven by messages alone.
+
+    At each physics step it sends what its sensors say, takes the commands that have arrived, and computes the PD law of
+    every joint. Its clock is `tick`. Without commands the motors are off; when commands stop, it does the worst: it
+    goes on with the last one.
+
+    Attributes:
+        simulation: the physics.
+        hoist: what it hangs on.
+        switcher: its motion modes; while one is active, it refuses commands.
+        temperature: of the motors [degrees Celsius], shape (19,).
+        received: commands that have arrived.
+        refused: commands that were refused, by reason.
+        extremes: largest values so far.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        endpoint: Endpoint,
+        *,
+        radio: Radio | None = None,
+        schedule: Schedule | None = None,
+        hoist: float | None = 0.1,
+        mode: str = "",
+        latency: float = 0.0,
+        seed: int = 0,
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """Hang up the robot and turn it on.
+
+        Args:
+            simulation: the physics, whose sensors have no latency of their own.
+            endpoint: the robot's end of the connection.
+            radio: what happens to messages in each direction; None for nothing.
+            schedule: what the remote control and the hoist do, from the first sound command on; None for nothing.
+            hoist: height to which the hoist lifts the robot [m]; None for a robot that stands without one.
+            mode: name of the motion mode that is active at first; empty for none.
+            latency: age of a state when it is sent [s].
+            seed: of losses and jitter.
+            tell: called with what a person should know.
+
+        Raises:
+            ConfigError: if the sensors have a latency of their own, or the time step is not a multiple of a tick.
+        """
+        if simulation.sensing.latency > 0.0:
+            raise ConfigError("the simulation's sensors have a latency; give it to the simulated robot instead")
+        if abs(simulation.timestep / TICK - round(simulation.timestep / TICK)) > 1e-9:
+            raise ConfigError(f"time step is {simulation.timestep} s; the robot's clock counts milliseconds")
+        self.simulation = simulation
+        self._endpoint, self._tell = endpoint, tell
+        self._messages = Messages(simulation.robot)
+        radio, rng = radio or Radio(), np.random.default_rng(seed)
+        self._states: Channel[bytes] = Channel(radio, rng, latency)
+        self._commands: Channel[tuple[float, JointCommand]] = Channel(radio, rng)
+        self._schedule = schedule or Schedule()
+        self._command = _off(simulation)
+        self._command_sent = -math.inf
+        self._sent_tick = 0
+        self._first: float | None = None
+        self._last_arrival = 0.0
+        self._told: dict[str, float] = {}
+        self._size = layout(COMMAND).itemsize
+        simulation.reset()
+        self.hoist = Hoist(simulation, 0.0 if hoist is None else hoist)
+        if hoist is None:
+            self.hoist.release()
+        self.switcher = SimulatedSwitcher(mode)
+        endpoint.serve(self.switcher)
+        self.temperature = np.full(simulation.robot.kp.size, AMBIENT)
+        self.received = 0
+        self.refused: dict[str, int] = {}
+        self.extremes = Extremes()
+
+    @property
+    def time(self) -> float:
+        """The robot's clock [s]."""
+        return self.simulation.time
+
+    @property
+    def scheduled(self) -> float:
+        """Time since the first sound command, on which the schedule runs [s]; below 0 before it."""
+        return -1.0 if self._first is None else self.time - self._first
+
+    def send(self) -> int:
+        """Read the sensors and send the states that are due; return their number."""
+        for word in self._schedule.update(self.scheduled):
+            getattr(self.hoist, word)()
+            self._tell(f"[{self.time:.2f} s] hoist: {word}")
+        # The count begins at 1: clients take a tick of 0 for a robot that does not send yet.
+        tick = round(self.time / TICK) + 1
+        reading = self.simulation.sense()
+        self._states.put(self._messages.pack_state(reading, tick, self.temperature, self._schedule.remote), self.time)
+        due = self._states.take(self.time)
+        for message in due:
+            self._endpoint.send(message)
+            self._sent_tick = int(record(STATE, message)["tick"])
+        return len(due)
+
+    def take(self, timeout: float = 0.0) -> int | None:
+        """Take the commands that have arrived within `timeout` [s]; return what the last sound one answers, if any."""
+        answers = None
+        for message in self._endpoint.receive(timeout):
+            self.received += 1
+            reason = self._refusal(message)
+            if reason is not None:
+                self._refuse(*reason)
+                continue
+            content = self._messages.unpack_command(message)
+            answers = content.answers
+            self._first = self.time if self._first is None else self._first
+            self._commands.put((self.time, content.command), self.time)
+        return answers
+
+    def _refusal(self, message: bytes) -> tuple[str, str] | None:
+        """Return kind and text of a refusal of a command; None if it is accepted."""
+        if len(message) != self._size:
+            return "size", f"it has {len(message)} bytes instead of {self._size}"
+        if not is_sealed(message):
+            given, right = int.from_bytes(message[-4:], "little"), check_sum(message)
+            hint = "the client never sets it; " if given == 0 else ""
+            return "check sum", f"its crc is 0x{given:08X} instead of 0x{right:08X}; {hint}see docs/deploy.md"
+        if self.switcher.active:
+            return "motion mode", f"motion mode '{self.switcher.active}' is active; release it first"
+        return None
+
+    def _refuse(self, kind: str, text: str) -> None:
+        self.refused[kind] = self.refused.get(kind, 0) + 1
+        if self.time - self._told.get(kind, -math.inf) >= _TELL_EVERY:
+            self._told[kind] = self.time
+            self._tell(f"[{self.time:.2f} s] command refused ({self.refused[kind]} so far): {text}")
+
+    def move(self) -> None:
+        """Make one physics step with the newest command."""
+        for sent, command in self._commands.take(self.time):
+            if sent >= self._command_sent:  # a command that was overtaken is too old
+                self._command, self._command_sent, self._last_arrival = command, sent, self.time
+        self.hoist.update()
+        self.simulation.step(self._command, self.simulation.timestep)
+        self._watch()
+
+    def _watch(self) -> None:
+        simulation, before = self.simulation, self.extremes
+        robot, state = simulation.robot, simulation.state()
+        beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
+        assert state.position is not None
+        self.extremes = Extremes(
+            speed=max(before.speed, float(np.max(np.abs(state.dq) / robot.velocity_limit))),
+            torque=max(before.torque, float(np.max(np.abs(simulation.torque) / robot.torque_limit))),
+            beyond=max(before.beyond, float(np.max(beyond))),
+            lowest=min(before.lowest, float(state.position[2])),
+            silence=max(before.silence, self.time - self._last_arrival if self.received else 0.0),
+        )
+
+    def run(self, duration: float, *, slower: float = 1.0, lockstep: bool = False) -> None:
+        """Run for a duration of the robot's clock [s].
+
+        Args:
+            duration: how long [s]; infinite for until Ctrl-C.
+            slower: how many times slower than the wall clock; it may still be slower if the computer is.
+            lockstep: wait for the answer to each state, as long as there is somebody who answers.
+        """
+        pace = self.simulation.timestep * slower
+        slot, answered = time.perf_counter(), False
+        end = self.time + duration
+        while self.time < end - 1e-9:
+            sent = self.send()
+            if lockstep and answered:
+                answered = self._await_answer() if sent else True
+                slot = time.perf_counter()
+            else:
+                slot = max(slot + pace, time.perf_counter() - pace)
+                time.sleep(max(slot - time.perf_counter(), 0.0))
+                answered = bool(self.take())
+            self.move()
+
+    def _await_answer(self) -> bool:
+        """Wait for the answer to the state that was sent last; return whether it came."""
+        end = time.perf_counter() + _PATIENCE
+        while time.perf_counter() < end:
+            if self.take(_POLL) == self._sent_tick:
+                return True
+        self._tell(f"[{self.time:.2f} s] no answer for {_PATIENCE:g} s: going on with the last command")
+        return False
+
+
+def _off(simulation: Simulation) -> JointCommand:
+    """Return the command of motors that are off."""
+    zero = np.zeros_like(simulation.robot.kp)
+    return JointCommand(q=zero, dq=zero, kp=zero, kd=zero, tau=zero)

@@ -1,0 +1,127 @@
+"""The modes of a deployment, from idle to damping, and the joint commands of all but the run itself."""
+
+import dataclasses
+import enum
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.blends import smooth_step
+from hugwbc.controller import JointCommand
+from hugwbc.robot import Robot
+from hugwbc.state import RobotState
+
+START_TIME = 5.0  # [s] from the posture at hand to the start pose
+DAMPING_GAIN = 8.0  # [N*m*s/rad]; the maker's deploy_real.py ends with it
+
+
+class Mode(enum.Enum):
+    """What the robot side does."""
+
+    IDLE = "idle"
+    ZERO_TORQUE = "zero torque"
+    START_POSE = "start pose"
+    RUN = "run"
+    DAMPING = "damping"
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """A transition, or a refused one.
+
+    Attributes:
+        time: on the robot's clock [s].
+        before: mode until then.
+        after: mode from then on; `before` again if the request was refused.
+        reason: why.
+        refused: whether a request was refused.
+    """
+
+    time: float
+    before: Mode
+    after: Mode
+    reason: str
+    refused: bool = False
+
+    def __str__(self) -> str:
+        """Return the event as a line of the log."""
+        what = f"{self.before.value}: refused" if self.refused else f"{self.before.value} -> {self.after.value}"
+        return f"[{self.time:9.3f} s] {what}: {self.reason}"
+
+
+class StateMachine:
+    """The mode of a deployment and the record of its changes.
+
+    Attributes:
+        mode: the current mode.
+        events: all transitions and refusals so far.
+        faulty: whether a fault, and not the operator, has led to damping.
+    """
+
+    def __init__(self, robot: Robot, tell: Callable[[Event], None] | None = None) -> None:
+        """Begin idle.
+
+        Args:
+            robot: nominal pose and gains.
+            tell: called with each event.
+        """
+        self._robot, self._tell = robot, tell
+        self.mode = Mode.IDLE
+        self.events: list[Event] = []
+        self.faulty = False
+        self._from, self._since = robot.nominal, 0.0
+
+    def enter(self, mode: Mode, reason: str, state: RobotState) -> None:
+        """Change to a mode at a state, whose posture a start pose begins with."""
+        event = Event(state.time, self.mode, mode, reason)
+        self.mode, self._since = mode, state.time
+        if np.isfinite(state.q).all():
+            self._from = np.clip(state.q, self._robot.lower, self._robot.upper)
+        self._note(event)
+
+    def refuse(self, reason: str, time: float) -> None:
+        """Note that a request was refused at a time [s]; a repetition of the last refusal is not noted again."""
+        event = Event(time, self.mode, self.mode, reason, refused=True)
+        if not self.events or (self.events[-1].reason, self.events[-1].refused) != (reason, True):
+            self._note(event)
+
+    def fail(self, reason: str, state: RobotState) -> None:
+        """Damp the joints because of a fault; a robot whose joints are limp stays as it is."""
+        if self.active:
+            self.faulty = True
+            self.enter(Mode.DAMPING, reason, state)
+
+    @property
+    def active(self) -> bool:
+        """Whether the joints are driven, so that a fault must end it."""
+        return self.mode in (Mode.START_POSE, Mode.RUN)
+
+    def _note(self, event: Event) -> None:
+        self.events.append(event)
+        if self._tell is not None:
+            self._tell(event)
+
+    def in_start_pose(self, time: float) -> bool:
+        """Return whether the way to the start pose is over at a time [s]."""
+        return self.mode is Mode.START_POSE and time - self._since >= START_TIME
+
+    def command(self, time: float) -> JointCommand | None:
+        """Return the joint command of the mode at a time [s]; None while idle, and for a run, which has its controller.
+
+        On the way to the start pose the gains grow with the progress of the way, so that a robot in any posture starts
+        without a jolt.
+        """
+        robot, zero = self._robot, np.zeros_like(self._robot.kp)
+        if self.mode is Mode.ZERO_TORQUE:
+            return JointCommand(q=self._from, dq=zero, kp=zero, kd=zero, tau=zero)
+        if self.mode is Mode.START_POSE:
+            part = smooth_step((time - self._since) / START_TIME)
+            q = self._from + part * (robot.nominal - self._from)
+            return JointCommand(q=q, dq=zero, kp=part * robot.kp, kd=part * robot.kd, tau=zero)
+        return damping(robot) if self.mode is Mode.DAMPING else None
+
+
+def damping(robot: Robot) -> JointCommand:
+    """Return the command that only slows the joints down."""
+    zero = np.zeros_like(robot.kp)
+    return JointCommand(q=robot.nominal, dq=zero, kp=zero, kd=np.full_like(zero, DAMPING_GAIN), tau=zero)

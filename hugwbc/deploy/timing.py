@@ -1,0 +1,75 @@
+"""Measured times of a deployment: latency from state to command, and jitter of the publishing thread."""
+
+import array
+import dataclasses
+
+import numpy as np
+
+_MS = 1e3
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """How a measured time is spread [ms]; NaN without a measurement.
+
+    Attributes:
+        count: number of measurements.
+        median: the middle one.
+        p999: the 99.9th percentile.
+        largest: the largest one.
+    """
+
+    count: int
+    median: float
+    p999: float
+    largest: float
+
+    @classmethod
+    def of(cls, seconds: np.ndarray) -> "Spread":
+        """Summarise measured times [s]."""
+        if seconds.size == 0:
+            return cls(0, np.nan, np.nan, np.nan)
+        median, p999 = np.percentile(seconds, (50.0, 99.9)) * _MS
+        return cls(seconds.size, float(median), float(p999), float(seconds.max() * _MS))
+
+    def __str__(self) -> str:
+        """Return the figures in milliseconds."""
+        if not self.count:
+            return "not measured"
+        return f"median {self.median:.2f} ms, 99.9 % {self.p999:.2f} ms, largest {self.largest:.2f} ms"
+
+
+class Timing:
+    """Times measured while a robot is controlled.
+
+    Attributes:
+        missed: commands that took longer than the controller's period.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Measure a thread that publishes every `period` seconds."""
+        self._period = period
+        self._latency, self._deviation = array.array("d"), array.array("d")
+        self._last: float | None = None
+        self.missed = 0
+
+    def answered(self, seconds: float, limit: float) -> None:
+        """Note the time from the arrival of a state to the publication of its command [s], and whether it was late."""
+        self._latency.append(seconds)
+        self.missed += seconds > limit
+
+    def published(self, now: float) -> None:
+        """Note when the publishing thread has sent a message [s]."""
+        if self._last is not None:
+            self._deviation.append(abs(now - self._last - self._period))
+        self._last = now
+
+    @property
+    def latency(self) -> Spread:
+        """Time from the arrival of a state to the publication of the command that answers it."""
+        return Spread.of(np.array(self._latency))
+
+    @property
+    def jitter(self) -> Spread:
+        """Deviation of the time between two messages from the period."""
+        return Spread.of(np.array(self._deviation))

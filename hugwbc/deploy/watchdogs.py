@@ -1,0 +1,198 @@
+"""What must hold while a robot is controlled: fresh messages, and a body within its limits."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.deploy.messages import TICK, TICKS, Messages, StateMessage
+from hugwbc.deploy.wire import is_sealed, layout
+from hugwbc.errors import ConfigError
+from hugwbc.robot import Robot
+from hugwbc.state import RobotState
+
+_RESTART = 1.0  # [s] of robot time without a fresh tick, after which a lower count is that of a restarted robot
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """When the robot side damps the joints. Times are those of the robot's clock.
+
+    Attributes:
+        silence: longest time without a fresh, sound state [s].
+        late: longest time by which the controller may lag behind the states [s].
+        tilt: largest angle between the torso's axis and the vertical [rad]; published for the G1.
+        start_tilt: the same at a start [rad].
+        joint_speed: largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles
+            reach 1.8 times theirs (the policy at 1 m/s in simulation).
+        temperature: largest temperature of a motor [degrees Celsius]; published for the G1's casings.
+        lasting: how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task.
+        start_speed: largest speed of a joint when the controller starts [rad/s].
+        carried: least part of the weight on the feet when the controller starts.
+    """
+
+    silence: float = 0.02
+    late: float = 0.02
+    tilt: float = 1.0
+    start_tilt: float = 0.3
+    joint_speed: float = 2.5
+    temperature: float = 85.0
+    lasting: float = 0.006
+    start_speed: float = 2.0
+    carried: float = 0.3
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 < value < math.inf:
+                raise ConfigError(f"limit {field.name} is {value}; give a finite number above 0")
+
+
+class Intake:
+    """A check of arriving states: their size, check sum and tick.
+
+    Attributes:
+        received, torn, wrong_sum, old: messages in all, of a wrong size, with a wrong check sum, and with a tick that
+            is not newer than the last one's.
+        gap: longest time between two fresh states by their ticks [s].
+        size: of a message [bytes].
+    """
+
+    def __init__(self, messages: Messages, limits: Limits, age: float = 0.0) -> None:
+        """Begin without a state.
+
+        Args:
+            messages: unpacks them.
+            limits: when silence is too long.
+            age: how old a reading is when it arrives, as far as is known [s].
+        """
+        self._messages, self._limits, self._age = messages, limits, age
+        self.size = layout("LowState_").itemsize
+        self.received = self.torn = self.wrong_sum = self.old = 0
+        self.gap = 0.0
+        self._tick: int | None = None
+        self._turns = 0
+        self._fresh_at = math.inf
+        self._last_refusal = ""
+
+    def accept(self, message: bytes, now: float) -> StateMessage | None:
+        """Return a fresh, sound state, whose time goes on where the count of ticks starts again; else None.
+
+        Args:
+            message: as it arrived.
+            now: on the clock of this side, at the robot's pace [s].
+        """
+        self.received += 1
+        if len(message) != self.size:
+            self.torn += 1
+            return self._refuse("messages of a wrong size")
+        if not is_sealed(message):
+            self.wrong_sum += 1
+            return self._refuse("states with a wrong check sum")
+        state = self._messages.unpack_state(message, self._age)
+        if self._tick is not None and now - self._fresh_at < _RESTART:
+            ahead = (state.tick - self._tick) % TICKS
+            if not 0 < ahead < TICKS // 2:
+                self.old += 1
+                return self._refuse("states with an old tick")
+            self._turns += state.tick < self._tick
+            self.gap = max(self.gap, ahead * TICK)
+        self._tick, self._fresh_at, self._last_refusal = state.tick, now, ""
+        time = (state.tick + self._turns * TICKS) * TICK
+        return dataclasses.replace(state, state=dataclasses.replace(state.state, time=time))
+
+    def _refuse(self, what: str) -> None:
+        self._last_refusal = f", but {what}"
+
+    def fault(self, now: float) -> str | None:
+        """Return what is wrong with the connection at time `now` [s]; None if a fresh state has come in time."""
+        silence = now - self._fresh_at
+        if silence <= self._limits.silence:
+            return None
+        return f"no state for {silence * 1e3:.0f} ms{self._last_refusal}"
+
+
+class BodyWatch:
+    """A check of tilt, joint speeds and temperatures."""
+
+    def __init__(self, robot: Robot, limits: Limits) -> None:
+        """Take the joint speeds' limits from a robot."""
+        self._robot, self._limits = robot, limits
+        self._speed = limits.joint_speed * robot.velocity_limit
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was exceeded before."""
+        self._since: dict[str, float] = {}
+
+    def fault(self, message: StateMessage) -> str | None:
+        """Return which limit a reading exceeds, for long enough; None if none. What is not a number exceeds none."""
+        state, limits = message.state, self._limits
+        names = self._robot.joint_names
+        hottest = int(np.argmax(message.temperature))
+        if message.temperature[hottest] > limits.temperature:
+            return (
+                f"motor of {names[hottest]} has {message.temperature[hottest]:.0f} degrees Celsius, "
+                f"above {limits.temperature:.0f}"
+            )
+        lean = tilt(state)
+        if self._lasts("tilt", lean > limits.tilt, state.time):
+            return f"the robot leans {lean:.2f} rad, above {limits.tilt:.2f}"
+        speed = np.abs(state.dq) / self._speed
+        fast = np.flatnonzero(speed > 1.0)
+        for joint in range(len(names)):
+            if self._lasts(names[joint], joint in fast, state.time):
+                return f"{names[joint]} turns at {state.dq[joint]:.1f} rad/s, above {self._speed[joint]:.1f}"
+        return None
+
+    def _lasts(self, name: str, exceeded: bool, time: float) -> bool:
+        """Return whether a limit has been exceeded without a break for `lasting` [s]."""
+        if not exceeded:
+            self._since.pop(name, None)
+            return False
+        return time - self._since.setdefault(name, time) >= self._limits.lasting - 1e-9
+
+
+def tilt(state: RobotState) -> float:
+    """Return the angle between the pelvis's axis and the vertical [rad]; NaN if the orientation is not known."""
+    upright = float(rotations.rotate(state.orientation, _UP)[2])
+    return math.acos(min(max(upright, -1.0), 1.0)) if math.isfinite(upright) else math.nan
+
+
+def start_refusal(state: RobotState, robot: Robot, limits: Limits) -> str | None:
+    """Return why the robot must not go to its start pose from a state; None if it may."""
+    if not state.is_usable:
+        return "the readings are not usable numbers: check the IMU and the encoders"
+    lean = tilt(state)
+    if lean > limits.start_tilt:
+        return f"the robot leans {lean:.2f} rad, above {limits.start_tilt:.2f}: hang or hold it upright"
+    beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 0.1:
+        return f"{robot.joint_names[worst]} reads {state.q[worst]:.2f} rad, outside its range: calibrate its zero"
+    return None
+
+
+def run_refusal(state: RobotState, carried: float, robot: Robot, limits: Limits) -> str | None:
+    """Return why the controller must not start from a state; None if it may.
+
+    Args:
+        state: a reading.
+        carried: part of the weight that the feet carry.
+        robot: limits of the joints.
+        limits: what a start allows.
+    """
+    refusal = start_refusal(state, robot, limits)
+    if refusal is not None:
+        return refusal
+    if carried < limits.carried:
+        return (
+            f"the robot hangs, with {100 * max(carried, 0.0):.0f} % of its weight on its feet: lower the hoist until "
+            f"they carry {100 * limits.carried:.0f} %"
+        )
+    fastest = int(np.argmax(np.abs(state.dq)))
+    if abs(state.dq[fastest]) > limits.start_speed:
+        return f"{robot.joint_names[fastest]} turns at {state.dq[fastest]:.1f} rad/s: wait until the robot is still"
+    return None

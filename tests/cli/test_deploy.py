@@ -1,0 +1,61 @@
+import sys
+
+import pytest
+
+from hugwbc.cli import main
+from hugwbc.deploy import wire
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--controller", "pq"], "unknown controller 'pq'"),
+        (["--net", "eth77"], "no network interface 'eth77'"),
+        (["--net", "eth0", "--lockstep"], "a real one does not wait"),
+        (["--net", "eth0", "--slower", "2"], "a real one does not wait"),
+        (["--domain", "999"], "DDS domain is 999"),
+        (["--slower", "0"], "times slower"),
+        (["--duration", "-1"], "duration is -1"),
+        (["--age", "3"], "age of the readings is 3"),
+        (["--tilt", "0"], "limit tilt is 0"),
+        (["--script", "missing"], "missing"),
+        (["--record", "/no/such/folder/run.bin"], "cannot write /no/such/folder/run.bin"),
+        (["--replay", "missing.bin"], "no recording missing.bin"),
+    ],
+)
+def test_deploy_refuses_what_it_cannot_do(words, message, capsys) -> None:
+    assert main(["deploy", "--controller", "hold", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        '{"format": "hugwbc deployment 1"}',
+        '{"format": "hugwbc deployment 1", "robot": "h1", "controller": 3, "policy": 4}',
+    ],
+)
+def test_a_recording_that_does_not_say_what_was_run_is_refused(header, tmp_path, capsys) -> None:
+    path = tmp_path / "run.bin"
+    path.write_text(header + "\n")
+    assert main(["deploy", "--replay", str(path)]) == 2
+    assert "does not say what was run" in capsys.readouterr().err
+
+
+def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
+    for module in [name for name in sys.modules if name.startswith("unitree_sdk2py")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "unitree_sdk2py", None)
+    wire.idl_class.cache_clear()
+    wire.layout.cache_clear()
+    try:
+        assert main(["simulate-robot", "--duration", "0.01", "--net", "lo", "--domain", "231"]) == 2
+        assert "pip install 'hugwbc[deploy]'" in capsys.readouterr().err
+    finally:
+        wire.idl_class.cache_clear()
+        wire.layout.cache_clear()
+
+
+def test_a_page_without_a_recording_is_refused(capsys) -> None:
+    assert main(["deploy", "--html", "page.html"]) == 2
+    assert "add --replay" in capsys.readouterr().err

@@ -1,0 +1,22 @@
+import pytest
+
+from hugwbc.cli import main
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--start", "lying"], "start is 'lying'; give one of hoist, ground, free"),
+        (["--schedule", "1 Strat"], "'1 Strat' in the schedule is not understood"),
+        (["--net", "eth0"], "could be taken for a real one; use --net lo"),
+        (["--domain", "-1"], "DDS domain is -1"),
+        (["--slower", "0.1"], "times slower"),
+        (["--duration", "0"], "duration is 0"),
+        (["--loss", "1"], "loss of packets is 1"),
+        (["--jitter", "-1"], "jitter of packets is -1"),
+        (["--robot", "g1"], "unknown robot 'g1'"),
+    ],
+)
+def test_simulate_robot_refuses_what_it_cannot_do(words, message, capsys) -> None:
+    assert main(["simulate-robot", *words]) == 2
+    assert message in capsys.readouterr().err

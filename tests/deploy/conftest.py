@@ -1,0 +1,42 @@
+"""Fixtures of a robot that stands, as messages."""
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from deploy_bench import H1, Standing, make_pilot
+
+from hugwbc import JointCommand
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.pilot import Pilot
+from hugwbc.runtime import Simulation
+from hugwbc.sim.arena import ARENAS
+from hugwbc.state import RobotState
+
+_NOISE = [f.name for f in dataclasses.fields(ARENAS[2].profile) if f.type in ("float", float)]
+
+
+@pytest.fixture(scope="session")
+def still() -> RobotState:
+    """A reading of a robot that stands still by its joints' stiffness."""
+    simulation = Simulation(sensing=dataclasses.replace(ARENAS[2].profile, **dict.fromkeys(_NOISE, 0.0)))
+    simulation.step(JointCommand.position(H1, H1.nominal), 0.4)
+    return dataclasses.replace(simulation.sense(), dq=np.zeros(19))
+
+
+@pytest.fixture
+def standing(still: RobotState) -> Standing:
+    return Standing(still, Messages(H1))
+
+
+@pytest.fixture
+def pilot() -> Pilot:
+    """A pilot whose controller holds the nominal pose."""
+    return make_pilot()
+
+
+@pytest.fixture
+def free_domain() -> int:
+    """A DDS domain that no other process of the tests uses at the same time."""
+    return 100 + os.getpid() % 100

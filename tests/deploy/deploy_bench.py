@@ -1,0 +1,134 @@
+"""A robot that stands, as messages, and a simulated robot with its robot side in one process, for tests."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
+from hugwbc.controller import Controller
+from hugwbc.deploy.messages import Messages, StateMessage
+from hugwbc.deploy.pilot import Pilot
+from hugwbc.deploy.radio import Radio
+from hugwbc.deploy.recording import Recorder
+from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.schedule import Schedule
+from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.deploy.state_machine import START_TIME, Mode
+from hugwbc.deploy.transport import local_pair
+from hugwbc.deploy.watchdogs import Limits
+from hugwbc.runtime import Constant, HoldController
+from hugwbc.scripts.command_source import CommandSource
+from hugwbc.sim.arena import ARENAS
+from hugwbc.state import RobotState
+
+H1 = load_robot()
+PERIOD_MS = 2
+
+
+class Counting(HoldController):
+    """Holds the nominal pose, and counts its calls; it can be made to think for a while, or to fail."""
+
+    period = 0.002
+
+    def __init__(self) -> None:
+        super().__init__(H1)
+        self.calls = 0
+        self.commands: list[Command] = []
+        self.think: Callable[[], None] = lambda: None
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        self.calls += 1
+        self.commands.append(command)
+        self.think()
+        return super().act(state, command, upper_body)
+
+
+@dataclasses.dataclass
+class Standing:
+    """States of a robot that stands still on its feet, one every 2 ms."""
+
+    reading: RobotState
+    messages: Messages
+    tick: int = 1000
+
+    def raw(self, remote: Remote | None = None, *, after: int = PERIOD_MS, hot: float = 30.0, **changes) -> bytes:
+        """The next state as bytes, `after` milliseconds later than the last one, with some readings changed."""
+        self.tick += after
+        reading = dataclasses.replace(self.reading, **changes)
+        return self.messages.pack_state(reading, self.tick, np.full(19, hot), remote or Remote())
+
+    def next(self, remote: Remote | None = None, **changes) -> StateMessage:
+        """The next state, read."""
+        return self.messages.unpack_state(self.raw(remote, **changes))
+
+
+def make_pilot(
+    controller: Controller | None = None, source: CommandSource | None = None, limits: Limits | None = None
+) -> Pilot:
+    return Pilot(controller or Counting(), source or Constant(Command(gait=Gait.STANDING)), H1, limits=limits)
+
+
+def bring_to(mode: Mode, pilot: Pilot, standing: Standing) -> None:
+    """Take a new pilot to a mode by requests, with a jump in time on the way to the start pose."""
+    pilot.observe(standing.next())
+    if mode is Mode.ZERO_TORQUE:
+        return
+    pilot.observe(standing.next(), [Request.START])
+    assert pilot.mode is Mode.START_POSE
+    if mode is Mode.START_POSE:
+        return
+    pilot.machine._since -= START_TIME
+    for _ in range(30):
+        pilot.observe(standing.next())
+    pilot.observe(standing.next(), [Request.RUN])
+    assert pilot.mode is Mode.RUN, pilot.machine.events[-1]
+    if mode is Mode.DAMPING:
+        pilot.observe(standing.next(), [Request.STOP])
+    assert pilot.mode is mode
+
+
+class Pair:
+    """A simulated robot and its robot side in lockstep, in one process."""
+
+    def __init__(
+        self,
+        controller: Controller,
+        schedule: str,
+        *,
+        source: CommandSource | None = None,
+        radio: Radio | None = None,
+        seed: int = 5,
+        recorder: Recorder | None = None,
+        limits: Limits | None = None,
+        mode: str = "",
+        hoist: float | None = 0.1,
+    ) -> None:
+        arena = ARENAS[2]
+        simulation = arena.simulation(latency=0.0, seed=seed)
+        robot_end, self.endpoint = local_pair()
+        self.told: list[str] = []
+        self.robot = SimulatedRobot(
+            simulation,
+            robot_end,
+            radio=radio,
+            schedule=Schedule.parse(schedule),
+            latency=arena.profile.latency,
+            seed=seed,
+            mode=mode,
+            hoist=hoist,
+            tell=self.told.append,
+        )
+        self.pilot = make_pilot(controller, source, limits)
+        settings = Settings(lockstep=True, age=arena.profile.latency)
+        self.side = RobotSide(self.pilot, simulation.robot, self.endpoint, settings, recorder)
+
+    def run(self, until: float, *, alive: Callable[[], bool] = lambda: True) -> None:
+        """Run until a time of the robot's clock [s]; the robot side answers as long as it is alive."""
+        while self.robot.time < until - 1e-9:
+            self.robot.send()
+            if alive():
+                self.side.answer(0.0)
+            self.robot.take()
+            self.robot.move()

@@ -1,0 +1,127 @@
+"""Two processes over DDS on the loopback interface."""
+
+import re
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+from deploy_processes import Processes, output
+
+from hugwbc.deploy.dds import DdsEndpoint, check_network
+from hugwbc.errors import ConfigError
+
+
+@pytest.fixture
+def processes(tmp_path) -> Iterator[Processes]:
+    with Processes(tmp_path) as found:
+        yield found
+
+
+def test_deploy_and_replay_in_lockstep(processes, tmp_path, free_domain) -> None:
+    """Modes are released, states answered, commands accepted; the recording is replayed bit for bit."""
+    schedule = "0.1 Start, 0.6 Select"
+    robot = processes.hugwbc(
+        *("simulate-robot", "--lockstep", "--domain", free_domain, "--mode", "normal", "--duration", "12"),
+        *("--schedule", schedule, "--slower", "2"),
+    )
+    path = tmp_path / "run.bin"
+    side = processes.hugwbc(
+        *("deploy", "--controller", "hold", "--lockstep", "--domain", free_domain, "--duration", "0.9"),
+        *("--record", path),
+    )
+    text = output(side)
+    assert "released normal" in text
+    assert "zero torque -> start pose: asked to start, hanging or held" in text
+    assert "start pose -> damping: asked to stop" in text
+    assert "0 with a wrong check sum, 0 old, 0 of a wrong size" in text
+    robot.send_signal(signal.SIGINT)
+    text = output(robot, 130)
+    assert "refused: none" in text and int(re.findall(r"(\d+) commands received", text)[0]) > 1000
+    text = output(processes.hugwbc("deploy", "--replay", path))
+    assert "all equal bit for bit" in text and int(re.findall(r"(\d+) states,", text)[0]) > 1000
+
+
+# The order of messages of the maker's deploy_real.py (unitree_rl_gym), with the maker's own channels and check sum.
+MAKERS_CLIENT = """
+import sys, time
+from unitree_sdk2py.core.channel import ChannelFactoryInitialize, ChannelPublisher, ChannelSubscriber
+from unitree_sdk2py.idl.default import unitree_go_msg_dds__LowCmd_
+from unitree_sdk2py.idl.unitree_go.msg.dds_ import LowCmd_, LowState_
+from unitree_sdk2py.utils.crc import CRC
+
+seals, domain = sys.argv[1] == "seals", int(sys.argv[2])
+ChannelFactoryInitialize(domain, "lo")
+publisher = ChannelPublisher("rt/lowcmd", LowCmd_)
+publisher.Init()
+states = []
+subscriber = ChannelSubscriber("rt/lowstate", LowState_)
+subscriber.Init(states.append, 10)
+end = time.time() + 60
+while not states or states[-1].tick == 0:
+    assert time.time() < end, "no state"
+    time.sleep(0.02)
+command = unitree_go_msg_dds__LowCmd_()
+command.head[0], command.head[1], command.level_flag = 0xFE, 0xEF, 0xFF
+for slot in range(20):
+    command.motor_cmd[slot].mode = 0x01 if slot >= 10 else 0x0A
+    command.motor_cmd[slot].q, command.motor_cmd[slot].dq = 2.146e9, 16000.0
+
+def send():
+    if seals:
+        command.crc = CRC().Crc(command)
+    publisher.Write(command)
+    time.sleep(0.02)
+
+for _ in range(10):
+    send()
+elbow = 19
+start = states[-1].motor_state[elbow].q
+motor = command.motor_cmd[elbow]
+motor.q, motor.dq, motor.kp, motor.kd = start + 0.5, 0.0, 60.0, 1.5
+for _ in range(100):
+    send()
+print("moved", states[-1].motor_state[elbow].q - start, "sum right", CRC().Crc(states[-1]) == states[-1].crc)
+"""
+
+
+@pytest.mark.parametrize("seals", [True, False])
+def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_told(
+    processes, free_domain, seals
+) -> None:
+    robot = processes.hugwbc("simulate-robot", "--domain", free_domain, "--slower", "2", "--duration", "100")
+    client = processes.start(["-c", MAKERS_CLIENT, "seals" if seals else "forgets", str(free_domain)])
+    text = output(client)
+    moved, right = re.findall(r"moved (\S+) sum right (\w+)", text)[0]
+    assert right == "True"
+    robot.send_signal(signal.SIGINT)
+    told = output(robot, 130)
+    if seals:
+        assert float(moved) > 0.3 and "refused: none" in told
+    else:
+        assert "command refused" in told and "the client never sets it" in told
+        assert "torque 0.00 of the limit" in told
+
+
+def test_a_killed_robot_side_leaves_the_last_command(processes, free_domain) -> None:
+    robot = processes.hugwbc(
+        *("simulate-robot", "--domain", free_domain, "--slower", "4", "--duration", "100", "--schedule", "0.1 Start")
+    )
+    side = processes.hugwbc("deploy", "--controller", "hold", "--domain", free_domain, "--slower", "4")
+    lines = iter(side.stdout.readline, "")  # type: ignore[union-attr]
+    assert any("zero torque -> start pose" in line for line in lines)
+    time.sleep(1.0)
+    side.kill()
+    time.sleep(2.0)
+    robot.send_signal(signal.SIGINT)
+    text = output(robot, 130)
+    assert float(re.findall(r"longest silence (\S+) s", text)[0]) > 0.2
+    assert float(re.findall(r"torque (\S+) of the limit", text)[0]) <= 1.0
+
+
+@pytest.mark.parametrize(("net", "domain", "words"), [("eth77", 1, "no network interface"), ("lo", 999, "DDS domain")])
+def test_networks_that_do_not_exist_are_refused(net, domain, words) -> None:
+    with pytest.raises(ConfigError, match=words):
+        check_network(net, domain)
+    with pytest.raises(ConfigError, match=words):
+        DdsEndpoint(robot=False, net=net, domain=domain)

@@ -1,0 +1,84 @@
+"""A robot side that is killed while the robot walks, at 50 random moments."""
+
+import collections
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+from deploy_bench import H1, Pair
+
+from hugwbc.deploy import state_machine
+from hugwbc.deploy.simulated_robot import Extremes
+from hugwbc.deploy.sticks import Sticks
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime.safety import target_limits
+
+KILLS, AFTER = 50, 1.0  # s
+
+
+class Snapshot:
+    """The physics at one moment and what is on its way, to come back to."""
+
+    def __init__(self, pair: Pair) -> None:
+        simulation = pair.robot.simulation
+        self._pair, self._kind = pair, mujoco.mjtState.mjSTATE_INTEGRATION
+        self._state = np.empty(mujoco.mj_stateSize(simulation.model, self._kind))
+        mujoco.mj_getState(simulation.model, simulation.data, self._state, self._kind)
+        self._engine = {
+            name: copy.copy(getattr(simulation, name))
+            for name in ("_pending", "_readings", "_command", "_accelerometer", "_torque")
+        }
+        self._bias = simulation.model.actuator_biasprm.copy()
+        self._waiting = list(pair.robot._states._waiting)
+
+    def restore(self) -> None:
+        simulation = self._pair.robot.simulation
+        mujoco.mj_setState(simulation.model, simulation.data, self._state, self._kind)
+        simulation.model.actuator_biasprm[:] = self._bias
+        mujoco.mj_forward(simulation.model, simulation.data)
+        for name, value in self._engine.items():
+            setattr(simulation, name, value)
+        assert isinstance(simulation._pending, collections.deque)
+        self._pair.robot._states._waiting[:] = self._waiting
+        self._pair.endpoint.receive(0.0)
+
+
+@pytest.mark.slow
+def test_a_killed_robot_side_leads_to_no_torque_beyond_a_limit(monkeypatch) -> None:
+    """The robot holds the last command, the worst that it can do, and falls; the command itself is within all limits.
+
+    When the falling robot hits the ground, joints turn faster than their limits and press into their stops, which are
+    soft in MuJoCo; docs/deploy.md has the figures.
+    """
+    monkeypatch.setattr(state_machine, "START_TIME", 0.4)
+    pair = Pair(
+        WholeBodyController(), "0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly=0.5", source=Sticks(), hoist=0.0
+    )
+    pair.run(3.0)
+    rng, fallen = np.random.default_rng(7), 0
+    worst = Extremes()
+    low, high = target_limits(H1)
+    for _ in range(KILLS):
+        pair.run(pair.robot.time + float(rng.uniform(0.02, 0.1)))
+        assert not pair.robot.simulation.fallen
+        snapshot = Snapshot(pair)
+        pair.robot.extremes = Extremes()
+        pair.run(pair.robot.time + AFTER, alive=lambda: False)
+        held = pair.robot._command
+        assert np.all(held.q >= low - 1e-6) and np.all(held.q <= high + 1e-6)
+        assert np.all(np.abs(held.tau) <= H1.torque_limit + 1e-4)
+        fallen += pair.robot.simulation.fallen
+        most = pair.robot.extremes
+        worst = Extremes(
+            speed=max(worst.speed, most.speed),
+            torque=max(worst.torque, most.torque),
+            beyond=max(worst.beyond, most.beyond),
+            lowest=min(worst.lowest, most.lowest),
+            silence=max(worst.silence, most.silence),
+        )
+        snapshot.restore()
+    print(f"{KILLS} kills, {fallen} falls within {AFTER} s; {worst}")
+    assert worst.torque <= 1.0 + 1e-9
+    assert worst.beyond < 0.4
+    assert not pair.robot.simulation.diverged

@@ -1,0 +1,47 @@
+"""The motion modes are released before anything is sent."""
+
+import json
+
+import pytest
+
+from hugwbc.deploy import motion_switcher
+from hugwbc.deploy.motion_switcher import CHECK_MODE, RELEASE_MODE, SimulatedSwitcher, release_modes
+from hugwbc.deploy.transport import local_pair
+from hugwbc.errors import DeploymentError
+
+
+def test_an_active_mode_is_released() -> None:
+    robot, client = local_pair()
+    switcher = SimulatedSwitcher("normal")
+    robot.serve(switcher)
+    assert release_modes(client, required=True) == "released normal"
+    assert not switcher.active
+    assert release_modes(client, required=True) == "no motion mode is active"
+
+
+def test_a_robot_without_a_switcher_is_an_error_only_where_it_is_required() -> None:
+    _, client = local_pair()
+    with pytest.raises(DeploymentError, match="does not answer"):
+        release_modes(client, required=True)
+    assert release_modes(client, required=False) == "no motion switcher answers"
+
+
+def test_a_mode_that_stays_is_an_error(monkeypatch) -> None:
+    monkeypatch.setattr(motion_switcher, "_PAUSE", 0.0)
+    robot, client = local_pair()
+    robot.serve(lambda number, parameter: (0, json.dumps({"name": "ai"})))
+    with pytest.raises(DeploymentError, match="motion mode 'ai' stays active"):
+        release_modes(client, required=True)
+
+
+@pytest.mark.parametrize("data", ["", "[", "[]", "null", '{"form": "0"}', '{"name": null}', "[" * 10_000])
+def test_an_answer_without_a_mode_means_none(data) -> None:
+    robot, client = local_pair()
+    robot.serve(lambda number, parameter: (0, data))
+    assert release_modes(client, required=True) == "no motion mode is active"
+
+
+def test_the_simulated_one_knows_its_calls() -> None:
+    switcher = SimulatedSwitcher("normal")
+    assert json.loads(switcher(CHECK_MODE, "{}")[1])["name"] == "normal"
+    assert switcher(RELEASE_MODE, "{}")[0] == 0 and switcher(7, "")[0] != 0

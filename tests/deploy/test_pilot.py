@@ -1,0 +1,203 @@
+"""From states and requests to joint commands."""
+
+import numpy as np
+import pytest
+from deploy_bench import Counting, bring_to, make_pilot
+
+from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc.deploy.pilot import Pilot
+from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.state_machine import START_TIME, Mode
+from hugwbc.deploy.sticks import Sticks
+from hugwbc.runtime.estimation import StateEstimator
+
+H1 = load_robot()
+
+
+def test_the_first_state_ends_idleness(pilot, standing) -> None:
+    assert pilot.mode is Mode.IDLE
+    decision = pilot.observe(standing.next())
+    assert pilot.mode is Mode.ZERO_TORQUE and decision.command is not None and not np.any(decision.command.kp)
+
+
+def test_buttons_lead_through_the_modes(standing) -> None:
+    pilot = make_pilot()
+    pilot.observe(standing.next())
+    pilot.observe(standing.next(Remote(frozenset({"Start"}))))
+    assert pilot.mode is Mode.START_POSE
+    pilot.observe(standing.next(Remote(frozenset({"A"}))))
+    assert pilot.mode is Mode.START_POSE and "still on its way" in pilot.machine.events[-1].reason
+    pilot.machine._since -= START_TIME
+    for _ in range(30):
+        pilot.observe(standing.next())
+    pilot.observe(standing.next(Remote(frozenset({"A"}))))
+    assert pilot.mode is Mode.RUN
+    pilot.observe(standing.next(Remote(frozenset({"Select"}))))
+    assert pilot.mode is Mode.DAMPING and not pilot.machine.faulty
+    modes = [event.after for event in pilot.machine.events if not event.refused]
+    assert modes == [Mode.ZERO_TORQUE, Mode.START_POSE, Mode.RUN, Mode.DAMPING]
+
+
+@pytest.mark.parametrize("mode", [Mode.ZERO_TORQUE, Mode.START_POSE, Mode.RUN])
+def test_stop_damps_from_every_mode(pilot, standing, mode) -> None:
+    bring_to(mode, pilot, standing)
+    decision = pilot.observe(standing.next(), [Request.STOP])
+    assert pilot.mode is Mode.DAMPING and decision.command is not None and not np.any(decision.command.kp)
+
+
+def test_requests_that_a_mode_does_not_know_are_refused(pilot, standing) -> None:
+    bring_to(Mode.DAMPING, pilot, standing)
+    for request in (Request.START, Request.RUN):
+        pilot.observe(standing.next(), [request])
+        assert pilot.mode is Mode.DAMPING and pilot.machine.events[-1].refused
+
+
+def test_a_tilted_robot_is_refused_at_the_start(pilot, standing) -> None:
+    bring_to(Mode.ZERO_TORQUE, pilot, standing)
+    tilted = rotations.from_yaw_pitch_roll(0.0, 0.5, 0.0)
+    pilot.observe(standing.next(orientation=tilted), [Request.START])
+    assert pilot.mode is Mode.ZERO_TORQUE and "leans 0.50 rad" in pilot.machine.events[-1].reason
+
+
+def test_the_weight_on_the_feet_is_inferred_from_the_legs(pilot, standing) -> None:
+    bring_to(Mode.START_POSE, pilot, standing)
+    for _ in range(50):
+        pilot.observe(standing.next())
+    assert pilot.carried == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_hanging_robot_may_go_to_its_start_pose_but_not_run(pilot, standing) -> None:
+    """In the air the legs carry only themselves."""
+    import mujoco
+
+    from hugwbc.sim import Simulation
+
+    simulation = Simulation()
+    joints = slice(6, 25)
+    simulation.data.qvel[:] = 0.0
+    mujoco.mj_inverse(simulation.model, simulation.data)
+    gravity = simulation.data.qfrc_bias[joints].copy()
+    hanging = {"torque": gravity, "q": H1.nominal, "orientation": np.array([1.0, 0.0, 0.0, 0.0])}
+    hanging |= {"imu_gyro": np.zeros(3), "imu_accelerometer": np.array([0.0, 0.0, 9.81])}
+    for _ in range(60):
+        pilot.observe(standing.next(**hanging))
+    pilot.observe(standing.next(**hanging), [Request.START])
+    assert "hanging or held" in pilot.machine.events[-1].reason
+    pilot.machine._since -= START_TIME
+    assert abs(pilot.carried) < 0.1
+    pilot.observe(standing.next(**hanging), [Request.RUN])
+    assert pilot.mode is Mode.START_POSE and "hangs" in pilot.machine.events[-1].reason
+
+
+def test_the_controller_is_called_once_a_period_of_the_robots_clock(standing) -> None:
+    controller = Counting()
+    controller.period = 0.02
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    new = [pilot.observe(standing.next()).new for _ in range(100)]
+    assert controller.calls == 1 + 10 and sum(new) == 10
+    assert np.all(np.diff(np.flatnonzero(new)) == 10)
+
+
+def test_after_a_short_gap_the_controller_does_not_catch_up(standing) -> None:
+    controller = Counting()
+    controller.period = 0.006
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    calls = controller.calls
+    pilot.observe(standing.next(after=18))
+    assert pilot.mode is Mode.RUN and controller.calls == calls + 1
+    pilot.observe(standing.next())
+    assert controller.calls == calls + 1
+
+
+def test_a_gap_of_more_than_20_ms_between_ticks_damps(pilot, standing) -> None:
+    bring_to(Mode.RUN, pilot, standing)
+    pilot.observe(standing.next(after=20))
+    assert pilot.mode is Mode.RUN
+    pilot.observe(standing.next(after=22))
+    assert pilot.mode is Mode.DAMPING and "no state for 22 ms" in pilot.machine.events[-1].reason
+
+
+def test_faults_of_body_and_outside_damp(standing) -> None:
+    for fault, changes in (("outside", {}), (None, {"hot": 120.0})):
+        pilot = make_pilot()
+        bring_to(Mode.RUN, pilot, standing)
+        pilot.observe(standing.next(**changes), fault=fault)
+        assert pilot.mode is Mode.DAMPING and pilot.machine.faulty
+
+
+def test_the_estimator_is_the_only_source_of_state(standing) -> None:
+    """The controller sees a position and a velocity, which no message holds."""
+    seen = []
+    controller = Counting()
+    inner = controller.act
+
+    def act(state, command, upper_body):
+        seen.append(state)
+        return inner(state, command, upper_body)
+
+    controller.act = act  # type: ignore[method-assign]
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    assert isinstance(pilot.estimator, StateEstimator)
+    assert seen[-1].position is not None and seen[-1].velocity is not None
+    assert seen[-1].position[2] == pytest.approx(0.93, abs=0.03)
+
+
+def test_a_single_unusable_reading_neither_raises_nor_forgets(pilot, standing) -> None:
+    bring_to(Mode.RUN, pilot, standing)
+    before = pilot.estimate.position.copy()
+    broken = pilot.observe(standing.next(imu_gyro=np.full(3, np.nan), orientation=np.full(4, np.nan)))
+    assert broken.command is not None and broken.command.is_finite
+    after = pilot.observe(standing.next())
+    assert pilot.mode is Mode.RUN and after.command is not None
+    np.testing.assert_allclose(pilot.estimate.position, before, atol=0.01)
+
+
+def test_time_of_the_commands_starts_with_the_run(standing) -> None:
+    class Times:
+        def __init__(self) -> None:
+            self.asked: list[float] = []
+
+        def command_at(self, t: float) -> Command:
+            self.asked.append(t)
+            return Command(gait=Gait.STANDING)
+
+        def hands_at(self, t: float) -> None:
+            return None
+
+    source = Times()
+    pilot = make_pilot(source=source)
+    bring_to(Mode.RUN, pilot, standing)
+    pilot.observe(standing.next())
+    np.testing.assert_allclose(source.asked, [0.0, 0.002], atol=1e-9)
+
+
+def test_sticks_reach_the_controller(standing) -> None:
+    controller = Counting()
+    pilot = make_pilot(controller, Sticks())
+    bring_to(Mode.RUN, pilot, standing)
+    for _ in range(1000):
+        pilot.observe(standing.next(Remote(ly=0.5)))
+    assert controller.commands[-1].gait is Gait.WALKING
+    assert controller.commands[-1].v_x == pytest.approx(0.5)
+
+
+def test_equal_histories_give_equal_commands(still) -> None:
+    from deploy_bench import Standing
+
+    from hugwbc.deploy.messages import Messages
+
+    results = []
+    for _ in range(2):
+        pilot, standing = make_pilot(), Standing(still, Messages(H1))
+        bring_to(Mode.RUN, pilot, standing)
+        decision = pilot.observe(standing.next())
+        assert decision.command is not None
+        results.append(Messages(H1).pack_command(decision.command))
+    assert results[0] == results[1]
+
+
+def test_a_pilot_needs_no_network() -> None:
+    assert isinstance(make_pilot(), Pilot)

@@ -1,0 +1,162 @@
+"""Recordings: what is read is what was written, and a replay gives the same commands bit for bit."""
+
+import json
+import pathlib
+import zlib
+
+import pytest
+from deploy_bench import Standing, make_pilot
+
+from hugwbc import load_robot
+from hugwbc.deploy import recording
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.recording import Recorder, Recording, replay
+from hugwbc.deploy.remote import Request
+from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.state_machine import Mode
+from hugwbc.deploy.transport import local_pair
+from hugwbc.errors import ResultFileError
+
+H1 = load_robot()
+
+
+def record_a_run(path: pathlib.Path, standing: Standing, *, fault: bool = False) -> None:
+    """Record a short deployment with requests by the keyboard and, if asked for, a fault."""
+    recorder = Recorder(path, {"controller": "test"})
+    _, end = local_pair()
+    side = RobotSide(make_pilot(), H1, end, Settings(), recorder)
+    now = 10.0
+
+    def slot(raw: bytes) -> None:
+        nonlocal now
+        now += 0.002
+        state = side.accept(raw, now)
+        if state is not None:
+            side.handle(raw, state, now)
+        side.publish(now)
+
+    slot(standing.raw())
+    side.ask(Request.START)
+    slot(standing.raw())
+    standing.tick += 5100
+    side.pilot._last_time = None  # a jump of the clock instead of five seconds of states
+    for _ in range(30):
+        slot(standing.raw())
+    side.ask(Request.RUN)
+    for _ in range(50):
+        slot(standing.raw())
+    assert side.pilot.mode is Mode.RUN
+    slot(b"torn")
+    if fault:
+        now += 0.03
+        side.publish(now)
+        slot(standing.raw())
+        assert side.pilot.mode is Mode.DAMPING
+    recorder.close()
+    assert recorder.failure is None
+
+
+@pytest.fixture
+def jumping_pilot(monkeypatch):
+    """Pilots that know of no gaps, for the recording's jump of the clock."""
+    monkeypatch.setattr("hugwbc.deploy.pilot.Pilot._fault", lambda self, message: self._watch.fault(message))
+
+
+@pytest.mark.parametrize("fault", [False, True])
+def test_a_replay_gives_the_same_commands_bit_for_bit(tmp_path, standing, fault, jumping_pilot) -> None:
+    path = tmp_path / "run.bin"
+    record_a_run(path, standing, fault=fault)
+    pilot = make_pilot()
+    result = replay(Recording(path), pilot, Messages(H1), 0.0)
+    assert result.states == result.decisions == 82 + fault
+    assert result.different == 0 and result.first is None
+    assert pilot.mode is (Mode.DAMPING if fault else Mode.RUN)
+
+
+def test_a_replay_notices_another_controller(tmp_path, standing, jumping_pilot) -> None:
+    path = tmp_path / "run.bin"
+    record_a_run(path, standing)
+    pilot = make_pilot()
+    pilot.safe.controller.robot = load_robot("h1-2023")  # type: ignore[attr-defined]
+    act = pilot.safe.controller.act
+
+    def other(*arguments):
+        command = act(*arguments)
+        command.q[0] += 1e-6
+        return command
+
+    pilot.safe.controller.act = other  # type: ignore[method-assign]
+    result = replay(Recording(path), pilot, Messages(H1), 0.0)
+    assert result.different == 50 and result.first is not None
+
+
+def test_every_message_is_recorded(tmp_path, standing, jumping_pilot) -> None:
+    path = tmp_path / "run.bin"
+    record_a_run(path, standing)
+    entries = list(Recording(path).entries())
+    kinds = b"".join(entry.kind for entry in entries)
+    assert kinds.count(recording.STATE) == kinds.count(recording.DECISION) == 82
+    assert kinds.count(recording.REFUSED) == 1 and kinds.count(recording.PUBLISHED) == 83
+    assert [entry.content for entry in entries if entry.kind == recording.REQUEST] == [b"start", b"run"]
+    assert Recording(path).header["controller"] == "test"
+
+
+def test_a_recording_that_was_cut_off_can_be_read_up_to_there(tmp_path, standing, jumping_pilot) -> None:
+    path = tmp_path / "run.bin"
+    record_a_run(path, standing)
+    whole = list(Recording(path).entries())
+    path.write_bytes(path.read_bytes()[:-200])
+    part = list(Recording(path).entries())
+    assert 0 < len(part) < len(whole) and part == whole[: len(part)]
+
+
+def bad(header: bytes, body: bytes) -> bytes:
+    return header + b"\n" + body
+
+
+HEADER = json.dumps({"format": recording.FORMAT}).encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no header"),
+        (b"\x00\xff\n", "no header"),
+        (b"[" * 100_000 + b"\n", "no header"),
+        (b"[1, 2]\n", "format"),
+        (b'{"format": "other"}\n', "format"),
+        (bad(HEADER, b"not zlib"), "damaged"),
+        (bad(HEADER, zlib.compress(b"Z" * 100)), "damaged"),
+        (bad(HEADER, zlib.compress(b"S" + b"\xff" * 100)), "damaged"),
+    ],
+)
+def test_files_that_are_no_recordings_are_refused(tmp_path, content, words) -> None:
+    path = tmp_path / "bad.bin"
+    path.write_bytes(content)
+    with pytest.raises(ResultFileError, match=words):
+        list(Recording(path).entries())
+
+
+def test_paths_that_cannot_be_used_are_refused(tmp_path) -> None:
+    with pytest.raises(ResultFileError, match="no recording"):
+        Recording(tmp_path / "missing.bin")
+    with pytest.raises(ResultFileError, match="no recording"):
+        Recording(pathlib.Path("/dev/zero"))
+    with pytest.raises(ResultFileError, match="cannot write"):
+        Recorder(tmp_path / "no" / "folder.bin", {})
+
+
+def test_a_bomb_is_read_piece_by_piece(tmp_path) -> None:
+    """100 MB of zeros in 100 kB: the first entry is damaged, and that is all that is looked at."""
+    path = tmp_path / "bomb.bin"
+    path.write_bytes(bad(HEADER, zlib.compress(bytes(100_000_000))))
+    with pytest.raises(ResultFileError, match="damaged"):
+        list(Recording(path).entries())
+
+
+def test_a_full_disk_leaves_the_deployment_alone() -> None:
+    recorder = Recorder(pathlib.Path("/dev/full"), {})
+    for _ in range(2000):
+        recorder.add(recording.FAULT, 0.0, b"something")
+    recorder.close()
+    assert recorder.failure is not None and "space" in recorder.failure

@@ -1,0 +1,274 @@
+"""The publisher and its watchdogs, each in 20 trials, and the threads."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from deploy_bench import Counting, Standing, bring_to, make_pilot
+
+from hugwbc import load_robot
+from hugwbc.deploy import wire
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
+from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
+from hugwbc.deploy.transport import local_pair
+from hugwbc.errors import ConfigError
+
+H1 = load_robot()
+TRIALS = 20
+SLOT = 0.002
+
+
+class Bench:
+    """A robot side whose time is told, fed with the states of a standing robot until its controller runs."""
+
+    def __init__(self, standing: Standing, controller: Counting | None = None, **settings) -> None:
+        self.robot_end, end = local_pair()
+        self.standing, self.messages = standing, Messages(H1)
+        self.told: list[str] = []
+        self.controller = controller or Counting()
+        self.pilot = make_pilot(self.controller)
+        self.side = RobotSide(self.pilot, H1, end, Settings(**settings), tell=self.told.append)
+        bring_to(Mode.RUN, self.pilot, standing)
+        self.now = 100.0
+        self.slot()
+
+    def slot(self, raw: bytes | None = None, *, silent: bool = False, answer: bool = True) -> bytes | None:
+        """Pass 2 ms: a state arrives unless it is silent, is answered, and a command is published."""
+        self.now += SLOT
+        if not silent:
+            data = self.standing.raw() if raw is None else raw
+            state = self.side.accept(data, self.now)
+            if state is not None and answer:
+                self.side.handle(data, state, self.now)
+        self.side.publish(self.now + 0.5 * SLOT)
+        sent = self.robot_end.receive(0.0)
+        return sent[-1] if sent else None
+
+    def is_damping(self, message: bytes | None) -> bool:
+        assert message is not None and wire.is_sealed(message)
+        command = self.messages.unpack_command(message).command
+        damping = bool(np.all(command.kd == DAMPING_GAIN) and not np.any(command.kp))
+        assert damping or np.all(command.kp == H1.kp.astype(np.float32))
+        return damping
+
+    def until_damping(self, **slot) -> float:
+        """Time until damping is published, with the same kind of slot all along [s]."""
+        for count in range(1, 40):
+            if self.is_damping(self.slot(**slot)):
+                return count * SLOT
+        raise AssertionError("no damping within 80 ms")
+
+
+def phases(seed: int) -> range:
+    """How many sound slots come before a fault: another phase in each trial."""
+    return range(int(np.random.default_rng(seed).integers(1, 12)))
+
+
+@pytest.mark.parametrize("trial", range(TRIALS))
+def test_silence_damps_within_its_time(still, trial) -> None:
+    bench = Bench(Standing(still, Messages(H1)))
+    for _ in phases(trial):
+        assert not bench.is_damping(bench.slot())
+    assert 0.02 <= bench.until_damping(silent=True) <= 0.02 + 2 * SLOT
+    assert "no state for" in bench.told[0]
+
+
+@pytest.mark.parametrize("trial", range(TRIALS))
+def test_old_ticks_damp_within_their_time(still, trial) -> None:
+    bench = Bench(Standing(still, Messages(H1)))
+    old = bench.standing.raw()
+    for _ in phases(trial):
+        assert not bench.is_damping(bench.slot())
+    assert 0.02 <= bench.until_damping(raw=old) <= 0.02 + 2 * SLOT
+    assert "old tick" in bench.told[0]
+
+
+@pytest.mark.parametrize("trial", range(TRIALS))
+def test_wrong_check_sums_damp_within_their_time(still, trial) -> None:
+    bench = Bench(Standing(still, Messages(H1)))
+    for _ in phases(trial):
+        assert not bench.is_damping(bench.slot())
+    wrong = bytearray(bench.standing.raw())
+    wrong[int(np.random.default_rng(trial).integers(wrong.__len__()))] ^= 0x10
+    assert 0.02 <= bench.until_damping(raw=bytes(wrong)) <= 0.02 + 2 * SLOT
+    assert "wrong check sum" in bench.told[0]
+
+
+@pytest.mark.parametrize("trial", range(TRIALS))
+def test_a_late_controller_damps_within_its_time(still, trial) -> None:
+    bench = Bench(Standing(still, Messages(H1)))
+    for _ in phases(trial):
+        assert not bench.is_damping(bench.slot())
+    assert 0.02 <= bench.until_damping(answer=False) <= 0.02 + 2 * SLOT
+    assert "controller is" in bench.told[0]
+
+
+@pytest.mark.parametrize("trial", range(TRIALS))
+def test_limits_of_the_body_damp_within_their_time(still, trial) -> None:
+    from hugwbc import rotations
+
+    rng, bench = np.random.default_rng(trial), Bench(Standing(still, Messages(H1)))
+    for _ in phases(trial):
+        assert not bench.is_damping(bench.slot())
+    fast = np.zeros(19)
+    fast[rng.integers(19)] = 60.0
+    fault = [
+        {"orientation": rotations.from_yaw_pitch_roll(rng.uniform(-3, 3), rng.choice((-1.1, 1.1)), 0.0)},
+        {"dq": fast},
+        {"hot": 90.0},
+    ][trial % 3]
+    for count in range(1, 10):
+        if bench.is_damping(bench.slot(bench.standing.raw(**fault))):
+            assert count * SLOT <= 0.006 + SLOT
+            return
+    raise AssertionError("no damping")
+
+
+def test_damping_stays_when_states_come_back(standing) -> None:
+    bench = Bench(standing)
+    bench.until_damping(silent=True)
+    for _ in range(20):
+        assert bench.is_damping(bench.slot())
+    assert bench.pilot.mode is Mode.DAMPING and bench.pilot.machine.faulty
+    assert "no state for" in bench.pilot.machine.events[-1].reason
+
+
+def test_a_command_is_held_while_the_next_one_is_late(standing) -> None:
+    bench = Bench(standing)
+    last = bench.slot()
+    for _ in range(8):
+        assert bench.slot(answer=False) == last
+    assert bench.side.timing.missed == 0
+    assert not bench.is_damping(bench.slot())
+
+
+def test_missed_deadlines_are_counted(standing) -> None:
+    bench = Bench(standing)
+    before = bench.side.timing.missed
+    raw = standing.raw()
+    state = bench.side.accept(raw, bench.now)
+    bench.now += 0.008
+    assert state is not None
+    bench.side.handle(raw, state, bench.now)
+    bench.side.publish(bench.now)
+    assert bench.side.timing.missed == before + 1
+
+
+def test_a_dry_run_sends_nothing(standing) -> None:
+    bench = Bench(standing, dry_run=True)
+    assert [bench.slot() for _ in range(5)] == [None] * 5
+    assert bench.controller.calls >= 5 and bench.side.timing.latency.count >= 4
+
+
+def test_limp_joints_need_no_watchdog(standing) -> None:
+    robot_end, end = local_pair()
+    side = RobotSide(make_pilot(), H1, end)
+    raw = standing.raw()
+    side.handle(raw, side.accept(raw, 1.0), 1.0)  # type: ignore[arg-type]
+    side.publish(2.0)
+    (message,) = robot_end.receive(0.0)
+    assert not np.any(Messages(H1).unpack_command(message).command.kd) and side.fault is None
+
+
+class Feeder:
+    """The robot's end: it sends standing states in real time, from a thread, and keeps what it receives."""
+
+    def __init__(self, standing: Standing, end, slower: float) -> None:
+        self.standing, self.end, self.pause = standing, end, SLOT * slower
+        self.messages: list[bytes] = []
+        self.remote = Remote()
+        self.silent = threading.Event()
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        slot = time.perf_counter()
+        while not self.over.is_set():
+            if not self.silent.is_set():
+                self.end.send(self.standing.raw(self.remote))
+            self.messages += self.end.receive(0.0)
+            slot = max(slot + self.pause, time.perf_counter() - self.pause)
+            time.sleep(max(slot - time.perf_counter(), 0.0))
+
+
+def run_threads(standing: Standing, controller: Counting, meanwhile) -> tuple[RobotSide, Feeder]:
+    """Run a side in its threads, ten times slower than real time for a busy machine."""
+    slower = 10.0
+    robot_end, end = local_pair()
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(slower=slower))
+    feeder = Feeder(standing, robot_end, slower)
+    worker = threading.Thread(target=side.run)
+    feeder.thread.start()
+    worker.start()
+    try:
+        meanwhile(side, feeder)
+    finally:
+        side.ask(Request.STOP)
+        side._end.set()
+        worker.join(10.0)
+        feeder.over.set()
+        feeder.thread.join(10.0)
+    assert not worker.is_alive()
+    return side, feeder
+
+
+def wait_for(condition, seconds: float = 20.0) -> None:
+    end = time.perf_counter() + seconds
+    while not condition():
+        assert time.perf_counter() < end, "took too long"
+        time.sleep(0.01)
+
+
+def test_three_threads_answer_states_and_publish(standing) -> None:
+    controller = Counting()
+
+    def meanwhile(side: RobotSide, feeder: Feeder) -> None:
+        wait_for(lambda: len(feeder.messages) > 40)
+
+    side, feeder = run_threads(standing, controller, meanwhile)
+    assert controller.calls > 10 and side.sent > 40
+    assert all(map(wire.is_sealed, feeder.messages))
+    assert side.timing.latency.count > 10 and side.timing.jitter.count > 40
+    assert side.timing.jitter.median < PERIOD * 1e3
+
+
+def test_a_controller_that_hangs_is_damped_by_the_publisher(standing) -> None:
+    controller = Counting()
+    hang = threading.Event()
+
+    def meanwhile(side: RobotSide, feeder: Feeder) -> None:
+        wait_for(lambda: len(feeder.messages) > 5)
+        controller.think = lambda: hang.wait(30.0)  # type: ignore[assignment]
+        wait_for(lambda: side.fault is not None)
+        count = len(feeder.messages)
+        wait_for(lambda: len(feeder.messages) > count + 5)
+        hang.set()
+
+    side, feeder = run_threads(standing, controller, meanwhile)
+    assert "late" in str(side.fault)
+    command = Messages(H1).unpack_command(feeder.messages[-1]).command
+    assert np.all(command.kd == DAMPING_GAIN)
+
+
+def test_a_defect_ends_the_deployment_with_its_error(standing) -> None:
+    robot_end, end = local_pair()
+    side = RobotSide(make_pilot(), H1, end, Settings(slower=1.0))
+    side.pilot.observe = lambda *_: 1 / 0  # type: ignore[method-assign,assignment]
+    robot_end.send(standing.raw())
+    begin = time.perf_counter()
+    with pytest.raises(ZeroDivisionError):
+        side.run()
+    assert time.perf_counter() - begin < 8.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("slower", 0.5), ("slower", float("nan")), ("age", -0.1), ("age", 2.0), ("duration", 0.0)]
+)
+def test_settings_out_of_range_are_refused(name, value) -> None:
+    with pytest.raises(ConfigError):
+        Settings(**{name: value})

@@ -1,0 +1,238 @@
+"""A simulated robot that is read and driven by messages alone."""
+
+import dataclasses
+import threading
+import time
+
+import numpy as np
+import pytest
+from deploy_bench import Counting, Pair
+
+from hugwbc import JointCommand, load_robot
+from hugwbc.deploy import state_machine, wire
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.radio import Radio
+from hugwbc.deploy.remote import Remote
+from hugwbc.deploy.schedule import Schedule
+from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.deploy.state_machine import Mode
+from hugwbc.deploy.transport import LocalEndpoint, local_pair
+from hugwbc.errors import ConfigError
+from hugwbc.mbc import WholeBodyController
+from hugwbc.sim import Simulation
+from hugwbc.sim.arena import ARENAS
+
+H1 = load_robot()
+HOLD = JointCommand.position(H1, H1.nominal)
+EXACT = dataclasses.replace(
+    ARENAS[2].profile, **{f.name: 0.0 for f in dataclasses.fields(ARENAS[2].profile) if f.type in ("float", float)}
+)
+
+
+def make(**options) -> tuple[SimulatedRobot, LocalEndpoint, list[str]]:
+    told: list[str] = []
+    robot_end, client = local_pair()
+    simulation = Simulation(sensing=EXACT)
+    return SimulatedRobot(simulation, robot_end, tell=told.append, **{"hoist": None, **options}), client, told
+
+
+def step(robot: SimulatedRobot, client: LocalEndpoint, message: bytes | None = None) -> list[bytes]:
+    """One physics step; returns the states that were sent."""
+    if message is not None:
+        client.send(message)
+    robot.send()
+    robot.take()
+    robot.move()
+    return client.receive(0.0)
+
+
+def test_each_step_sends_a_sound_state_with_the_next_tick() -> None:
+    robot, client, _ = make()
+    messages = Messages(H1)
+    states = [message for _ in range(20) for message in step(robot, client)]
+    assert all(map(wire.is_sealed, states)) and len(states) == 20
+    ticks = [messages.unpack_state(message).tick for message in states]
+    assert ticks[0] > 0 and set(np.diff(ticks)) == {2}
+    record = wire.record("LowState_", states[-1])
+    assert not np.any(record["foot_force"]), "an H1 has no foot sensors"
+
+
+def test_a_state_tells_what_the_sensors_say() -> None:
+    robot, client, _ = make()
+    command = Messages(H1).pack_command(dataclasses.replace(HOLD, q=H1.nominal + 0.1))
+    for _ in range(50):
+        step(robot, client, command)
+    robot.send()
+    (message,) = client.receive(0.0)
+    sensed, read = robot.simulation.sense(), Messages(H1).unpack_state(message).state
+    for name in ("q", "dq", "torque", "imu_gyro", "imu_accelerometer", "angular_velocity"):
+        np.testing.assert_allclose(getattr(read, name), getattr(sensed, name), rtol=1e-5, atol=1e-5)
+    assert abs(read.orientation @ sensed.orientation) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_joints_follow_the_pd_law_at_every_step() -> None:
+    """The robot behind the messages moves as the bare simulation does under the same (single-precision) command."""
+    robot, client, _ = make()
+    message = Messages(H1).pack_command(dataclasses.replace(HOLD, q=H1.nominal + 0.05))
+    bare = Simulation(sensing=EXACT)
+    command = Messages(H1).unpack_command(message).command
+    step(robot, client, message)
+    bare.step(command, bare.timestep)
+    for _ in range(100):
+        step(robot, client)
+        bare.step(command, bare.timestep)
+    np.testing.assert_array_equal(robot.simulation.qpos, bare.qpos)
+
+
+def test_motors_are_off_until_a_command_comes_and_hold_the_last_one_after() -> None:
+    robot, client, _ = make()
+    for _ in range(20):
+        step(robot, client)
+    assert not np.any(robot.simulation.torque)
+    message = Messages(H1).pack_command(HOLD)
+    step(robot, client, message)
+    for _ in range(200):
+        step(robot, client)
+    assert np.max(np.abs(robot.simulation.torque)) > 10.0
+    assert robot.extremes.silence == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_client_that_never_sets_the_check_sum_is_refused_and_told() -> None:
+    robot, client, told = make()
+    content = wire.record("LowCmd_", Messages(H1).pack_command(HOLD))
+    content["crc"] = 0
+    for _ in range(1200):
+        step(robot, client, content.tobytes())
+    assert robot.refused == {"check sum": 1200} and not np.any(robot.simulation.torque)
+    assert len(told) == 3 and all("never sets it" in line for line in told)
+
+
+def test_commands_are_refused_while_a_motion_mode_is_active() -> None:
+    robot, client, told = make(mode="normal")
+    message = Messages(H1).pack_command(HOLD)
+    step(robot, client, message)
+    assert robot.refused == {"motion mode": 1} and "motion mode 'normal' is active" in told[0]
+    assert client.call(1003, "{}", 0.0)[0] == 0
+    step(robot, client, message)
+    assert robot.refused == {"motion mode": 1}
+
+
+def test_torn_commands_are_refused() -> None:
+    robot, client, _ = make()
+    for message in (b"", b"x" * 811, bytes(4000)):
+        step(robot, client, message)
+    assert robot.refused == {"size": 3}
+
+
+def test_states_are_as_old_as_the_sensors_latency() -> None:
+    robot, client, _ = make(latency=0.01)
+    counts = [len(step(robot, client)) for _ in range(8)]
+    assert counts == [0] * 5 + [1] * 3
+    robot, client, _ = make(latency=0.01)
+    for _ in range(30):
+        states = step(robot, client)
+    tick = Messages(H1).unpack_state(states[-1]).tick
+    assert robot.time - (tick - 1) * 1e-3 == pytest.approx(0.012), "10 ms, and the step since then"
+
+
+def test_losses_hit_states_and_commands() -> None:
+    robot, client, _ = make(radio=Radio(loss=0.2))
+    message = Messages(H1).pack_command(HOLD)
+    states = sum(len(step(robot, client, message)) for _ in range(500))
+    assert states == pytest.approx(400, abs=40)
+    assert robot._commands.lost == pytest.approx(100, abs=40)
+
+
+def test_a_command_that_was_overtaken_is_left_out() -> None:
+    robot, client, _ = make(radio=Radio(jitter=0.02))
+    messages, torques = Messages(H1), []
+    for index in range(100):
+        tau = np.zeros(19)
+        tau[0] = index
+        step(robot, client, messages.pack_command(dataclasses.replace(HOLD, tau=tau)))
+        torques.append(robot._command.tau[0])
+    assert np.all(np.diff(torques) >= 0.0) and torques[-1] > 80.0
+
+
+def test_the_schedule_begins_with_the_first_sound_command() -> None:
+    robot, client, _ = make(schedule=Schedule.parse("0.01 Start"))
+    for _ in range(50):
+        step(robot, client)
+    message = Messages(H1).pack_command(HOLD)
+    pressed = []
+    for _ in range(10):
+        (state,) = step(robot, client, message)
+        pressed.append("Start" in Messages(H1).unpack_state(state).remote.pressed)
+    assert pressed == [False] * 5 + [True] * 5
+
+
+def test_a_simulation_with_latency_or_a_broken_millisecond_is_refused() -> None:
+    robot_end, _ = local_pair()
+    with pytest.raises(ConfigError, match="latency"):
+        SimulatedRobot(Simulation(sensing="robot"), robot_end)
+    with pytest.raises(ConfigError, match="milliseconds"):
+        SimulatedRobot(Simulation(sensing=EXACT, timestep=0.0025), robot_end)
+
+
+def test_it_keeps_the_pace_of_the_clock() -> None:
+    robot, _, _ = make()
+    begin = time.perf_counter()
+    robot.run(0.02, slower=10.0)
+    assert 0.15 < time.perf_counter() - begin < 10.0
+    assert robot.time == pytest.approx(0.02)
+
+
+def test_in_lockstep_it_waits_for_each_answer() -> None:
+    """A client that takes 20 ms of the wall clock for each answer still answers every state of 2 ms."""
+    robot, client, told = make()
+    messages, answered, over = Messages(H1), [], threading.Event()
+
+    def answer() -> None:
+        command = messages.pack_command(HOLD)
+        while not over.is_set():
+            for state in client.receive(0.05):
+                time.sleep(0.02)
+                answered.append(messages.unpack_state(state).tick)
+                client.send(messages.answering(command, state))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        robot.run(0.1, lockstep=True)
+    finally:
+        over.set()
+        thread.join()
+    late = answered[5:]
+    assert len(late) > 20 and set(np.diff(late)) == {2} and not told
+
+
+def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
+    """The robot side brings a simulated robot to its start pose, refuses too early a run, runs the QP and damps."""
+    monkeypatch.setattr(state_machine, "START_TIME", 0.4)
+    schedule = "0.02 Start, 0.1 lower, 0.3 A, 1.3 A, 1.6 release, 2.3 Select"
+    pair = Pair(WholeBodyController(), schedule, hoist=0.0)
+    pair.run(2.3)
+    assert pair.pilot.mode is Mode.RUN and not pair.robot.simulation.fallen
+    height = float(pair.robot.simulation.qpos[2])
+    assert height == pytest.approx(H1.nominal_height, abs=0.03)
+    pair.run(2.34)
+    assert pair.pilot.mode is Mode.DAMPING
+    events = [(event.after, event.refused) for event in pair.pilot.machine.events]
+    expected = [Mode.ZERO_TORQUE, Mode.START_POSE, Mode.START_POSE, Mode.RUN, Mode.DAMPING]
+    assert events == [(mode, index == 2) for index, mode in enumerate(expected)]
+    assert not pair.robot.refused and pair.side.intake.wrong_sum == pair.side.intake.old == 0
+
+
+def test_a_robot_side_that_dies_leaves_the_last_command() -> None:
+    pair = Pair(Counting(), "", hoist=0.0)
+    pair.run(0.1)
+    sent = pair.side.sent
+    pair.run(0.3, alive=lambda: False)
+    assert pair.side.sent == sent
+    assert pair.robot.extremes.silence == pytest.approx(0.2, abs=0.02)
+
+
+def test_remote_is_part_of_the_state() -> None:
+    robot, client, _ = make()
+    (state,) = step(robot, client)
+    assert Messages(H1).unpack_state(state).remote == Remote()

@@ -1,0 +1,87 @@
+"""The modes and their joint commands."""
+
+import numpy as np
+import pytest
+
+from hugwbc import load_robot
+from hugwbc.deploy.state_machine import DAMPING_GAIN, START_TIME, Mode, StateMachine, damping
+
+H1 = load_robot()
+
+
+@pytest.fixture
+def machine() -> StateMachine:
+    return StateMachine(H1)
+
+
+def test_idle_sends_nothing_and_a_run_is_the_controllers(machine, still) -> None:
+    assert machine.command(0.0) is None
+    machine.enter(Mode.RUN, "test", still)
+    assert machine.command(0.0) is None
+
+
+def test_zero_torque_has_no_gains(machine, still) -> None:
+    machine.enter(Mode.ZERO_TORQUE, "test", still)
+    command = machine.command(1.0)
+    assert command is not None and not np.any((command.kp, command.kd, command.tau, command.dq))
+
+
+def test_the_start_pose_is_reached_in_its_time_with_ramped_gains(machine, still) -> None:
+    machine.enter(Mode.START_POSE, "test", still)
+    begin = machine.command(still.time)
+    assert begin is not None
+    np.testing.assert_allclose(begin.q, still.q)
+    assert not np.any((begin.kp, begin.kd))
+    times = still.time + np.arange(0.0, START_TIME + 0.01, 0.002)
+    commands = [machine.command(time) for time in times]
+    q, kp = np.array([c.q for c in commands]), np.array([c.kp for c in commands])  # type: ignore[union-attr]
+    assert np.all(np.diff(kp, axis=0) >= 0.0)
+    np.testing.assert_allclose(q[-1], H1.nominal)
+    np.testing.assert_allclose(kp[-1], H1.kp)
+    assert np.abs(np.diff(q, axis=0)).max() / 0.002 < 2.0 * np.abs(H1.nominal - still.q).max() / START_TIME
+    assert not machine.in_start_pose(still.time + START_TIME - 0.01)
+    assert machine.in_start_pose(still.time + START_TIME)
+
+
+def test_damping_only_slows(machine, still) -> None:
+    machine.enter(Mode.DAMPING, "test", still)
+    command = machine.command(0.0)
+    assert command is not None and not np.any((command.kp, command.tau, command.dq))
+    assert set(command.kd) == {DAMPING_GAIN} == set(damping(H1).kd)
+
+
+@pytest.mark.parametrize("mode", [Mode.START_POSE, Mode.RUN])
+def test_a_fault_damps_driven_joints(machine, still, mode) -> None:
+    machine.enter(mode, "test", still)
+    machine.fail("a reason", still)
+    assert machine.mode is Mode.DAMPING and machine.faulty
+    assert machine.events[-1].reason == "a reason" and machine.events[-1].before is mode
+
+
+@pytest.mark.parametrize("mode", [Mode.IDLE, Mode.ZERO_TORQUE, Mode.DAMPING])
+def test_a_fault_leaves_limp_joints_alone(machine, still, mode) -> None:
+    machine.enter(mode, "test", still)
+    machine.fail("a reason", still)
+    assert machine.mode is mode and not machine.faulty
+
+
+def test_every_event_is_told_with_its_reason(still) -> None:
+    told = []
+    machine = StateMachine(H1, lambda event: told.append(str(event)))
+    machine.enter(Mode.ZERO_TORQUE, "the robot sends states", still)
+    machine.refuse("too early", 1.5)
+    machine.refuse("too early", 1.6)
+    machine.refuse("too late", 1.7)
+    assert "idle -> zero torque: the robot sends states" in told[0]
+    assert [line.partition("] ")[2] for line in told[1:]] == [
+        "zero torque: refused: too early",
+        "zero torque: refused: too late",
+    ]
+
+
+def test_a_posture_that_is_not_a_number_is_no_start(machine, still) -> None:
+    import dataclasses
+
+    machine.enter(Mode.START_POSE, "test", dataclasses.replace(still, q=np.full(19, np.nan)))
+    command = machine.command(0.0)
+    assert command is not None and command.is_finite

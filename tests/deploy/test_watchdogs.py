@@ -1,0 +1,152 @@
+"""What is refused, and when the joints are damped."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import load_robot, rotations
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.watchdogs import BodyWatch, Intake, Limits, run_refusal, start_refusal, tilt
+from hugwbc.errors import ConfigError
+
+H1 = load_robot()
+
+
+@pytest.fixture
+def intake() -> Intake:
+    return Intake(Messages(H1), Limits(), age=0.01)
+
+
+def test_fresh_states_are_accepted_with_their_age(standing, intake) -> None:
+    for step in range(5):
+        state = intake.accept(standing.raw(), 0.002 * step)
+        assert state is not None and state.state.age == 0.01
+        assert state.state.time == pytest.approx(1e-3 * standing.tick)
+    assert (intake.received, intake.wrong_sum, intake.old, intake.torn) == (5, 0, 0, 0)
+    assert intake.gap == pytest.approx(0.002)
+
+
+def test_without_a_first_state_nothing_is_wrong(intake) -> None:
+    assert intake.fault(1e6) is None
+
+
+@pytest.mark.parametrize("silence", [0.0, 0.01, 0.0199])
+def test_silence_up_to_20_ms_is_borne(standing, intake, silence) -> None:
+    intake.accept(standing.raw(), 5.0)
+    assert intake.fault(5.0 + silence) is None
+
+
+def test_silence_above_20_ms_is_a_fault(standing, intake) -> None:
+    intake.accept(standing.raw(), 5.0)
+    assert intake.fault(5.0201) == "no state for 20 ms"
+
+
+def test_a_wrong_check_sum_is_refused_and_named(standing, intake) -> None:
+    intake.accept(standing.raw(), 0.0)
+    for step in range(1, 12):
+        broken = bytearray(standing.raw())
+        broken[100] ^= 4
+        assert intake.accept(bytes(broken), 0.002 * step) is None
+    assert intake.wrong_sum == 11
+    assert intake.fault(0.022) == "no state for 22 ms, but states with a wrong check sum"
+
+
+def test_old_ticks_are_refused_and_named(standing, intake) -> None:
+    first, second = standing.raw(), standing.raw()
+    assert intake.accept(second, 0.0) is not None
+    assert intake.accept(first, 0.002) is None and intake.accept(second, 0.004) is None
+    assert intake.old == 2
+    assert "an old tick" in str(intake.fault(0.03))
+
+
+def test_messages_of_a_wrong_size_are_refused(intake) -> None:
+    assert intake.accept(b"", 0.0) is None and intake.accept(bytes(1181), 0.0) is None
+    assert intake.torn == 2
+
+
+def test_time_goes_on_when_the_count_of_ticks_starts_again(standing, intake) -> None:
+    standing.tick = 2**32 - 5
+    times = [intake.accept(standing.raw(), 0.002 * step).state.time for step in range(5)]  # type: ignore[union-attr]
+    np.testing.assert_allclose(np.diff(times), 0.002, atol=1e-6)
+
+
+def test_a_robot_that_was_restarted_is_accepted_after_a_while(standing, intake) -> None:
+    assert intake.accept(standing.raw(), 0.0) is not None
+    standing.tick = 0
+    assert intake.accept(standing.raw(), 0.5) is None
+    assert intake.accept(standing.raw(), 1.5) is not None
+
+
+def leaning(angle: float) -> dict[str, np.ndarray]:
+    return {"orientation": rotations.from_yaw_pitch_roll(0.7, angle, 0.0)}
+
+
+def fault_after(watch: BodyWatch, standing, count: int, **changes) -> str | None:
+    """What a watch says after as many states with a fault, every 2 ms."""
+    found = [watch.fault(standing.next(**changes)) for _ in range(count)]
+    assert not any(found[:-1])
+    return found[-1]
+
+
+def test_tilt_is_the_angle_from_the_vertical(standing) -> None:
+    assert tilt(dataclasses.replace(standing.reading, **leaning(0.8))) == pytest.approx(0.8)
+    assert np.isnan(tilt(dataclasses.replace(standing.reading, orientation=np.full(4, np.nan))))
+
+
+def test_a_robot_that_leans_by_more_than_1_rad_is_damped(standing) -> None:
+    watch = BodyWatch(H1, Limits())
+    assert fault_after(watch, standing, 50, **leaning(0.95)) is None
+    assert "leans 1.05 rad" in str(fault_after(watch, standing, 4, **leaning(1.05)))
+
+
+@pytest.mark.parametrize("joint", H1.joint_names)
+def test_a_joint_that_turns_too_fast_is_named(standing, joint) -> None:
+    dq, index = np.zeros(19), H1.index(joint)
+    dq[index] = -2.6 * H1.velocity_limit[index]
+    assert joint in str(fault_after(BodyWatch(H1, Limits()), standing, 4, dq=dq))
+
+
+def test_single_wrong_readings_are_left_to_the_estimator(standing) -> None:
+    watch, fast = BodyWatch(H1, Limits()), np.full(19, 500.0)
+    for _ in range(20):
+        assert fault_after(watch, standing, 3, dq=fast) is None
+        assert fault_after(watch, standing, 1) is None
+
+
+def test_a_hot_motor_is_damped_at_once(standing) -> None:
+    watch = BodyWatch(H1, Limits())
+    assert watch.fault(standing.next(hot=85.0)) is None
+    assert "86 degrees" in str(watch.fault(standing.next(hot=86.0)))
+
+
+def test_what_is_not_a_number_exceeds_no_limit(standing) -> None:
+    nan = np.full(19, np.nan)
+    changes = {"q": nan, "dq": nan, "orientation": np.full(4, np.nan)}
+    assert fault_after(BodyWatch(H1, Limits()), standing, 20, **changes) is None
+
+
+def test_a_start_is_refused_tilted_broken_or_out_of_range(standing) -> None:
+    good = standing.next().state
+    assert start_refusal(good, H1, Limits()) is None
+    assert "leans 0.35" in str(start_refusal(dataclasses.replace(good, **leaning(0.35)), H1, Limits()))
+    q = good.q.copy()
+    q[H1.index("left_knee_joint")] = 2.5
+    assert "left_knee_joint reads 2.50 rad" in str(start_refusal(dataclasses.replace(good, q=q), H1, Limits()))
+    assert "not usable" in str(start_refusal(dataclasses.replace(good, q=q * np.nan), H1, Limits()))
+
+
+def test_a_run_is_refused_hanging_or_moving(standing) -> None:
+    good = standing.next().state
+    assert run_refusal(good, 0.9, H1, Limits()) is None
+    assert "hangs, with 5 %" in str(run_refusal(good, 0.05, H1, Limits()))
+    dq = np.zeros(19)
+    dq[0] = 3.0
+    assert H1.joint_names[0] in str(run_refusal(dataclasses.replace(good, dq=dq), 0.9, H1, Limits()))
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Limits)])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_limits_that_are_none_are_refused(name, value) -> None:
+    with pytest.raises(ConfigError, match=f"limit {name}"):
+        Limits(**{name: value})

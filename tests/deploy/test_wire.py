@@ -1,0 +1,109 @@
+"""Layouts, CDR and the check sum of the maker's messages, against the maker's own package."""
+
+import time
+
+import numpy as np
+import pytest
+
+from hugwbc.deploy import wire
+
+crc = pytest.importorskip("unitree_sdk2py.utils.crc")
+default = pytest.importorskip("unitree_sdk2py.idl.default")
+
+
+def first_command() -> np.ndarray:
+    command = wire.record("LowCmd_")
+    command["head"], command["level_flag"] = (0xFE, 0xEF), 0xFF
+    command["motor_cmd"]["mode"] = [0x0A] * 10 + [0x01] * 10
+    return command
+
+
+def test_layouts_have_the_size_of_the_makers_structures() -> None:
+    assert wire.layout("LowCmd_").itemsize == 812
+    assert wire.layout("LowState_").itemsize == 1180
+
+
+def test_the_check_sum_of_the_first_command_is_the_makers() -> None:
+    command = first_command()
+    assert wire.check_sum(command.tobytes()) == 0xA75EDCD6
+    command["motor_cmd"]["q"], command["motor_cmd"]["dq"] = 2.146e9, 16000.0
+    assert wire.check_sum(command.tobytes()) == 0xF6575A86
+
+
+def plain_check_sum(message: bytes) -> int:
+    """CRC-32/MPEG-2 bit by bit, as the maker writes it."""
+    value = 0xFFFFFFFF
+    for word in np.frombuffer(message, dtype="<u4")[:-1].tolist():
+        for bit in range(31, -1, -1):
+            feedback = (value >> 31) ^ (word >> bit & 1)
+            value = value << 1 & 0xFFFFFFFF ^ (0x04C11DB7 if feedback else 0)
+    return value
+
+
+@pytest.mark.parametrize("size", [8, 64, 812, 1180])
+def test_the_check_sum_is_crc_32_mpeg_2_over_words(size: int) -> None:
+    message = np.random.default_rng(size).integers(0, 256, size, dtype=np.uint8).tobytes()
+    assert wire.check_sum(message) == plain_check_sum(message)
+
+
+def random_message(name: str, rng: np.random.Generator) -> np.ndarray:
+    """A record with random numbers, finite where they are floats, small where the maker's own packing needs it."""
+    record = wire.record(name)
+    structure, _ = wire._places(name)
+    content = np.zeros(record.nbytes, dtype=np.uint8)
+    content[structure] = rng.integers(0, 128, structure.size, dtype=np.uint8)
+    return wire.record(name, content.tobytes())
+
+
+@pytest.mark.parametrize("name", ["LowCmd_", "LowState_"])
+def test_messages_and_sums_are_those_of_the_makers_package(name: str) -> None:
+    rng, kind, maker = np.random.default_rng(1), wire.idl_class(name), crc.CRC()
+    for _ in range(10):
+        message = wire.sealed(random_message(name, rng))
+        read = kind.deserialize(wire.to_cdr(name, message))
+        assert wire.check_sum(message) == maker.Crc(read) == read.crc
+        assert wire.from_cdr(name, read.serialize()) == message
+
+
+@pytest.mark.parametrize("name", ["LowCmd_", "LowState_"])
+def test_a_thousand_random_messages_survive_the_network(name: str) -> None:
+    rng = np.random.default_rng(2)
+    structure, _ = wire._places(name)
+    for _ in range(1000):
+        content = np.zeros(wire.layout(name).itemsize, dtype=np.uint8)
+        content[structure] = rng.integers(0, 256, structure.size, dtype=np.uint8)
+        message = wire.sealed(wire.record(name, content.tobytes()))
+        assert wire.is_sealed(message)
+        assert wire.from_cdr(name, wire.to_cdr(name, message)) == message
+
+
+def test_any_changed_bit_is_noticed() -> None:
+    message = bytearray(wire.sealed(first_command()))
+    structure, _ = wire._places("LowCmd_")
+    rng = np.random.default_rng(3)
+    for place in rng.choice(structure, 200):
+        changed = bytearray(message)
+        changed[place] ^= 1 << int(rng.integers(8))
+        assert not wire.is_sealed(bytes(changed))
+
+
+def test_what_is_no_message_of_this_kind_is_left_out() -> None:
+    data = wire.to_cdr("LowCmd_", first_command().tobytes())
+    assert wire.from_cdr("LowCmd_", data[:-4]) is None
+    assert wire.from_cdr("LowState_", data) is None
+    assert wire.from_cdr("LowCmd_", b"\x00\x00" + data[2:]) is None, "big-endian"
+
+
+def test_a_record_is_sent_without_stray_bytes_in_its_padding() -> None:
+    message = wire.sealed(random_message("LowState_", np.random.default_rng(4)))
+    assert wire.record("LowState_", message).tobytes() == message
+
+
+def test_packing_takes_a_small_part_of_a_period() -> None:
+    message = wire.sealed(first_command())
+    wire.to_cdr("LowCmd_", message)
+    begin = time.process_time()
+    for _ in range(200):
+        wire.check_sum(message)
+        wire.from_cdr("LowCmd_", wire.to_cdr("LowCmd_", message))
+    assert (time.process_time() - begin) / 200 < 0.2e-3
