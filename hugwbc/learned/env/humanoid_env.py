@@ -189,7 +189,7 @@ class HumanoidEnv:
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous = self.readings
         self._apply(action)
-        self.loads.step(self.gait >= Gait.HOPPING_LEFT)
+        self.loads.step(gaits.hopping(self.gait))
         push(self.simulation, self.config.randomization, self.generator)
         if self.ground is not None:
             self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
@@ -210,7 +210,7 @@ class HumanoidEnv:
         self._note_gates(tracking)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
-            self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
+            self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
         final_critic = self.observe(timed_out).critic
@@ -230,7 +230,7 @@ class HumanoidEnv:
         target[:, self.body.waist] += self.waist
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
-        self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
+        self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
         self.intervention.step()
         target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
         self._arm_gains.update(self.intervention.active * self.curriculum.alpha)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
@@ -77,7 +77,7 @@ class _Steps:
             "l": float(self._height_error[swings].sum() / landings),
             "impact": float(self._impact[swings].sum() / landings),
         }
-        if bool((self._gait[robots] >= int(Gait.HOPPING_LEFT)).all()):
+        if bool(hopping(self._gait[robots]).all()):
             figures["held_foot"] = float(self._down[robots].sum() / self._samples[robots].sum().clamp(min=1.0))
         return figures
 
