@@ -255,6 +255,9 @@ class EnvConfig:
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
+    squat_gain: float = 0.0
+    """Share of the commanded height and pitch that the legs' joint targets follow by themselves
+    (`hugwbc.learned.policy.squat`); the action is added. With 0 the action alone moves the legs, as in the paper."""
     intervention: Literal["noise", "motion", "none"] = "noise"
     """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
@@ -284,6 +287,7 @@ class EnvConfig:
             value = getattr(self, name)
             require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
         require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
+        require(0.0 <= self.squat_gain <= 1.0, "env.squat_gain", self.squat_gain, "0 to 1")
         require(0.0 <= self.starts_share <= 1.0, "env.starts_share", self.starts_share, "0 to 1")
         require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")

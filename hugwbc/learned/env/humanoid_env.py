@@ -24,6 +24,7 @@ from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.scene import Ground
@@ -31,7 +32,7 @@ from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
-_F, _L, _H, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "w"))
+_F, _L, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _ALL = slice(None)
 # Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
@@ -80,6 +81,7 @@ class HumanoidEnv:
         mass: mass of each robot without its loads, relative to its description, shape (n,).
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
+        posture: height [m] and pitch [rad] that the feed-forward of squats has reached, shape (n, 2).
         nominal_qpos: nominal stand at the origin, shape (26,).
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
@@ -157,6 +159,8 @@ class HumanoidEnv:
         self.actions = torch.zeros(3, self.count, obs.JOINTS)
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
+        self.posture = torch.zeros(self.count, 2)
+        self._squat = SquatFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
@@ -221,9 +225,8 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
-        target = self.body.nominal + self.action_scale * action
-        self.waist = self.next_waist()
-        target[:, self.body.waist] += self.waist
+        self.waist, self.posture = self._next_waist(), self._next_posture()
+        target = self.body.nominal + self.action_scale * action + self._feed_forward(self.waist, self.posture)
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
@@ -232,10 +235,25 @@ class HumanoidEnv:
         self.arm_gains.update(self.intervention.active * self.curriculum.alpha)
         self.simulation.ctrl[:] = target.numpy()
 
-    def next_waist(self) -> torch.Tensor:
-        """Return the waist's joint target of the next step before the action is added [rad], shape (n,)."""
+    def _next_waist(self) -> torch.Tensor:
         reach = self.config.waist_rate * self.dt
         return self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
+
+    def _next_posture(self) -> torch.Tensor:
+        return tensor(follow(self.posture.numpy(), self.command[:, [_H, _P]].numpy(), self.dt))
+
+    def next_feed_forward(self) -> torch.Tensor:
+        """Return what the next step adds to nominal pose and action: waist angle and squat [rad], shape (n, 19)."""
+        return self._feed_forward(self._next_waist(), self._next_posture())
+
+    def _feed_forward(self, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
+        if self.config.squat_gain > 0.0:
+            height, pitch = posture.numpy().T
+            offsets = tensor(self.config.squat_gain * self._squat.offsets(height, pitch))
+        else:
+            offsets = torch.zeros(len(waist), obs.JOINTS)
+        offsets[:, self.body.waist] += waist
+        return offsets
 
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
@@ -330,6 +348,7 @@ class HumanoidEnv:
         self.age[robots] = 0
         self.actions[:, robots] = 0.0
         self.waist[robots] = 0.0
+        self.posture[robots] = 0.0
         self.intervention.reset(robots)
         self.sensors.reset(robots)
         self._draw_commands(robots)
@@ -380,8 +399,9 @@ class HumanoidEnv:
         if self.ground is not None:  # the record is of a plane: lift it by the height of the ground here
             qpos[:, 2] += self.simulation.qpos[ids, 2] - self.nominal_qpos[2]
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
+        self.posture[moving] = self.command[moving][:, [_H, _P]]
         target = self.body.nominal + self.action_scale * self.actions[0, moving]
-        target[:, self.body.waist] += self.waist[moving]
+        target += self._feed_forward(self.waist[moving], self.posture[moving])
         self.simulation.ctrl[ids] = target.numpy()
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())

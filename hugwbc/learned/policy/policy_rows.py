@@ -15,9 +15,11 @@ from hugwbc.gait import Gait
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import command_size
+from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
+_SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
 _CLOCK, _GAITS = len(COMMAND_NAMES) + len(Gait), np.arange(len(Gait))
 _SMALL = 400  # weights, below which PyTorch multiplies a batch by a loop of its own
 Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
@@ -50,7 +52,9 @@ class PolicyRows:
         self._network = network
         self._period = float(metadata["period"])
         self._waist_step = float(metadata["waist_rate"]) * self._period
-        self._waist_joint = load_robot(metadata["robot"]).waist
+        robot = load_robot(metadata["robot"])
+        self._waist_joint = robot.waist
+        self._squat_gain, self._squat = float(metadata.get("squat_gain", 0.0)), SquatFeedForward(robot)
         self._layout = None if command_size(metadata) == obs.COMMAND_SIZE else obs.first_layout().numpy().T
         self._command_scale = obs.command_scale().numpy()
         self.history = np.zeros((count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE), dtype=np.float32)
@@ -58,7 +62,7 @@ class PolicyRows:
         self.action = np.zeros((count, obs.JOINTS), dtype=np.float32)
         self.estimate = np.zeros((count, obs.ESTIMATE_SIZE), dtype=np.float32)
         self.phase = np.zeros(count)
-        self._waist = np.zeros(count)
+        self._waist, self._posture = np.zeros(count), np.zeros((count, 2))
         self._started = False
 
     def reset(self) -> None:
@@ -66,12 +70,12 @@ class PolicyRows:
         self.history = np.zeros_like(self.history)
         self.action = np.zeros_like(self.action)
         self.phase = np.zeros_like(self.phase)
-        self._waist = np.zeros_like(self._waist)
+        self._waist, self._posture = np.zeros_like(self._waist), np.zeros_like(self._posture)
         self._started = False
 
     def keep(self, rows: np.ndarray) -> None:
         """Keep the chosen rows, shape (n,), bool, and drop those of robots that are done."""
-        for name in ("history", "observation", "action", "estimate", "phase", "_waist"):
+        for name in ("history", "observation", "action", "estimate", "phase", "_waist", "_posture"):
             setattr(self, name, getattr(self, name)[rows])
 
     def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
@@ -116,6 +120,9 @@ class PolicyRows:
         q = self._nominal + self._scale * self.action
         self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)
         q[:, self._waist_joint] += self._waist
+        if self._squat_gain > 0.0:
+            self._posture = follow(self._posture, command[:, _SQUAT], self._period)
+            q += self._squat_gain * self._squat.offsets(*self._posture.T)
         return q
 
     def _observe(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:

@@ -132,6 +132,10 @@ class Evaluator:
             names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *own)]
         return names
 
+    def adopt(self, config: EnvConfig) -> None:
+        """Take over from the training what a policy runs with and schedules may change: the feed-forward of squats."""
+        self._env.adopt(dataclasses.replace(self._env.config, squat_gain=config.squat_gain))
+
     @torch.no_grad()
     def run(self, actor: ActorNetwork) -> dict[str, float]:
         """Return falls, mean absolute errors and quality of the steps of each gait, and one score; lower is better.
