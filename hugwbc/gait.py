@@ -63,6 +63,11 @@ class Gait(enum.IntEnum):
         return {Gait.HOPPING_LEFT: Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT: Gait.HOPPING_LEFT}.get(self, self)
 
 
+def hopping(gait: Array) -> Array:
+    """Return whether values of `Gait` are hops on either leg, same shape, bool."""
+    return (gait == int(Gait.HOPPING_LEFT)) | (gait == int(Gait.HOPPING_RIGHT))
+
+
 def _xp(array: Array) -> Any:  # noqa: ANN401  the array's own namespace
     if type(array).__module__.startswith("torch"):
         import torch

@@ -1,6 +1,7 @@
 """The training environment on both physics backends: mujoco.batch, and mujoco_warp on warp's CPU device."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 import torch
@@ -10,7 +11,6 @@ from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env import humanoid_env as env_module
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.rl.trainer import Trainer
-from hugwbc.sim.terrain import HeightField
 
 COUNT = 4
 
@@ -20,12 +20,13 @@ def test_the_environment_is_the_same_on_both_backends(monkeypatch: pytest.Monkey
     pytest.importorskip("mujoco_warp")
     from hugwbc.sim.warp_batch import WarpSimulation
 
-    def on_warp(device: str, count: int, *, terrain: HeightField | None, threads: int) -> WarpSimulation:
-        return WarpSimulation(count, terrain=terrain, device="cpu")
+    def on_warp(device: str, count: int, *, threads: int, **others: Any) -> WarpSimulation:
+        return WarpSimulation(count, device="cpu", **others)
 
-    cpu = HumanoidEnv(EnvConfig(count=COUNT), seed=5, threads=1)
+    config = EnvConfig(count=COUNT, drives="ideal")  # a GPU has no torque-speed limit
+    cpu = HumanoidEnv(config, seed=5, threads=1)
     monkeypatch.setattr(env_module, "robots_on", on_warp)
-    warp = HumanoidEnv(EnvConfig(count=COUNT), seed=5, threads=1)
+    warp = HumanoidEnv(config, seed=5, threads=1)
     assert isinstance(warp.simulation, WarpSimulation)
     generator = torch.Generator().manual_seed(0)
     for step in range(12):

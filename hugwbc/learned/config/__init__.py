@@ -1,17 +1,15 @@
 """Every number of training, imitation and distillation, with its meaning; each is a flag of its verb."""
 
 from hugwbc.learned.config.environment import (
-    ArmServoGains,
     CommandConfig,
     CurriculumConfig,
     EnvConfig,
     ExtraWeights,
-    LoadConfig,
-    RandomizationConfig,
     RewardWeights,
     TerrainConfig,
 )
 from hugwbc.learned.config.imitation_settings import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig
+from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.learned.config.training_settings import PPOConfig, TrainConfig
 

@@ -9,7 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.learned.config.checks import require
 
 # Groups of settings that the learner and the environment read anew in every iteration.
-SCHEDULED = ("ppo", "env.command", "env.rewards", "env.extra", "env.loads", "env.curriculum")
+SCHEDULED = ("ppo", "env.command", "env.rewards", "env.extra", "env.loads", "env.curriculum", "env.squat_gain")
 
 Settings = TypeVar("Settings")
 
@@ -34,7 +34,12 @@ class Schedule:
     def __post_init__(self) -> None:
         """Check the name and the points."""
         group = self.setting.rpartition(".")[0]
-        require(group in SCHEDULED, "schedule of", self.setting, f"a number of {', '.join(SCHEDULED)}")
+        require(
+            group in SCHEDULED or self.setting in SCHEDULED,
+            "schedule of",
+            self.setting,
+            f"a number of {', '.join(SCHEDULED)}",
+        )
         ordered = all(a < b for a, b in zip(self.steps, self.steps[1:], strict=False))
         name = f"schedule of {self.setting}: steps"
         require(ordered and 0 < len(self.steps) == len(self.values), name, self.steps, "ascending, one for each value")

@@ -4,6 +4,7 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait
+from hugwbc.gait import hopping as hopping_gait
 from hugwbc.learned.config import CommandConfig
 from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Curriculum
 
@@ -50,8 +51,8 @@ def draw_commands(
     count = agile.numel()
     gait = _draw_gaits(count, config, generator)
     if loaded is not None:
-        gait[loaded & (gait >= Gait.HOPPING_LEFT)] = Gait.WALKING
-    standing, hopping = gait == Gait.STANDING, gait >= Gait.HOPPING_LEFT
+        gait[loaded & hopping_gait(gait)] = Gait.WALKING
+    standing, hopping = gait == Gait.STANDING, hopping_gait(gait)
     agile = agile & ~hopping
     ranges = command_ranges(Gait.WALKING)
     columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]

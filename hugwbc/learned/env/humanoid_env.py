@@ -9,14 +9,14 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.env import terminations
+from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
-from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, Transition, feet_on_ground, read, tensor
+from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, Transition, read, tensor
 from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.env.running_statistics import Statistics
@@ -24,6 +24,7 @@ from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.ground import Ground
@@ -31,16 +32,12 @@ from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
-_F, _L, _H, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "w"))
+_F, _L, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _ALL = slice(None)
 # Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
 _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 _START_SIMULATION = ("qpos", "qvel")
-# Of a checkpoint: tensors of the environment, parts with a state of their own, and arrays of the simulation.
-_STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "bias")
-_STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "statistics")
-_STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,6 +81,7 @@ class HumanoidEnv:
         mass: mass of each robot without its loads, relative to its description, shape (n,).
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
+        posture: height [m] and pitch [rad] that the feed-forward of squats has reached, shape (n, 2).
         nominal_qpos: nominal stand at the origin, shape (26,).
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
@@ -106,7 +104,8 @@ class HumanoidEnv:
         self.count = config.count
         self.dt = config.period
         self.generator = torch.Generator().manual_seed(seed)
-        self.ground = self._make_ground(seed)
+        rough = config.terrain.roughness > 0.0
+        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed)) if rough else None
         terrain = None if self.ground is None else self.ground.terrain
         self.simulation = robots_on(
             device,
@@ -137,7 +136,7 @@ class HumanoidEnv:
             generator=self.generator,
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
-        self._arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
+        self.arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
         self.loads.check(device)
         self._device = device
@@ -160,15 +159,13 @@ class HumanoidEnv:
         self.actions = torch.zeros(3, self.count, obs.JOINTS)
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
+        self.posture = torch.zeros(self.count, 2)
+        self._squat = SquatFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
         if self.held_foot is not None:
             self.held_foot.due += self.age * self.dt
-
-    def _make_ground(self, seed: int) -> RoughGround | None:
-        terrain = self.config.terrain
-        return RoughGround(self.count, terrain, np.random.default_rng(seed)) if terrain.roughness > 0.0 else None
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
@@ -189,11 +186,14 @@ class HumanoidEnv:
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous = self.readings
         self._apply(action)
-        self.loads.step(self.gait >= Gait.HOPPING_LEFT)
+        self.loads.step(gaits.hopping(self.gait))
         push(self.simulation, self.config.randomization, self.generator)
         if self.ground is not None:
             self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
-        diverged = torch.from_numpy(self._simulate())
+        late = self.latency
+        diverged = torch.from_numpy(
+            self.simulation.step(self.config.substeps) if late is None else late.step(self.simulation)
+        )
         self.age += 1
         self.phase = gaits.advance_phase(self.phase, self.command[:, _F], self.dt)
         self.readings = read(self.simulation, self.ground)
@@ -210,7 +210,7 @@ class HumanoidEnv:
         self._note_gates(tracking)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
-            self.statistics.add_share("held_foot_down", down, self.gait >= Gait.HOPPING_LEFT)
+            self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
         final_critic = self.observe(timed_out).critic
@@ -225,26 +225,35 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
-        target = self.body.nominal + self.action_scale * action
-        self.waist = self.next_waist()
-        target[:, self.body.waist] += self.waist
+        self.waist, self.posture = self._next_waist(), self._next_posture()
+        target = self.body.nominal + self.action_scale * action + self._feed_forward(self.waist, self.posture)
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
-        self.intervention.eligible = self._intervenable & (self.gait < Gait.HOPPING_LEFT)
+        self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
         self.intervention.step()
         target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
-        self._arm_gains.update(self.intervention.active * self.curriculum.alpha)
+        self.arm_gains.update(self.intervention.active * self.curriculum.alpha)
         self.simulation.ctrl[:] = target.numpy()
 
-    def next_waist(self) -> torch.Tensor:
-        """Return the waist's joint target of the next step before the action is added [rad], shape (n,)."""
+    def _next_waist(self) -> torch.Tensor:
         reach = self.config.waist_rate * self.dt
         return self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
 
-    def _simulate(self) -> np.ndarray:
-        if self.latency is None:
-            return self.simulation.step(self.config.substeps)
-        return self.latency.step(self.simulation)
+    def _next_posture(self) -> torch.Tensor:
+        return tensor(follow(self.posture.numpy(), self.command[:, [_H, _P]].numpy(), self.dt))
+
+    def next_feed_forward(self) -> torch.Tensor:
+        """Return what the next step adds to nominal pose and action: waist angle and squat [rad], shape (n, 19)."""
+        return self._feed_forward(self._next_waist(), self._next_posture())
+
+    def _feed_forward(self, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
+        if self.config.squat_gain > 0.0:
+            height, pitch = posture.numpy().T
+            offsets = tensor(self.config.squat_gain * self._squat.offsets(height, pitch))
+        else:
+            offsets = torch.zeros(len(waist), obs.JOINTS)
+        offsets[:, self.body.waist] += waist
+        return offsets
 
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
@@ -269,30 +278,16 @@ class HumanoidEnv:
         self.bias = self.bias + self.dt / BIAS_TIME * (torch.nan_to_num(error) - self.bias)
 
     def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
-        r, bar_phase = self.readings, self.bar_phase()
-        return Transition(
+        bar_phase = self.bar_phase()
+        return Transition.between(
+            previous,
+            self.readings,
             command=self.command,
             gait=self.gait,
             bias=self.bias,
-            velocity=r.velocity,
-            angular_velocity=r.angular_velocity,
-            yaw_rate=r.yaw_rate,
-            height=r.height,
-            pitch=r.pitch,
-            roll=r.roll,
-            q=r.q,
-            dq=r.dq,
-            previous_dq=previous.dq,
-            torque=r.torque,
             action=self.actions[0],
             previous_action=self.actions[1],
             older_action=self.actions[2],
-            clearance=r.clearance,
-            foot_velocity=r.foot_velocity,
-            foot_force=r.foot_force,
-            touch_down=feet_on_ground(r.foot_force) & ~feet_on_ground(previous.foot_force),
-            descent=-previous.foot_velocity[..., 2],
-            foot_offset=r.foot_offset,
             target_clearance=gaits.swing_height(bar_phase, self.command[:, [_L]]),
             contact=gaits.expected_contact(bar_phase),
             in_phase=bar_phase[:, 0] == bar_phase[:, 1],
@@ -353,6 +348,7 @@ class HumanoidEnv:
         self.age[robots] = 0
         self.actions[:, robots] = 0.0
         self.waist[robots] = 0.0
+        self.posture[robots] = 0.0
         self.intervention.reset(robots)
         self.sensors.reset(robots)
         self._draw_commands(robots)
@@ -403,8 +399,9 @@ class HumanoidEnv:
         if self.ground is not None:  # the record is of a plane: lift it by the height of the ground here
             qpos[:, 2] += self.simulation.qpos[ids, 2] - self.nominal_qpos[2]
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
+        self.posture[moving] = self.command[moving][:, [_H, _P]]
         target = self.body.nominal + self.action_scale * self.actions[0, moving]
-        target[:, self.body.waist] += self.waist[moving]
+        target += self._feed_forward(self.waist[moving], self.posture[moving])
         self.simulation.ctrl[ids] = target.numpy()
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())
@@ -469,22 +466,7 @@ class HumanoidEnv:
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return everything that a bit-exact continuation needs; some of the tensors are the environment's own."""
-        state = {name: getattr(self, name) for name in _STATE_TENSORS}
-        state |= {name: torch.from_numpy(getattr(self.simulation, name).copy()) for name in _STATE_SIMULATION}
-        # Forces belong to the last physics step; position and velocity alone do not give them back.
-        state["foot_force"], state["link_force"] = self.readings.foot_force, self.readings.link_force
-        state["generator"] = self.generator.get_state()
-        for name in _STATE_PARTS:
-            part = getattr(self, name)
-            if part is not None:
-                state |= {f"{name}.{k}": v for k, v in part.state_dict().items()}
-        if self.latency is not None:
-            state["targets"] = self.latency.targets
-        if self.ground is not None:
-            state |= {f"terrain.{k}": v for k, v in self.ground.state_dict().items()}
-            state["terrain.footing"] = torch.from_numpy(self.simulation.footing)
-        levels = self.curriculum.state_dict()
-        return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
+        return environment_state.state_of(self)
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore what `state_dict` returned.
@@ -496,41 +478,4 @@ class HumanoidEnv:
         Raises:
             KeyError: if a part is missing.
         """
-        for name in _STATE_TENSORS:
-            setattr(self, name, state[name].clone())
-        self.generator.set_state(state["generator"])
-        prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in ("curriculum", "terrain", *_STATE_PARTS)}
-        for key, value in state.items():
-            group, _, name = key.partition(".")
-            if name:
-                prefixed[group][name] = value
-        for name in _STATE_PARTS:
-            part = getattr(self, name)
-            if part is not None and prefixed[name]:
-                part.load_state_dict(prefixed[name])
-        self.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
-        self._arm_gains.update(self.intervention.active * self.curriculum.alpha)
-        # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
-        self._write_simulation(state)
-        self.simulation.forward(np.arange(self.count))
-        if "footing" in prefixed["terrain"]:
-            self.simulation.restore_footing(prefixed["terrain"]["footing"].numpy())
-        self._write_simulation(state)
-        forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
-        if self.latency is not None:
-            self._restore_latency(self.latency, state.get("targets"))
-        if self.ground is not None:
-            self.ground.load_state_dict(prefixed["terrain"])
-        self.readings = dataclasses.replace(read(self.simulation, self.ground), **forces)
-        if self.ground is not None:
-            self.begin_episodes(self.ground.lost(self.readings.position[:, :2]).nonzero().squeeze(1))
-
-    def _write_simulation(self, state: dict[str, torch.Tensor]) -> None:
-        for name in _STATE_SIMULATION:
-            getattr(self.simulation, name)[:] = state[name].numpy()
-
-    def _restore_latency(self, latency: Latency, targets: torch.Tensor | None) -> None:
-        if targets is not None and targets.shape == latency.targets.shape:
-            latency.targets = targets.clone()
-        else:  # the stored run had another latency or none: pretend that the current target has acted for ever
-            latency.reset(np.arange(self.count), self.simulation.ctrl.copy())
+        environment_state.restore(self, state)

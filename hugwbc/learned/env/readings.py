@@ -118,6 +118,28 @@ class Transition:
     intervention: torch.Tensor
     fallen: torch.Tensor
 
+    @classmethod
+    def between(cls, before: Readings, after: Readings, **others: torch.Tensor) -> "Transition":
+        """Put a control step together.
+
+        Args:
+            before: state before the step.
+            after: state after it.
+            others: the attributes that the two states do not tell.
+        """
+        shared = (set(_names(cls)) & set(_names(Readings))) - set(others)
+        return cls(
+            **{name: getattr(after, name) for name in shared},
+            **others,
+            previous_dq=before.dq,
+            touch_down=feet_on_ground(after.foot_force) & ~feet_on_ground(before.foot_force),
+            descent=-before.foot_velocity[..., 2],
+        )
+
+
+def _names(kind: type) -> list[str]:
+    return [field.name for field in dataclasses.fields(kind)]
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Body:

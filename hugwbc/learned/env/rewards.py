@@ -10,7 +10,7 @@ from collections.abc import Callable
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
@@ -228,7 +228,7 @@ def contact_mismatch(t: Transition, body: Body) -> torch.Tensor:
 def flight_contact(t: Transition, body: Body) -> torch.Tensor:
     """sum_i (1 - C_i) c_i in jumping and hopping (not in the paper)."""
     touching = ((1.0 - t.contact) * feet_on_ground(t.foot_force)).sum(1)
-    return touching * (t.gait >= int(Gait.JUMPING))
+    return touching * ((t.gait == int(Gait.JUMPING)) | hopping(t.gait))
 
 
 def unequal_support(t: Transition, body: Body) -> torch.Tensor:

@@ -17,7 +17,7 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError, PolicyFileError
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.config import CALIBRATED_COMMANDS, DistillationConfig
 from hugwbc.learned.env.readings import Readings
 from hugwbc.learned.imitation.dagger import Dagger
@@ -255,7 +255,7 @@ class Distiller(Dagger[DistillationConfig]):
 def _of(gait: torch.Tensor, teacher: str) -> torch.Tensor:
     """Return which robots a teacher labels, shape (n,), bool."""
     if teacher == "hopping":
-        return (gait == int(Gait.HOPPING_LEFT)) | (gait == int(Gait.HOPPING_RIGHT))
+        return hopping(gait)
     return gait == int(Gait.STANDING if teacher == "catching" else Gait.parse(teacher))
 
 

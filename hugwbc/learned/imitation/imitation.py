@@ -199,15 +199,14 @@ class Imitator(Dagger[ImitationConfig]):
         """Return the teachers' actions and the weight of each joint; robots take the phase of stepping teachers."""
         env, robot = self.env, self._robot
         arms, active = env.intervention.targets().double().numpy(), env.intervention.active.numpy()
-        base = env.next_waist().numpy()
+        base = env.next_feed_forward().double().numpy()
         scale = self.config.env.action_scales(robot)
         labels = np.zeros((env.count, ACTION_SIZE))
         for i, state in enumerate(env.simulation.states()):
             command = Command.from_array(env.command[i].double().numpy(), Gait(int(env.gait[i])))
             upper_body = UpperBody.targets(arms[i]) if active[i] else UpperBody.none()
             joints = self._teachers[i].act(state, command, upper_body)
-            labels[i] = equivalent_targets(joints, robot, self._damping) - robot.nominal
-            labels[i, robot.waist] -= base[i]
+            labels[i] = equivalent_targets(joints, robot, self._damping) - robot.nominal - base[i]
             if self._teachers[i].stepping:  # otherwise the phase runs on as it does without a teacher
                 env.phase[i] = self._teachers[i].phase
         actions = torch.from_numpy(labels / scale).float()

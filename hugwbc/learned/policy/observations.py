@@ -16,7 +16,7 @@ from hugwbc.robot import load_robot
 JOINTS = 19
 HISTORY_FRAMES = 5
 PROPRIOCEPTION_SIZE = 3 + 3 + 3 * JOINTS  # angular velocity, gravity, q - nominal, dq, last action
-COMMAND_SIZE = 8 + 5 + 4 + 1  # commands, one of five gaits, two clocks of each foot, intervention indicator
+COMMAND_SIZE = 8 + len(Gait) + 4 + 1  # commands, one of the gaits, two clocks of each foot, intervention indicator
 FIRST_COMMAND_SIZE = 8 + 2 + 2 + 1  # of the first layout: psi and phi_stance for the gait, one clock of each foot
 PRIVILEGED_SIZE = 24 + 16
 TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame

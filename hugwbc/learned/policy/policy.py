@@ -13,7 +13,7 @@ from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.learned.policy import checkpoint, self_test
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import command_size, complete_contract
-from hugwbc.learned.policy.policy_rows import PolicyRows, row_by_row
+from hugwbc.learned.policy.policy_rows import BareActor, PolicyRows, row_by_row
 from hugwbc.robot import load_robot, model_dir
 from hugwbc.state import RobotState
 
@@ -151,7 +151,7 @@ class LearnedController:
         self.held = 0
         self.robot = load_robot(metadata["robot"])
         self.actor = actor.eval()
-        self._rows = PolicyRows(metadata, self.actor, 1)
+        self._rows = PolicyRows(metadata, BareActor(self.actor), 1)
 
     @property
     def phase(self) -> float:
@@ -194,9 +194,7 @@ class LearnedController:
         Returns:
             history (1, 315), observation (1, 18), action (1, 19) and estimate (1, 6), in observation units.
         """
-        return {
-            "history": self._rows.history.flatten(1).clone(),
-            "observation": self._rows.observation.clone(),
-            "action": self._rows.action.clone(),
-            "estimate": self._rows.estimate.clone(),
-        }
+        rows = self._rows
+        passed = {"history": rows.history.reshape(1, -1), "observation": rows.observation}
+        passed |= {"action": rows.action, "estimate": rows.estimate}
+        return {name: torch.from_numpy(value.copy()) for name, value in passed.items()}

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
@@ -77,7 +77,7 @@ class _Steps:
             "l": float(self._height_error[swings].sum() / landings),
             "impact": float(self._impact[swings].sum() / landings),
         }
-        if bool((self._gait[robots] >= int(Gait.HOPPING_LEFT)).all()):
+        if bool(hopping(self._gait[robots]).all()):
             figures["held_foot"] = float(self._down[robots].sum() / self._samples[robots].sum().clamp(min=1.0))
         return figures
 
@@ -131,6 +131,10 @@ class Evaluator:
             own = [n for n in _Steps.FIGURES if gait is not Gait.STANDING and (gait.hops or n != "held_foot")]
             names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *own)]
         return names
+
+    def adopt(self, config: EnvConfig) -> None:
+        """Take over from the training what a policy runs with and schedules may change: the feed-forward of squats."""
+        self._env.adopt(dataclasses.replace(self._env.config, squat_gain=config.squat_gain))
 
     @torch.no_grad()
     def run(self, actor: ActorNetwork) -> dict[str, float]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import nn
 
+from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.humanoid_env import StepResult
@@ -21,7 +22,7 @@ from hugwbc.learned.rl.cloning import Labels, cloning_loss
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "cloning_loss", "kl")
-_GROUPS = torch.tensor([0, 1, 2, 3, 3])  # of advantages, by `Gait`: hops on either leg are alike
+_GROUPS = torch.tensor([min(gait, gait.mirrored()) for gait in Gait])  # of advantages: hops on either leg are alike
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:

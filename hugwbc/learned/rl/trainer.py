@@ -171,6 +171,7 @@ class Trainer:
         if self.iteration % self.config.evaluation_interval:
             return dict.fromkeys(self.evaluator.names, math.nan)
         begin = time.monotonic()
+        self.evaluator.adopt(self.config.at(self.steps).env)
         figures = self.evaluator.run(self._actor())
         finite = {name: value for name, value in figures.items() if math.isfinite(value)}
         self.evaluation = finite | {"iteration": self.iteration}
@@ -194,7 +195,7 @@ class Trainer:
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.ppo.network, self.config.env, self._metadata())
+        save_product(folder, self.ppo.network, self.config.at(self.steps).env, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
@@ -342,6 +343,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
         action_scale=env.action_scales(robot),
         kd=env.damping(robot),
         waist_rate=env.waist_rate,
+        squat_gain=env.squat_gain,
     )
 
 

@@ -16,6 +16,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
+from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.learned.rl.trainer import contract_of
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -57,10 +58,12 @@ def test_is_a_controller(policy_file: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("action_scale", "waist_rate", "substeps"), [(0.25, 2.0, 4), (0.5, 1.0, 2)], ids=["defaults", "other settings"]
+    ("action_scale", "waist_rate", "substeps", "squat_gain"),
+    [(0.25, 2.0, 4, 0.0), (0.5, 1.0, 2, 0.7)],
+    ids=["defaults", "other settings"],
 )
 def test_controller_does_what_the_training_environment_does(
-    action_scale: float, waist_rate: float, substeps: int, tmp_path: pathlib.Path
+    action_scale: float, waist_rate: float, substeps: int, squat_gain: float, tmp_path: pathlib.Path
 ) -> None:
     """The same network in the environment and behind the controller gives the same targets along a trajectory."""
     quiet = RandomizationConfig(
@@ -78,6 +81,7 @@ def test_controller_does_what_the_training_environment_does(
         action_scale=action_scale,
         waist_rate=waist_rate,
         substeps=substeps,
+        squat_gain=squat_gain,
         flip_probability=0.0,
     )
     env = HumanoidEnv(settings, seed=2, threads=1)
@@ -96,7 +100,7 @@ def test_controller_does_what_the_training_environment_does(
 
     controller.reset(state())
     controller._rows.phase[:] = float(env.phase[0]) - 2.0 * controller.period
-    waist = 0.0
+    waist, posture, squat = 0.0, np.zeros((1, 2)), SquatFeedForward(ROBOT)
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
         observation = env.observe()
@@ -105,6 +109,8 @@ def test_controller_does_what_the_training_environment_does(
         expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
         waist = min(waist + waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
+        posture = follow(posture, np.array([[-0.1, 0.1]]), controller.period)
+        expected += squat_gain * squat.offsets(*posture.T)[0]
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
         env.step(action)

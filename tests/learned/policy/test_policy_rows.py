@@ -2,9 +2,12 @@ import numpy as np
 import torch
 
 from hugwbc import COMMAND_NAMES, Command, Gait, RobotState, UpperBody, command_ranges, load_robot
+from hugwbc.gait import foot_phases, homogenised_phase
 from hugwbc.learned.policy import load_policy
+from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_rows import row_by_row
+from hugwbc.learned.policy.policy_contract import policy_contract
+from hugwbc.learned.policy.policy_rows import BareActor, PolicyRows, row_by_row
 
 N = 37
 
@@ -15,6 +18,10 @@ def test_a_row_of_many_is_the_row_alone():
     actor = Actor()
     history, command = torch.randn(N, 315), torch.randn(N, 18)
     alone = [actor(history[i : i + 1], command[i : i + 1]) for i in range(N)]
+    bare = BareActor(actor)
+    for i, expected in enumerate(alone):
+        found = bare(history[i : i + 1], command[i : i + 1])
+        assert all(torch.equal(a, b) for a, b in zip(found, expected, strict=True)), "to the last bit"
     for part, rows in zip(zip(*alone, strict=True), row_by_row(actor)(history, command), strict=True):
         assert torch.equal(rows, torch.cat(part)), "to the last bit"
     assert not torch.equal(actor(history, command)[0], row_by_row(actor)(history, command)[0]), "unlike the network's"
@@ -53,6 +60,23 @@ def test_many_robots_get_what_each_gets_alone():
                 targets[index][own], controller.act(states[index], commands[index], arms).q[own], atol=1e-5, rtol=0
             )
             assert many.phase[index] == controller.phase
+
+
+def test_rows_see_what_the_training_lets_the_network_see():
+    rng = np.random.default_rng(1)
+    gait = np.array([int(gait) for gait in Gait])
+    command = np.array([_draw(rng, Gait(value)) for value in gait])
+    indicator = gait % 2 == 0
+    for metadata in (policy_contract(), load_policy("h1").metadata):
+        rows = PolicyRows(metadata, BareActor(Actor(obs.COMMAND_SIZE)), len(gait))
+        rows.phase = rng.uniform(size=len(gait))
+        phases = homogenised_phase(foot_phases(torch.tensor(rows.phase), torch.tensor(gait))).float()
+        seen = obs.command_observation(
+            torch.tensor(command).float(), torch.tensor(gait), phases, torch.tensor(indicator)
+        )
+        expected = obs.in_layout(seen, rows.observation.shape[1]).numpy()
+        np.testing.assert_allclose(rows._observe(command, gait, indicator), expected, atol=2e-6)
+    assert rows.observation.shape[1] == obs.FIRST_COMMAND_SIZE
 
 
 def _draw(rng: np.random.Generator, gait: Gait) -> np.ndarray:

@@ -1,12 +1,17 @@
+import dataclasses
 import math
 
 import pytest
 import torch
 
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, EnvConfig, TerrainConfig
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.readings import Readings
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.rl.evaluator import FALL_COST, Evaluator
+from hugwbc.learned.rl.evaluator import FALL_COST, Evaluator, _Steps
 
 
 def still_actor() -> Actor:
@@ -61,3 +66,38 @@ def test_a_policy_for_rough_ground_is_judged_on_all_levels() -> None:
     terrain = TerrainConfig(roughness=0.02, levels=4)
     ground = Evaluator(EnvConfig(terrain=terrain), count=8, seconds=0.1, threads=1)._env.ground
     assert ground is not None and torch.bincount(ground.level).tolist() == [2] * 4
+
+
+def readings_of(env: HumanoidEnv, height: float, speed: float) -> Readings:
+    """Both soles of all robots at a height [m], on the ground at 0, moving upwards at a speed [m/s]."""
+    zero = torch.zeros_like(env.readings.foot_velocity)
+    velocity, force = zero.clone(), zero.clone()
+    velocity[..., 2] = speed
+    force[..., 2] = 300.0 * (height == 0.0)
+    clearance = torch.full_like(env.readings.clearance, height)
+    return dataclasses.replace(env.readings, foot_velocity=velocity, foot_force=force, clearance=clearance)
+
+
+def test_steps_by_hand(evaluator: Evaluator) -> None:
+    """A jump at 2.5 Hz, 0.12 m high, that comes down at 1.5 m/s; told 2 Hz and 0.15 m."""
+    env, count = evaluator._env, 12
+    gait = torch.full((count,), int(Gait.JUMPING))
+    gait[:4] = int(Gait.HOPPING_LEFT)
+    gait[4:6] = int(Gait.STANDING)
+    command = torch.zeros(count, 8)
+    command[:, COMMAND_NAMES.index("f")], command[:, COMMAND_NAMES.index("l")] = 2.0, 0.15
+    steps, upright = _Steps(command, gait, 0.02), torch.ones(count, dtype=torch.bool)
+    upright[11] = False  # it has fallen and no longer counts
+    cycle = [(0.0, 0.0)] * 10 + [(0.05, 1.0), (0.1, 1.0), (0.12, 0.0), (0.1, -1.0)] + [(0.05, -1.5)] * 6
+    for step, (height, speed) in enumerate(cycle * 3 + [(0.0, 0.0)]):
+        steps.add(step, readings_of(env, height, speed), upright)
+    jumping = gait == int(Gait.JUMPING)
+    jumping[11] = False
+    figures = steps.errors(jumping)
+    assert figures["f"] == pytest.approx(0.5, abs=1e-4) and "held_foot" not in figures
+    assert figures["l"] == pytest.approx(0.03, abs=1e-4) and figures["impact"] == pytest.approx(1.5)
+    hopping = steps.errors(gait == int(Gait.HOPPING_LEFT))
+    assert hopping["f"] == pytest.approx(0.5, abs=1e-4)
+    assert hopping["held_foot"] == pytest.approx(31 / 61)  # it touches the ground as often as the other
+    assert steps.errors(gait == int(Gait.STANDING)) == {}
+    assert steps.errors(~upright)["f"] == 2.0  # without a stride the frequency is wrong altogether

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned.policy.squat import HEIGHT_RATE, PITCH_RATE, SquatFeedForward, follow
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+ROBOT = load_robot("h1")
+
+
+@pytest.mark.parametrize(
+    ("height", "pitch"), [(0.0, 0.0), (-0.1, 0.0), (-0.2, 0.0), (-0.3, 0.0), (0.0, 0.4), (-0.2, 0.3)]
+)
+def test_soles_of_a_squat_are_on_the_ground(height: float, pitch: float) -> None:
+    q = ROBOT.nominal + SquatFeedForward(ROBOT).offsets(np.array([height]), np.array([pitch]))[0]
+    kinematics = Kinematics(robot=ROBOT)
+    kinematics.update(
+        RobotState(
+            q=q,
+            dq=np.zeros(19),
+            orientation=rotations.from_yaw_pitch_roll(0.0, pitch, 0.0),
+            angular_velocity=np.zeros(3),
+            position=np.array([0.0, 0.0, ROBOT.nominal_height + height]),
+            velocity=np.zeros(3),
+        )
+    )
+    np.testing.assert_allclose(kinematics.measured().clearance, 0.0, atol=6e-3)
+    assert (q > ROBOT.lower).all() and (q < ROBOT.upper).all()
+    others = np.setdiff1d(np.arange(19), ROBOT.legs)
+    np.testing.assert_array_equal(q[others], ROBOT.nominal[others])
+
+
+def test_absurd_commands_stay_within_the_joints_ranges() -> None:
+    offsets = SquatFeedForward(ROBOT).offsets(np.array([-5.0, 5.0]), np.array([9.0, -9.0]))
+    q = ROBOT.nominal + offsets
+    assert np.isfinite(q).all() and (q >= ROBOT.lower).all() and (q <= ROBOT.upper).all()
+
+
+def test_it_follows_at_its_rates() -> None:
+    value = follow(np.zeros((2, 2)), np.array([[-0.3, 0.4], [-0.001, 0.0]]), 0.02)
+    np.testing.assert_allclose(value, [[-0.02 * HEIGHT_RATE, 0.02 * PITCH_RATE], [-0.001, 0.0]])
