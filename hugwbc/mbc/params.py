@@ -17,7 +17,15 @@ _POSITIVE = (
         "speed_horizon",
     ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
-    *("leg_reserve", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
+    *(
+        "leg_reserve",
+        "swing_acceleration",
+        "swing_torque",
+        "mpc_intervals",
+        "mpc_period",
+        "mpc_shortest_stance",
+        "hop_shift_time",
+    ),
     # Pairs of the largest rate and the largest acceleration,
     *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
     # and of stiffness and damping, whose ratio is the speed at which a gap is closed.
@@ -89,7 +97,7 @@ class ControllerParams:
     """Damping of that motion about the commanded speed [1/s]; 0 follows the pendulum alone."""
     com_gains: tuple[float, float] = (30.0, 11.0)
     """Gains of the centre of mass when standing [1/s^2], [1/s]."""
-    swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
+    swing_weight: tuple[float, float, float] = (40.0, 40.0, 40.0)
     """Weights of a swinging foot's position, world x, y and z."""
     swing_gains: tuple[float, float] = (700.0, 50.0)
     """Gains of that position [1/s^2], [1/s]."""
@@ -262,6 +270,9 @@ class ControllerParams:
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
+    swing_torque: float = 0.63
+    """Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
+    and folds the leg. It bounds the speed of a walk."""
     clearance_at_nominal: float = 0.31
     """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
     clearance_speed: float = 1.0

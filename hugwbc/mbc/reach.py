@@ -1,11 +1,17 @@
-"""Limits from the joint ranges of the legs, found by inverse kinematics of the squatting robot with level soles."""
+"""What the legs allow: by the ranges of their joints (inverse kinematics of a squat with level soles) and by torque."""
 
 import bisect
+import functools
 
+import pinocchio as pin
+
+from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.swing import PEAK
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import GRAVITY
 
+_HIP = "left_hip_pitch_joint"
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 
 
@@ -68,6 +74,34 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
     reaction = params.swing_reaction / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
     return max(params.min_clearance, min(reach, reaction))
+
+
+def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None) -> float:
+    r"""Return the highest speed along the heading for which the hips can swing the legs [m/s].
+
+    A foot travels 2 v T in a step of T = 1 / (2 f), so that its acceleration peaks at :math:`a\, 4 v f` with the factor
+    a of `hugwbc.mbc.swing`. For a leg of length L with the inertia I about the hip that takes the torque
+    :math:`4 a v f I / L`.
+
+    Args:
+        params: share of the hips' torque.
+        f: stride frequency [Hz].
+        robot: gives torque, length and inertia of the legs; None for the H1.
+    """
+    robot = robot or load_robot()
+    torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
+    return torque * robot.leg_length / (4.0 * PEAK * f * _leg_inertia(robot))
+
+
+@functools.cache
+def _leg_inertia(robot: Robot) -> float:
+    """Return the inertia of a leg in the nominal pose about its hip's pitch axis, with the drive's [kg m^2]."""
+    model = pinocchio_model(robot)
+    columns = joint_columns(model, robot)
+    q = pin.neutral(model)
+    q[columns + 1] = robot.nominal
+    hip = columns[robot.index(_HIP)]
+    return float(pin.crba(model, model.createData(), q)[hip, hip])
 
 
 def leap_rise(f: float) -> float:

@@ -10,7 +10,7 @@ from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest, plan_step, tim
 from hugwbc.mbc.gait_plan import GaitPlan
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References, Tick
-from hugwbc.mbc.swing import SwingTrajectory
+from hugwbc.mbc.swing import BRISKNESS, SwingTrajectory
 from hugwbc.mbc.tasks import PelvisTravelTask, SwingFootTask
 
 
@@ -87,6 +87,7 @@ class Walking:
             dt,
             landing=height + ground.rise(standing, foothold),
             overdue=plan.overdue,
+            briskness=BRISKNESS,
         )
         task.position, task.velocity = self.trajectory.position, self.trajectory.velocity
         task.acceleration = self.trajectory.acceleration

@@ -19,10 +19,13 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
 from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
+_PLANNED_FRICTION_SPEED = (
+    0.02  # [rad/s], over which friction changes its sign where a planned speed, without noise, counts
+)
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
@@ -126,6 +129,8 @@ class WholeBodyController:
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        self._smoothing = np.full_like(self._kp, FRICTION_SPEED)
+        self._smoothing[self._robot.waist] = _PLANNED_FRICTION_SPEED
         for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params, self._robot)
@@ -147,6 +152,7 @@ class WholeBodyController:
         self._last: JointCommand | None = None
         self._started = False
         self._outcome: _Outcome | None = None
+        self._waist.rate[0] = 0.0
         self._free_arms()
 
     @property
@@ -243,6 +249,8 @@ class WholeBodyController:
             What was ignored or clamped in the targets.
         """
         params, robot = self.params, self._robot
+        # Without the acceleration the waist would lag and overshoot.
+        self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         if not upper_body.indicator:
             if not self._arms_free:
@@ -286,6 +294,9 @@ class WholeBodyController:
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
+        # A waist that sticks has no speed whose friction could be made up for: the one that it should have counts.
+        moving = dq.copy()
+        moving[self._robot.waist] = self._waist.closing[0]
         return JointCommand(
             q=state.q + half * state.dq,
             dq=dq,
@@ -293,7 +304,8 @@ class WholeBodyController:
             kd=self._kd,
             tau=np.minimum(
                 np.maximum(
-                    solution.torque + self.params.drive_friction * self._robot.friction_torque(dq), self._lowest_torque
+                    solution.torque + self.params.drive_friction * self._robot.friction_torque(moving, self._smoothing),
+                    self._lowest_torque,
                 ),
                 self._highest_torque,
             ),

@@ -9,6 +9,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import (
     balance_point,
+    fastest_walk,
     highest_clearance,
     highest_leap_clearance,
     leap_rise,
@@ -70,6 +71,15 @@ def test_clearance_shrinks_with_height_frequency_and_speed_but_a_foot_is_always_
     assert highest_clearance(PARAMS, 0.0, 3.5, 0.0) >= 0.15
     assert highest_clearance(PARAMS, 0.0, 3.5, 2.0) < 0.12
     assert highest_clearance(PARAMS, 0.0, 3.0, 0.0) < upright
+
+
+def test_lighter_legs_and_a_lower_frequency_walk_faster():
+    heavy, light = (fastest_walk(PARAMS, 2.0, robot) for robot in (HEAVIER, FITTED))
+    assert fastest_walk(PARAMS, 1.0, HEAVIER) == pytest.approx(2.0 * heavy)
+    # By hand: the inertia about the hip with the armature is 1.40 kg m^2 and 0.92 kg m^2 in the nominal pose.
+    assert light / heavy == pytest.approx(1.403 / 0.915, rel=0.01)
+    torque = 4.0 * 4.65 * heavy * 2.0 * 1.403 / 0.8
+    assert torque == pytest.approx(PARAMS.swing_torque * PARAMS.torque_fraction * 180.0, rel=0.01)
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():
