@@ -134,8 +134,6 @@ class ControllerParams:
     """Largest lateral distance between the feet [m], which the roll of the hips and a crouch allow."""
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, backward and forward from the stance foot [m]."""
-    cop_reach: float = 0.065
-    """Largest distance of the centre of pressure from the ankle along the foot [m], which the ankle torque can hold."""
     cop_gain: float = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 the latter
     converges."""
@@ -143,8 +141,9 @@ class ControllerParams:
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
     long_step_clearance: float = 0.05
     """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
-    leg_reserve: float = 0.015
-    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]."""
+    leg_reserve: float = 0.04
+    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]: it lands with its knee bent,
+    or the impact along the straight leg would throw the pelvis up."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
     """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)

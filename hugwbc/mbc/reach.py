@@ -11,7 +11,7 @@ from hugwbc.mbc.swing import PEAK
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import GRAVITY
 
-_HIP = "left_hip_pitch_joint"
+_ANKLE, _HIP = "left_ankle_joint", "left_hip_pitch_joint"
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 
 
@@ -35,6 +35,15 @@ def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool
     robot = robot or load_robot()
     foremost = _interpolate(h, robot.squat_heights, robot.squat_reach) + robot.squat_reach_per_pitch * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
+
+
+def cop_reach(params: ControllerParams, robot: Robot) -> float:
+    """Return the largest distance of the centre of pressure from the ankle along the sole [m].
+
+    A foot that carries the robot's weight holds it there by the torque of the ankle; the heel is the nearer end.
+    """
+    torque = params.torque_fraction * float(robot.torque_limit[robot.index(_ANKLE)])
+    return min(torque / (robot.mass * GRAVITY), -robot.sole_x[0])
 
 
 def lowest_walking_height(

@@ -9,6 +9,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import (
     balance_point,
+    cop_reach,
     fastest_walk,
     highest_clearance,
     highest_leap_clearance,
@@ -51,6 +52,12 @@ def test_balance_point_keeps_its_margin_from_the_foremost_one(standing_state, h,
         point = balance_point(PARAMS, h, p, walking=walking, robot=FITTED)
         assert foremost - point == pytest.approx(PARAMS.balance_margin[walking], abs=0.012)
         assert 0.0 < heavier - foremost < 0.01
+
+
+def test_the_ankle_holds_the_weight_less_far_away_the_heavier_the_robot():
+    # 0.95 of 38 N m, over 59.338 kg and 51.65 kg times 9.81 m/s^2.
+    assert cop_reach(PARAMS, HEAVIER) == pytest.approx(0.0620, abs=1e-4)
+    assert cop_reach(PARAMS, FITTED) == pytest.approx(0.0712, abs=1e-4)
 
 
 def test_upright_balance_is_in_the_middle_of_what_the_ankle_holds():
