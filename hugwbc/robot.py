@@ -124,17 +124,16 @@ class Robot:
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
 
-    def friction_torque(self, velocity: np.ndarray, smoothing: float | np.ndarray = FRICTION_SPEED) -> np.ndarray:
+    def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
         """Return the torque that the real drives lose to friction at joint speeds [N*m].
 
-        Coulomb friction changes its sign gradually instead of at once, so that noise of a speed around zero does not
-        become chatter of the torque.
+        Coulomb friction changes its sign over a tenth of a radian a second instead of at once, so that noise of a speed
+        around zero does not become chatter of the torque.
 
         Args:
             velocity: joint speeds [rad/s], shape (19,).
-            smoothing: speed over which it does [rad/s], a number or one for each joint.
         """
-        return self.friction * np.tanh(velocity / smoothing) + self.viscous * velocity
+        return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
     def with_ideal_drives(self) -> "Robot":
         """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""

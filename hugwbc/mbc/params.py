@@ -142,8 +142,8 @@ class ControllerParams:
     long_step_clearance: float = 0.05
     """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
     leg_reserve: float = 0.04
-    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]: it lands with its knee bent,
-    or the impact along the straight leg would throw the pelvis up."""
+    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]. It lands with a bent knee:
+    the impact along a straight leg would throw the pelvis up."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
     """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)

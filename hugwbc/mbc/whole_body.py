@@ -23,9 +23,7 @@ from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
-_PLANNED_FRICTION_SPEED = (
-    0.02  # [rad/s], over which friction changes its sign where a planned speed, without noise, counts
-)
+_STICKING_SPEED = 0.02  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
@@ -129,8 +127,6 @@ class WholeBodyController:
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
-        self._smoothing = np.full_like(self._kp, FRICTION_SPEED)
-        self._smoothing[self._robot.waist] = _PLANNED_FRICTION_SPEED
         for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params, self._robot)
@@ -294,9 +290,11 @@ class WholeBodyController:
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
-        # A waist that sticks has no speed whose friction could be made up for: the one that it should have counts.
-        moving = dq.copy()
-        moving[self._robot.waist] = self._waist.closing[0]
+        friction = self._robot.friction_torque(dq)
+        # A waist that sticks has no speed whose friction could be made up for: the speed that it should have counts.
+        waist = self._robot.waist
+        sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
+        friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
         return JointCommand(
             q=state.q + half * state.dq,
             dq=dq,
@@ -304,7 +302,7 @@ class WholeBodyController:
             kd=self._kd,
             tau=np.minimum(
                 np.maximum(
-                    solution.torque + self.params.drive_friction * self._robot.friction_torque(moving, self._smoothing),
+                    solution.torque + self.params.drive_friction * friction,
                     self._lowest_torque,
                 ),
                 self._highest_torque,
