@@ -34,7 +34,7 @@ class Ground:
     time_constant: float = 0.005
     cone: str = "pyramidal"
     impratio: float = 1.0
-    iterations: int = 8
+    iterations: int = 20
 
     def __post_init__(self) -> None:
         if not 0.0 < self.time_constant < math.inf:
