@@ -32,7 +32,7 @@ def model_dir() -> pathlib.Path:
     raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
 
 
-_FRICTION_SPEED = 0.2  # [rad/s]
+FRICTION_SPEED = 0.2  # [rad/s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Robot:
         Args:
             velocity: joint speeds [rad/s], shape (19,).
         """
-        return self.friction * np.tanh(velocity / _FRICTION_SPEED) + self.viscous * velocity
+        return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
     def with_ideal_drives(self) -> "Robot":
         """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""

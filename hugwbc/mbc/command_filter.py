@@ -9,6 +9,7 @@ from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import (
+    fastest_walk,
     highest_clearance,
     highest_leap_clearance,
     lowest_leaping_height,
@@ -119,6 +120,11 @@ class CommandFilter:
         changing = legs.running not in (Gait.STANDING, gait)
         limiting = legs.running if changing else gait
         wanted = (0.0, 0.0, 0.0) if changing or legs.waiting else (command.v_x, command.v_y, command.omega)
+        if limiting is Gait.WALKING:
+            fastest = fastest_walk(params, command.f, self._robot)
+            if abs(wanted[0]) > fastest:
+                report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
+                wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)

@@ -134,6 +134,7 @@ class StepRequest(NamedTuple):
         pivot_ahead: distance of the pendulum's pivot ahead of the stance ankle [m].
         swing: foot in the air, 0 for left, 1 for right.
         step_time: nominal duration T of the step [s].
+        cop_reach: largest distance of the centre of pressure from the ankle along the foot [m].
     """
 
     pendulum: Pendulum
@@ -143,6 +144,7 @@ class StepRequest(NamedTuple):
     pivot_ahead: float
     swing: int
     step_time: float
+    cop_reach: float
 
 
 class StepPlan(NamedTuple):
@@ -186,7 +188,7 @@ def plan_step(params: ControllerParams, request: StepRequest, remaining: float) 
     reference = offset.real * math.exp(pendulum.omega * (step_time - remaining))
     deviation = (dcm / forward).real - reference
     shift = params.cop_gain * deviation
-    cop = (_clip(pivot_ahead + shift, -params.cop_reach, params.cop_reach) - pivot_ahead) * forward
+    cop = (_clip(pivot_ahead + shift, -request.cop_reach, request.cop_reach) - pivot_ahead) * forward
 
     # The divergent component moves away from the centre of pressure as e^{omega t}.
     wanted = (cop + (dcm - cop) * math.exp(pendulum.omega * remaining)) / landing - offset

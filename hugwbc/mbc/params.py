@@ -17,7 +17,15 @@ _POSITIVE = (
         "speed_horizon",
     ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
-    *("leg_reserve", "swing_acceleration", "mpc_intervals", "mpc_period", "mpc_shortest_stance", "hop_shift_time"),
+    *(
+        "leg_reserve",
+        "swing_acceleration",
+        "swing_torque",
+        "mpc_intervals",
+        "mpc_period",
+        "mpc_shortest_stance",
+        "hop_shift_time",
+    ),
     # Pairs of the largest rate and the largest acceleration,
     *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
     # and of stiffness and damping, whose ratio is the speed at which a gap is closed.
@@ -89,7 +97,7 @@ class ControllerParams:
     """Damping of that motion about the commanded speed [1/s]; 0 follows the pendulum alone."""
     com_gains: tuple[float, float] = (30.0, 11.0)
     """Gains of the centre of mass when standing [1/s^2], [1/s]."""
-    swing_weight: tuple[float, float, float] = (40.0, 40.0, 10.0)
+    swing_weight: tuple[float, float, float] = (40.0, 40.0, 40.0)
     """Weights of a swinging foot's position, world x, y and z."""
     swing_gains: tuple[float, float] = (700.0, 50.0)
     """Gains of that position [1/s^2], [1/s]."""
@@ -126,8 +134,6 @@ class ControllerParams:
     """Largest lateral distance between the feet [m], which the roll of the hips and a crouch allow."""
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, backward and forward from the stance foot [m]."""
-    cop_reach: float = 0.065
-    """Largest distance of the centre of pressure from the ankle along the foot [m], which the ankle torque can hold."""
     cop_gain: float = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 the latter
     converges."""
@@ -135,8 +141,9 @@ class ControllerParams:
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
     long_step_clearance: float = 0.05
     """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
-    leg_reserve: float = 0.015
-    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]."""
+    leg_reserve: float = 0.04
+    """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]. It lands with a bent knee:
+    the impact along a straight leg would throw the pelvis up."""
     crouch_rate: tuple[float, float] = (1.0, 6.0)
     """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
     rise_rate: tuple[float, float] = (0.2, 2.0)
@@ -262,6 +269,9 @@ class ControllerParams:
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
+    swing_torque: float = 0.63
+    """Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
+    and folds the leg. It bounds the speed of a walk."""
     clearance_at_nominal: float = 0.31
     """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
     clearance_speed: float = 1.0

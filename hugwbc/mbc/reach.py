@@ -1,11 +1,17 @@
-"""Limits from the joint ranges of the legs, found by inverse kinematics of the squatting robot with level soles."""
+"""What the legs allow: by the ranges of their joints (inverse kinematics of a squat with level soles) and by torque."""
 
 import bisect
+import functools
 
+import pinocchio as pin
+
+from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.swing import PEAK
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import GRAVITY
 
+_ANKLE, _HIP = "left_ankle_joint", "left_hip_pitch_joint"
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 
 
@@ -29,6 +35,15 @@ def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool
     robot = robot or load_robot()
     foremost = _interpolate(h, robot.squat_heights, robot.squat_reach) + robot.squat_reach_per_pitch * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
+
+
+def cop_reach(params: ControllerParams, robot: Robot) -> float:
+    """Return the largest distance of the centre of pressure from the ankle along the sole [m].
+
+    A foot that carries the robot's weight holds it there by the torque of the ankle; the heel is the nearer end.
+    """
+    torque = params.torque_fraction * float(robot.torque_limit[robot.index(_ANKLE)])
+    return min(torque / (robot.mass * GRAVITY), -robot.sole_x[0])
 
 
 def lowest_walking_height(
@@ -68,6 +83,34 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
     reaction = params.swing_reaction / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
     return max(params.min_clearance, min(reach, reaction))
+
+
+def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None) -> float:
+    r"""Return the highest speed along the heading for which the hips can swing the legs [m/s].
+
+    A foot travels 2 v T in a step of T = 1 / (2 f), so that its acceleration peaks at :math:`a\, 4 v f` with the factor
+    a of `hugwbc.mbc.swing`. For a leg of length L with the inertia I about the hip that takes the torque
+    :math:`4 a v f I / L`.
+
+    Args:
+        params: share of the hips' torque.
+        f: stride frequency [Hz].
+        robot: gives torque, length and inertia of the legs; None for the H1.
+    """
+    robot = robot or load_robot()
+    torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
+    return torque * robot.leg_length / (4.0 * PEAK * f * _leg_inertia(robot))
+
+
+@functools.cache
+def _leg_inertia(robot: Robot) -> float:
+    """Return the inertia of a leg in the nominal pose about its hip's pitch axis, with the drive's [kg m^2]."""
+    model = pinocchio_model(robot)
+    columns = joint_columns(model, robot)
+    q = pin.neutral(model)
+    q[columns + 1] = robot.nominal
+    hip = columns[robot.index(_HIP)]
+    return float(pin.crba(model, model.createData(), q)[hip, hip])
 
 
 def leap_rise(f: float) -> float:

@@ -4,6 +4,11 @@ import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
 
+BRISKNESS = 4.0
+"""Acceleration at the start of a swing and deceleration at its end, per way and squared duration. Of all quintics from
+rest to rest that are symmetric in time, the one with this has the least peak of the acceleration."""
+PEAK = 4.65
+"""That greatest acceleration. With a smooth start and a smooth end it is 10 / sqrt(3) = 5.77."""
 _SHORTEST = 0.02  # [s]; a shorter quintic to a moving target would ask for unbounded accelerations
 
 
@@ -72,11 +77,14 @@ class SwingTrajectory:
         self.velocity = np.zeros(3)
         self.acceleration = np.zeros(3)
         self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
+        self._origin: tuple[float, float] | None = None
 
     def shift(self, offset: np.ndarray) -> None:
         """Move the plan after the estimate of the position jumped by `offset` [m], shape (3,)."""
         self._axes = tuple((x + by, v, a) for (x, v, a), by in zip(self._axes, offset.tolist(), strict=True))
         self.position = self.position + offset
+        if self._origin is not None:
+            self._origin = self._origin[0] + float(offset[0]), self._origin[1] + float(offset[1])
 
     def advance(
         self,
@@ -89,6 +97,7 @@ class SwingTrajectory:
         *,
         landing: float | None = None,
         overdue: float = 0.0,
+        briskness: float = 0.0,
     ) -> None:
         """Advance the plan by one tick.
 
@@ -101,6 +110,8 @@ class SwingTrajectory:
             dt: duration of the tick [s].
             landing: height of the ground at the foothold, if different [m].
             overdue: time for which the foot should already have touched the ground [s].
+            briskness: acceleration along the ground with which the swing starts, and deceleration with which it ends,
+                per way and squared duration.
         """
         to_apex = 0.5 * (elapsed + remaining) - elapsed
         if to_apex > 0.0:
@@ -111,10 +122,18 @@ class SwingTrajectory:
             height = (ground if landing is None else landing) + self._params.landing_height
             height, speed, until = height - self._params.search_speed * overdue, -searching, remaining
         x, y = foothold.tolist()
+        pace = (elapsed + remaining) ** -2
+        if self._origin is None:
+            (from_x, *_), (from_y, *_), rise = self._axes
+            self._origin = from_x, from_y
+            start = briskness * pace
+            self._axes = (from_x, 0.0, start * (x - from_x)), (from_y, 0.0, start * (y - from_y)), rise
+        ahead, aside = x - self._origin[0], y - self._origin[1]
+        stop = -briskness * pace
         remaining, until = max(remaining, _SHORTEST), max(until, _SHORTEST)
         self._axes = (
-            quintic_advance(*self._axes[0], x, 0.0, 0.0, remaining, dt),
-            quintic_advance(*self._axes[1], y, 0.0, 0.0, remaining, dt),
+            quintic_advance(*self._axes[0], x, 0.0, stop * ahead, remaining, dt),
+            quintic_advance(*self._axes[1], y, 0.0, stop * aside, remaining, dt),
             # The knee is closest to its highest speed where the foot rises: a cubic needs a fifth less of it for the
             # same apex than a quintic. The fall lands softly, by a quintic that the cubic gives a head start.
             cubic_advance(*self._axes[2][:2], height, speed, until, dt)

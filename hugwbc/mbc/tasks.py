@@ -403,6 +403,7 @@ class PostureTask:
         stiffness, damping: k_p [1/s^2] and k_d [1/s], shape (k,).
         weight: weights of the rows, shape (k,).
         speed: bound on the closing speed [rad/s].
+        closing: speed that the last `evaluate` wanted [rad/s], shape (k,).
     """
 
     unit = "rad"
@@ -424,6 +425,7 @@ class PostureTask:
         self.damping = np.ones(joints.size)
         self.weight = np.ones(joints.size)
         self.speed = speed
+        self.closing = np.zeros(joints.size)
         self._joints = joints
         self._in_q: slice | np.ndarray | None = None
 
@@ -437,6 +439,6 @@ class PostureTask:
             self._drift = np.zeros(self._joints.size)
         error = self.target - dynamics.q[self._in_q]
         wanted = self.rate + self.stiffness / self.damping * error
-        closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
-        acceleration = self.acceleration + self.damping * (closing - dynamics.v[self._in_v])
+        self.closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
+        acceleration = self.acceleration + self.damping * (self.closing - dynamics.v[self._in_v])
         return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)

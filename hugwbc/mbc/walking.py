@@ -9,8 +9,9 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest, plan_step, time_step
 from hugwbc.mbc.gait_plan import GaitPlan
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import cop_reach
 from hugwbc.mbc.references import References, Tick
-from hugwbc.mbc.swing import SwingTrajectory
+from hugwbc.mbc.swing import BRISKNESS, SwingTrajectory
 from hugwbc.mbc.tasks import PelvisTravelTask, SwingFootTask
 
 
@@ -87,6 +88,7 @@ class Walking:
             dt,
             landing=height + ground.rise(standing, foothold),
             overdue=plan.overdue,
+            briskness=BRISKNESS,
         )
         task.position, task.velocity = self.trajectory.position, self.trajectory.velocity
         task.acceleration = self.trajectory.acceleration
@@ -125,6 +127,7 @@ class Walking:
             pivot_ahead=references.balance,
             swing=swing,
             step_time=self._plan.step_time,
+            cop_reach=cop_reach(self._params, tick.dynamics.robot),
         )
 
     def _plan_step(self, request: StepRequest) -> StepPlan:

@@ -19,10 +19,11 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
 from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
+_STICKING_SPEED = 0.02  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
@@ -147,6 +148,7 @@ class WholeBodyController:
         self._last: JointCommand | None = None
         self._started = False
         self._outcome: _Outcome | None = None
+        self._waist.rate[0] = 0.0
         self._free_arms()
 
     @property
@@ -243,6 +245,8 @@ class WholeBodyController:
             What was ignored or clamped in the targets.
         """
         params, robot = self.params, self._robot
+        # Without the acceleration the waist would lag and overshoot.
+        self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         if not upper_body.indicator:
             if not self._arms_free:
@@ -286,6 +290,11 @@ class WholeBodyController:
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
+        friction = self._robot.friction_torque(dq)
+        # A waist that sticks has no speed whose friction could be made up for: the speed that it should have counts.
+        waist = self._robot.waist
+        sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
+        friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
         return JointCommand(
             q=state.q + half * state.dq,
             dq=dq,
@@ -293,7 +302,8 @@ class WholeBodyController:
             kd=self._kd,
             tau=np.minimum(
                 np.maximum(
-                    solution.torque + self.params.drive_friction * self._robot.friction_torque(dq), self._lowest_torque
+                    solution.torque + self.params.drive_friction * friction,
+                    self._lowest_torque,
                 ),
                 self._highest_torque,
             ),

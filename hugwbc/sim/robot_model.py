@@ -14,7 +14,7 @@ from hugwbc.sim.terrain import HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
-# What is held between two hands needs more iterations than a robot that stands: with the 8 of the ground, forces of a
+# What is held between two hands needs more iterations than a robot that stands: with few of them, forces of a
 # grasp chatter and a box slips out. The solver stops by itself when it is done, after 10 to 20 in a grasp.
 GRASP_ITERATIONS = 50
 

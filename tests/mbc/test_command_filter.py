@@ -4,16 +4,19 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.mbc.command_filter import CommandFilter, GaitState, VelocityTrim
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import fastest_walk
 
 PARAMS = ControllerParams()
 DT = 0.002
+# The legs of the lighter robot follow every commanded speed at 2 Hz.
+LIGHT = load_robot("h1-2023")
 
 
-def _history(command, seconds, start=(0.0, 0.0, 0.0)):
-    command_filter = CommandFilter(PARAMS)
+def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=None):
+    command_filter = CommandFilter(PARAMS, robot)
     command_filter.reset(*start)
     return [command_filter.update(command, DT)[0] for _ in range(round(seconds / DT))]
 
@@ -48,7 +51,7 @@ def test_a_posture_arrives_exactly_and_what_does_not_move_is_not_worked_out_agai
 
 
 def test_velocities_ramp():
-    history = _history(Command(v_x=2.0, v_y=-0.6, omega=1.0, gait=Gait.WALKING), 3.0)
+    history = _history(Command(v_x=2.0, v_y=-0.6, omega=1.0, gait=Gait.WALKING), 3.0, robot=LIGHT)
     velocity = np.array([[*command.velocity, command.omega] for command in history])
     assert velocity[-1] == pytest.approx([2.0, -0.6, 1.0])
     assert np.max(np.abs(np.diff(velocity, axis=0)) / DT, axis=0) == pytest.approx(PARAMS.velocity_rate)
@@ -88,7 +91,7 @@ def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
     ids=str,
 )
 def test_a_height_that_the_gait_lowers_is_reported(command, report):
-    command_filter = CommandFilter(PARAMS)
+    command_filter = CommandFilter(PARAMS, LIGHT)
     for _ in range(1500):
         last = command_filter.update(command, DT)
     assert last[1] == report
@@ -119,9 +122,20 @@ def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
 
 def test_fast_walking_lowers_the_pelvis():
     slow = _history(Command(v_x=0.5, gait=Gait.WALKING), 4.0)[-1]
-    fast = _history(Command(v_x=2.0, gait=Gait.WALKING), 4.0)[-1]
+    fast = _history(Command(v_x=2.0, gait=Gait.WALKING), 4.0, robot=LIGHT)[-1]
     assert slow.h == pytest.approx(0.0, abs=1e-6)
     assert fast.h == pytest.approx(-PARAMS.speed_lowering * (2.0 - PARAMS.lowering_from), abs=1e-3)
+
+
+def test_a_walk_is_no_faster_than_the_hips_can_swing_the_legs():
+    command_filter, command = CommandFilter(PARAMS), Command(v_x=2.0, gait=Gait.WALKING)
+    for _ in range(1000):
+        smooth, report = command_filter.update(command, DT)
+    fastest = fastest_walk(PARAMS, 2.0)
+    assert smooth.velocity[0] == pytest.approx(fastest) and 1.5 < fastest < 2.0
+    assert any(line.startswith("v_x = 2 m/s is too fast") for line in report)
+    _, report = CommandFilter(PARAMS).update(dataclasses.replace(command, gait=Gait.JUMPING), DT)
+    assert not any(line.startswith("v_x") for line in report), "in a jump both legs swing in flight"
 
 
 def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
@@ -150,7 +164,8 @@ def test_it_comes_to_rest_before_it_changes_gait():
 def test_a_lower_command_never_walks_higher(v_x):
     """Where the stance leg's room ends, the height stays: with what the speed lowers it by."""
     heights = [
-        _history(Command(h=h, v_x=v_x, gait=Gait.WALKING), 2.5)[-1].h for h in (0.0, -0.02, -0.04, -0.06, -0.2, -0.3)
+        _history(Command(h=h, v_x=v_x, gait=Gait.WALKING), 2.5, robot=LIGHT)[-1].h
+        for h in (0.0, -0.02, -0.04, -0.06, -0.2, -0.3)
     ]
     assert np.all(np.diff(heights) <= 1e-6)
     assert heights[-1] == pytest.approx(heights[-2], abs=1e-6)

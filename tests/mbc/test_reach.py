@@ -9,6 +9,8 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import (
     balance_point,
+    cop_reach,
+    fastest_walk,
     highest_clearance,
     highest_leap_clearance,
     leap_rise,
@@ -52,6 +54,12 @@ def test_balance_point_keeps_its_margin_from_the_foremost_one(standing_state, h,
         assert 0.0 < heavier - foremost < 0.01
 
 
+def test_the_ankle_holds_the_weight_less_far_away_the_heavier_the_robot():
+    # 0.95 of 38 N m, over 59.338 kg and 51.65 kg times 9.81 m/s^2.
+    assert cop_reach(PARAMS, HEAVIER) == pytest.approx(0.0620, abs=1e-4)
+    assert cop_reach(PARAMS, FITTED) == pytest.approx(0.0712, abs=1e-4)
+
+
 def test_upright_balance_is_in_the_middle_of_what_the_ankle_holds():
     assert balance_point(PARAMS, 0.0, 0.0, walking=True) == PARAMS.balance_ahead
 
@@ -70,6 +78,15 @@ def test_clearance_shrinks_with_height_frequency_and_speed_but_a_foot_is_always_
     assert highest_clearance(PARAMS, 0.0, 3.5, 0.0) >= 0.15
     assert highest_clearance(PARAMS, 0.0, 3.5, 2.0) < 0.12
     assert highest_clearance(PARAMS, 0.0, 3.0, 0.0) < upright
+
+
+def test_lighter_legs_and_a_lower_frequency_walk_faster():
+    heavy, light = (fastest_walk(PARAMS, 2.0, robot) for robot in (HEAVIER, FITTED))
+    assert fastest_walk(PARAMS, 1.0, HEAVIER) == pytest.approx(2.0 * heavy)
+    # By hand: the inertia about the hip with the armature is 1.40 kg m^2 and 0.92 kg m^2 in the nominal pose.
+    assert light / heavy == pytest.approx(1.403 / 0.915, rel=0.01)
+    torque = 4.0 * 4.65 * heavy * 2.0 * 1.403 / 0.8
+    assert torque == pytest.approx(PARAMS.swing_torque * PARAMS.torque_fraction * 180.0, rel=0.01)
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():

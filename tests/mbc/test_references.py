@@ -94,7 +94,7 @@ def _settle(dynamics, foothold, seconds=2.0):
     crouch = Crouch(PARAMS)
     pivot = dynamics.position("right_ankle_link")[:2]
     pendulum = Pendulum(pivot=pivot, com=pivot, omega=3.2, dcm=pivot)
-    request = StepRequest(pendulum, np.zeros(2), 0.0, 0.0, 0.0, 0, 0.25)
+    request = StepRequest(pendulum, np.zeros(2), 0.0, 0.0, 0.0, 0, 0.25, 0.065)
     step = StepPlan(pivot + np.array(foothold), pivot, (0.0, 0.0))
     height = float(dynamics.position("pelvis")[2] - dynamics.position("right_sole")[2])
     for _ in range(round(seconds / 0.002)):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.swing import SwingTrajectory, cubic_advance, quintic_advance
+from hugwbc.mbc.swing import BRISKNESS, PEAK, SwingTrajectory, cubic_advance, quintic_advance
 
 
 def test_quintic_is_the_minimum_jerk_rise_between_rests():
@@ -55,6 +55,24 @@ def test_a_swing_rises_to_the_apex_and_ends_on_the_foothold(step_time, apex):
     # Smooth but for the change of target: acceleration does not jump where the swing turns from rise to fall.
     jumps = np.abs(np.diff(np.array(accelerations)[:, 2]))
     assert jumps.max() < 0.15 * np.abs(np.array(accelerations)[:, 2]).max()
+
+
+def _greatest_acceleration(briskness):
+    """Along the ground, of a swing of 1 m in 0.5 s, per way and squared duration."""
+    swing, dt, peak = SwingTrajectory(ControllerParams()), 0.001, 0.0
+    swing.start(np.zeros(3))
+    for tick in range(500):
+        swing.advance(np.array([1.0, 0.0]), 0.1, 0.0, tick * dt, 0.5 - tick * dt, dt, briskness=briskness)
+        if tick < 478:  # the last 20 ms are planned as if they were 20 ms
+            peak = max(peak, abs(swing.acceleration[0]))
+    assert swing.position[0] == pytest.approx(1.0, abs=2e-3)
+    return peak * 0.25
+
+
+def test_a_brisk_swing_needs_least_acceleration():
+    assert _greatest_acceleration(BRISKNESS) == pytest.approx(PEAK, rel=0.01)
+    assert _greatest_acceleration(0.0) == pytest.approx(10.0 / np.sqrt(3.0), rel=0.01)
+    assert min(_greatest_acceleration(BRISKNESS - 0.5), _greatest_acceleration(BRISKNESS + 0.7)) > PEAK
 
 
 def test_it_lands_where_the_ground_is_at_the_foothold():

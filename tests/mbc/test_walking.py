@@ -12,6 +12,7 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.tasks import SwingFootTask
 from hugwbc.mbc.walking import Walking
+from hugwbc.state import GRAVITY
 
 PARAMS, DT = ControllerParams(), 0.002
 
@@ -75,6 +76,8 @@ def test_with_foot_forces_a_foot_stands_by_its_height_but_carries_by_its_load(st
     assert step.plan.overdue > 0.0 and not step.walking.landed, "the ground is lower than it was thought to be"
     assert step.task.velocity[2] == pytest.approx(-PARAMS.search_speed, rel=0.5)
     step.go_on(pressed(standing_state, 30.0), DT)
+    assert not step.walking.loaded, "that much is noise of an inferred force"
+    step.go_on(pressed(standing_state, 0.3 * step.dynamics.mass * GRAVITY), DT)
     assert (step.walking.landed, step.walking.loaded) == (True, True)
 
 
