@@ -39,8 +39,8 @@ class Hanging:
 
     def __init__(self, pitch=0.0, actuators=None):
         self.simulation = Simulation(actuators=actuators)
-        # A pelvis of 10^5 kg does not move noticeably within one step, and is put back after it. With 10^6 kg the solver
-        # no longer resolves the friction of light joints, which then chatter.
+        # A pelvis of 10^5 kg does not move noticeably within one step, and is put back after it. With 10^6 kg the
+        # solver no longer resolves the friction of light joints, which then chatter.
         self.simulation.model.dof_armature[:6] = 1e5
         self.pose = np.array([0.0, 0.0, 1.6, *rotations.from_yaw_pitch_roll(0.4, pitch, 0.0)])
         self.state = self._put_back()
