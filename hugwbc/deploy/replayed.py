@@ -56,7 +56,7 @@ class ReplayedRun:
         """Return the record; None if there was no sample."""
         if not self._rows:
             return None
-        rows = {key: np.array(values) for key, values in self._rows.items()}
+        rows: dict[str, Any] = {key: np.array(values) for key, values in self._rows.items()}
         count = rows["time"].size
 
         def unknown(*shape: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -338,7 +338,7 @@ class BatchRecord:
         self.times.append(t)
         self.lengths[rows] = len(self.times)
 
-    def of(self, row: int) -> dict[str, np.ndarray]:
+    def of(self, row: int) -> dict[str, Any]:
         """Return the sampled fields of one robot's trace; fields that a batch does not have are NaN."""
         count = self.lengths[row]
         nothing = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
