@@ -23,7 +23,7 @@ from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
-_STICKING_SPEED = 0.02  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
+_STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
