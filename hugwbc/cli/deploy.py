@@ -22,11 +22,11 @@ from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.loop import upper_body_source
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim.arena import known_robot
 from hugwbc.sim.sensors import ROBOT
+from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
 _PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
@@ -169,7 +169,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
         controller = (told if spec.takes_robot else spec).build()
         source: CommandSource = Sticks() if header["script"] is None else load_script(header["script"])
-        arms = upper_body_source(controller)
+        arms = UpperBodySource()
         limits = Limits(**header["limits"])
         return robot, Pilot(
             controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event))

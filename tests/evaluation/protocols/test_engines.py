@@ -72,4 +72,7 @@ def test_a_stand_is_the_same_in_both_engines():
     result = PROTOCOL.run(ControllerSpec("qp").told(conditions.told_arena).build, config)
     assert [row.engine for row in result.rows] == ["mujoco", "physx"]
     assert result.falls == {"stand, mujoco": 0, "stand, physx": 0}
-    assert 0.3 < result.ratios["stand"]["v_x"].value < 3.0
+    # Both stand still, so that the ratio of their errors means nothing.
+    for row in result.rows:
+        assert row.errors["v_x"] is not None and row.errors["v_x"] < 0.01
+    assert result.ratios["stand"]["v_x"].value > 0.0

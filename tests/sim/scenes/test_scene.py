@@ -259,6 +259,6 @@ def test_a_bad_mjcf_file_is_refused(tmp_path: pathlib.Path, text: str, message: 
 
 
 def test_the_solver_has_time_for_a_grasp() -> None:
-    assert Simulation().model.opt.iterations == 8
+    assert Simulation().model.opt.iterations == 20
     model = Simulation(scene=VARIED).model
     assert model.opt.iterations == 50 and model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
