@@ -11,6 +11,9 @@ from deploy_processes import Processes, output
 from hugwbc.deploy.dds import DdsEndpoint, check_network
 from hugwbc.errors import ConfigError
 
+# Two processes in real time: on a busy machine they take minutes.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def processes(tmp_path) -> Iterator[Processes]:
