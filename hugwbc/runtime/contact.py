@@ -80,12 +80,15 @@ class ContactObserver:
         self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
-        self._start: np.ndarray | None = None
+        self._start = np.zeros(self._kinematics.model.nv)
         if state is not None:
             self._kinematics.update(state)
+            self._start = self._momentum(self._gravity())
             pin.computeJointJacobians(self._kinematics.model, self._kinematics.data, self._kinematics.q)
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
             self.residual = self._map() @ np.concatenate([(*force, 0.0, 0.0) for force in self.force])
+        # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at this residual.
+        self._integral = -self.residual / self.params.rate
 
     def update(self, state: RobotState, torque: np.ndarray, dt: float) -> np.ndarray:
         """Take in one reading.
@@ -105,14 +108,11 @@ class ContactObserver:
         """Do the same at the state to which the kinematics has been updated, and leave its joint Jacobians there."""
         kinematics, params = self._kinematics, self.params
         model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
-        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
-        momentum = pin.rnea(model, data, q, self._still, v) - gravity  # M(q) v: torques of an acceleration v at rest
+        gravity = self._gravity()
+        momentum = self._momentum(gravity)
         coriolis = pin.computeCoriolisMatrix(model, data, q, v)  # and the Jacobians
         friction = params.friction * self._robot.friction_torque(v[self._columns])
         self._tau[self._columns] = torque - friction
-        if self._start is None:
-            # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at the residual of the reset.
-            self._start, self._integral = momentum, -self.residual / params.rate
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
         wrenches = self._weight[:, None] * self._map()[self._rows]
@@ -121,6 +121,15 @@ class ContactObserver:
         self.force = solution.reshape(_FEET, len(_WRENCH))[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
+
+    def _gravity(self) -> np.ndarray:
+        """Return the generalised forces that hold the robot against gravity [N, N*m], shape (25,)."""
+        return pin.computeGeneralizedGravity(self._kinematics.model, self._kinematics.data, self._kinematics.q).copy()
+
+    def _momentum(self, gravity: np.ndarray) -> np.ndarray:
+        """Return M(q) v [kg*m/s, kg*m^2/s], shape (25,): the forces of an acceleration v of a robot at rest."""
+        kinematics = self._kinematics
+        return pin.rnea(kinematics.model, kinematics.data, kinematics.q, self._still, kinematics.v) - gravity
 
     def _map(self) -> np.ndarray:
         """Generalised force per wrench of both feet from the joint Jacobians, shape (25, 10)."""
