@@ -18,7 +18,9 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.robot import load_robot
 
     with progress(f"imitation {config.out}") as advance:
-        robot = load_robot(config.env.robot).with_ideal_drives()  # as the training has them
+        robot = load_robot(config.env.robot)
+        if config.env.drives == "ideal":
+            robot = robot.with_ideal_drives()
         imitator = Imitator(config, lambda period: WholeBodyController(period=period, robot=robot))
         imitator.run(reporter(config.samples, _LINE_SAMPLES, advance))
     say(f"{imitator.samples} labels; saved in {config.out}")

@@ -67,7 +67,6 @@ class RecipeServices:
         """Return what makes a QP for a control period [s]."""
         from hugwbc.mbc import WholeBodyController
 
-        robot = robot.with_ideal_drives()  # as the training has them
         return lambda period: WholeBodyController(period=period, robot=robot)
 
     def check_table(self, table: Table) -> None:
