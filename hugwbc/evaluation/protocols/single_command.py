@@ -17,7 +17,15 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, error_name, other_controllers, single_command_errors
-from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, GaitSettings, Run, known, mean
+from hugwbc.evaluation.protocols.episodes import (
+    CountedResult,
+    CountedSettings,
+    GaitSettings,
+    Run,
+    SettledJudge,
+    known,
+    mean,
+)
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -166,15 +174,8 @@ def stratified_samples(config: GaitSettings, episodes: int, *, ends: bool = Fals
     return samples
 
 
-@dataclasses.dataclass(frozen=True)
-class SingleCommandJudge:
-    """Judge of an episode by the error of the command that its plan's label names.
-
-    Attributes:
-        settle: start of the episode that is left out of the error [s].
-    """
-
-    settle: float
+class SingleCommandJudge(SettledJudge):
+    """Judge of an episode by the error of the command that its plan's label names."""
 
     def __call__(self, index: int, run: Run) -> Episode:
         """Return the row of one episode."""
