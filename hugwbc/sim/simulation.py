@@ -8,18 +8,17 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, SceneError
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
+from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine, check_seed
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, link_names, load_model
+from hugwbc.sim.robot_model import link_names, load_model
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import SceneObjects
 from hugwbc.sim.scenes.scene import OVERLAP, Scene
-from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors
+from hugwbc.sim.sensors import Reading, Sensors
 from hugwbc.sim.terrain import HeightField
-from hugwbc.sim.variation import Variation
 from hugwbc.state import GRAVITY, RobotState
 
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
@@ -28,24 +27,6 @@ DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 
 
 _FLOOR_BODY = "world"
-
-
-def _agreed(scene: Scene, robot: Robot | None, ground: Ground | None) -> tuple[Robot | None, Ground | None]:
-    """Return robot and ground, as given or as a scene asks for.
-
-    Raises:
-        ConfigError: if they contradict each other.
-    """
-    if scene.robot is not None:
-        if robot is not None and robot.name != scene.robot:
-            raise ConfigError(f"the scene is made for robot {scene.robot}, not {robot.name}; change one of them")
-        robot = robot or load_robot(scene.robot)
-    if scene.ground is not None:
-        wanted = Ground.named(scene.ground)
-        if ground is not None and ground != wanted:
-            raise ConfigError(f"the scene is made for {scene.ground} ground; change the ground or the scene")
-        ground = wanted
-    return robot, ground
 
 
 class Simulation(Engine):
@@ -59,51 +40,21 @@ class Simulation(Engine):
     engine = "mujoco"
     package = "mujoco"
 
-    def __init__(
-        self,
-        *,
-        timestep: float = SIMULATION_TIMESTEP,
-        terrain: HeightField | None = None,
-        sensing: SensorProfile | str = EXACT,
-        latency: float | None = None,
-        seed: int = 0,
-        variation: Variation | None = None,
-        robot: Robot | None = None,
-        actuators: Actuators | None = None,
-        ground: Ground | None = None,
-        scene: Scene | None = None,
-    ) -> None:
-        """Build the model and place the robot on the ground in the nominal pose.
+    def _surroundings(
+        self, terrain: HeightField | None, robot: Robot | None, ground: Ground | None, scene: Scene | None
+    ) -> tuple[Robot | None, Ground | None]:
+        if scene is not None and scene.robot is not None:
+            if robot is not None and robot.name != scene.robot:
+                raise ConfigError(f"the scene is made for robot {scene.robot}, not {robot.name}; change one of them")
+            robot = robot or load_robot(scene.robot)
+        if scene is not None and scene.ground is not None:
+            wanted = Ground.named(scene.ground)
+            if ground is not None and ground != wanted:
+                raise ConfigError(f"the scene is made for {scene.ground} ground; change the ground or the scene")
+            ground = wanted
+        return robot, ground
 
-        Args:
-            timestep: physics time step [s].
-            terrain: height field to stand on; None for a plane.
-            sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
-            latency: age of the results of `sense`, rounded to whole physics steps [s]; None for the profile's.
-            seed: random seed of the sensors' noise, biases and offsets, and of what varies in the scene.
-            variation: difference of the robot from its description; None for no difference.
-            robot: robot to simulate; None for the scene's, or the H1.
-            actuators: drives of the joints; None for real ones.
-            ground: firmness of the ground; None for the scene's, or firm.
-            scene: objects around the robot; None for none.
-
-        Raises:
-            ConfigError: if time step, latency or seed is out of range, or the scene is for another robot or ground.
-            SceneError: if objects overlap, as drawn, or the robot stands in one.
-        """
-        if scene is not None:
-            robot, ground = _agreed(scene, robot, ground)
-        super().__init__(
-            timestep=timestep,
-            terrain=terrain,
-            sensing=sensing,
-            latency=latency,
-            seed=seed,
-            variation=variation,
-            robot=robot,
-            actuators=actuators,
-            ground=ground,
-        )
+    def _build(self, seed: int, scene: Scene | None) -> None:
         self._declared, self._scene_objects, self.gripper = scene, None, None
         self._install(seed)
 
