@@ -157,11 +157,11 @@ class ControlLoop:
         if self.estimator is None:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
-        planned = self._plan.acceleration
-        for _ in range(max(1, round(duration / timestep))):
-            self.simulation.step(command, timestep)
+        planned, steps = self._plan.acceleration, max(1, round(duration / timestep))
+        for _ in range(steps):
+            state = self.simulation.step(command, timestep)
             self._estimate = self.estimator.update(self.simulation.sense(), planned)
-        return self.simulation.state()
+        return state
 
     @property
     def estimate(self) -> RobotState:
