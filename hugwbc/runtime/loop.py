@@ -158,9 +158,15 @@ class ControlLoop:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
         planned, steps = self._plan.acceleration, max(1, round(duration / timestep))
-        for _ in range(steps):
-            state = self.simulation.step(command, timestep)
-            self._estimate = self.estimator.update(self.simulation.sense(), planned)
+        states = [self._observed_step(self.estimator, command, timestep, planned) for _ in range(steps)]
+        return states[-1]
+
+    def _observed_step(
+        self, estimator: StateEstimator, command: JointCommand, timestep: float, planned: np.ndarray | None
+    ) -> RobotState:
+        """Make one physics step, show the estimator its reading, and return the true state."""
+        state = self.simulation.step(command, timestep)
+        self._estimate = estimator.update(self.simulation.sense(), planned)
         return state
 
     @property

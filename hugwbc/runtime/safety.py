@@ -287,7 +287,7 @@ class SafetyFilter:
             if self._missing_s > self.config.hold_s:
                 self.controller.reset(state)
             output = self.controller.act(state, command, upper_body)
-            usable = output.is_finite and {vector.shape for vector in vars(output).values()} == {self.robot.kp.shape}
+            usable = {vector.shape for vector in vars(output).values()} == {self.robot.kp.shape} and output.is_finite
         except Exception as error:  # the last line of defence of a running robot
             self._count("failures", f"{self.name} raised {type(error).__name__}: {error}")
             output, usable = None, False
