@@ -125,6 +125,7 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
+        self._free_arms = UpperBody.none()
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -142,7 +143,7 @@ class ControlLoop:
         state = self.simulation.sense() if self.estimator is None else self._estimate
         if self._following is not None:
             self._following.follow(self.simulation.state())
-        command, arms = self.source.command_at(t), UpperBody.none()
+        command, arms = self.source.command_at(t), self._free_arms
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
