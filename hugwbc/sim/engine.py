@@ -4,6 +4,7 @@ import abc
 import collections
 import dataclasses
 import importlib.util
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -267,7 +268,7 @@ class Engine(abc.ABC):
         """
         # Read the current state again: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
-        return dataclasses.replace(self._sensors.read(reading), age=self.time - reading.time)
+        return self._sensors.read(reading, self.time)
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""
@@ -277,7 +278,7 @@ class Engine(abc.ABC):
     def fallen(self) -> bool:
         """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
         qpos = self.qpos
-        orientation = qpos[3:7] / np.linalg.norm(qpos[3:7])
+        orientation = qpos[3:7] / math.sqrt(qpos[3:7].dot(qpos[3:7]))
         return bool(
             self.diverged
             or abs(rotations.pitch_of(orientation)) > FALL_PITCH
