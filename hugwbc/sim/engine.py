@@ -16,6 +16,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
+from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors, sensor_profile
@@ -62,6 +63,7 @@ class Engine(abc.ABC):
         diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
+        gripper: the idealised grippers of both hands; None without a scene.
     """
 
     engine: ClassVar[str]
@@ -70,6 +72,7 @@ class Engine(abc.ABC):
     external_force: np.ndarray
     scene: Scene | None = None
     objects: Objects
+    gripper: Gripper | None = None
 
     def __init__(
         self,

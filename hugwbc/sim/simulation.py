@@ -35,7 +35,6 @@ class Simulation(Engine):
 
     Attributes:
         model, data: MuJoCo's model and data, for viewers and tests; `redraw` makes new ones.
-        gripper: the idealised grippers of both hands; None without a scene.
     """
 
     engine = "mujoco"
@@ -56,7 +55,7 @@ class Simulation(Engine):
         return robot, ground
 
     def _build(self, seed: int, scene: Scene | None) -> None:
-        self._declared, self._scene_objects, self.gripper = scene, None, None
+        self._declared, self._scene_objects = scene, None
         self._install(seed)
 
     def _install(self, seed: int) -> None:
