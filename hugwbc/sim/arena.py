@@ -62,7 +62,7 @@ class Arena:
     Attributes:
         robot: robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
         drives: real (torque-speed limit, friction and delay), or ideal.
-        sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state).
         ground: firm (soles sink by millimetres), or soft (by centimetres).
 
@@ -140,23 +140,26 @@ DEFAULT_ARENA = 2
 class ArenaChoice:
     """An arena by its number, and what differs from it.
 
+    Attributes:
+        arena: Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
+            weighed, with real drives, firm ground and only the sensors that it has).
+        robot: Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
+        drives: Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
+            the arena's.
+        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+            exact (the true state); by default the arena's.
+        ground: Ground: firm, or soft; by default the arena's.
+
     Raises:
         ConfigError: if there is no arena of that number.
         UnknownNameError: if one of the names is unknown.
     """
 
     arena: int = DEFAULT_ARENA
-    """Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is weighed, with
-    real drives, firm ground and only the sensors that it has)."""
     robot: str | None = None
-    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's."""
     drives: str | None = None
-    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default the arena's."""
     sensing: str | None = None
-    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (the
-    true state); by default the arena's."""
     ground: str | None = None
-    """Ground: firm, or soft; by default the arena's."""
 
     def __post_init__(self) -> None:
         if self.arena not in ARENAS:

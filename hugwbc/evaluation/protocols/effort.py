@@ -244,7 +244,7 @@ class EffortProtocol(PlannedProtocol[EffortConfig, EffortEpisode, EffortResult])
 
 
 def _mass(settings: EffortConfig) -> float:
-    return load_robot(settings.conditions.chosen_arena.robot).mass + settings.conditions.payload
+    return load_robot(settings.conditions.chosen.robot).mass + settings.conditions.payload
 
 
 def _three_digits(value: float | bool | None) -> object:

@@ -73,7 +73,7 @@ class EstimationConfig(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.conditions.chosen_arena.estimates:
+        if not self.conditions.chosen.estimates:
             raise ConfigError("sensors of this arena tell the whole state; give --arena 2, or --sensing robot")
         if self.speed is not None:
             dataclasses.replace(default_command(self.gait), v_x=self.speed).validate()
