@@ -15,6 +15,8 @@ _POSITIVE = (
         "joint_brake",
         "joint_horizon",
         "speed_horizon",
+        "hand_force_rate",
+        "least_hand_force",
     ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *(
@@ -303,6 +305,12 @@ class ControllerParams:
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
     waist_rate: tuple[float, float] = (2.0, 10.0)
     """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
+
+    # --- forces on the hands
+    hand_force_rate: float = 10.0
+    """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
+    least_hand_force: float = 5.0
+    """Force on a hand up to which none is assumed [N]: twice what the friction of an arm's drives hides."""
 
     # --- output
     joint_stiffness: float = 0.1

@@ -6,7 +6,8 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
     r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
 
-Both feet share the residual by least squares. Each sole is a narrow line: it transmits a force and the moments about
+What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share the rest by least squares.
+Each sole is a narrow line: it transmits a force and the moments about
 its lateral and its vertical axis.
 """
 
@@ -17,6 +18,7 @@ import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
+from hugwbc.runtime.hand_force import HandForceObserver, HandForceParams
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
@@ -40,6 +42,8 @@ class ContactParams:
     base_weight: float = 0.3
     """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
     pelvis is less certain than the joints'."""
+    hands: HandForceParams = dataclasses.field(default_factory=HandForceParams)
+    """Of the observer of the forces on the hands."""
 
 
 class ContactObserver:
@@ -49,6 +53,7 @@ class ContactObserver:
         residual: generalised external force [N, N*m], shape (25,): base force and moment in the pelvis frame, joints.
         force: ground reaction on each foot, world frame [N], shape (2, 3).
         contact: which feet stand, shape (2,), bool.
+        hands: the observer of the forces on the hands.
     """
 
     def __init__(
@@ -66,6 +71,7 @@ class ContactObserver:
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = self._kinematics.columns
         self._robot = robot
+        self.hands = HandForceObserver(self._kinematics, self.params.hands)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._columns[robot.legs]
         self._rows = in_place(np.concatenate((np.arange(6), legs)))
@@ -82,6 +88,7 @@ class ContactObserver:
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
         self._start = np.zeros(self._kinematics.model.nv)
+        self.hands.reset()
         if state is not None:
             self._kinematics.update(state)
             self._start = self._momentum(self._gravity())
@@ -116,9 +123,10 @@ class ContactObserver:
         self._tau[self._columns] = torque - friction
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
+        on_feet = self.residual - self.hands.infer(self.residual, dt)
         wrenches = self._weight * self._wrench_jacobians()[:, self._rows]
         normal = wrenches @ wrenches.T + self._ridge
-        solution = np.linalg.solve(normal, wrenches @ (self._weight * self.residual[self._rows]))
+        solution = np.linalg.solve(normal, wrenches @ (self._weight * on_feet[self._rows]))
         self.force = solution.reshape(_FEET, _WRENCH)[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact

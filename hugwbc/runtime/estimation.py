@@ -149,6 +149,7 @@ class StateEstimator:
     Attributes:
         contact: which feet stand, shape (2,), bool.
         foot_force: their inferred ground reactions, world frame [N], shape (2, 3).
+        hand_force: inferred force on each hand from outside, world frame [N], shape (2, 3).
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
     """
 
@@ -181,6 +182,11 @@ class StateEstimator:
     def foot_force(self) -> np.ndarray:
         """Inferred ground reaction on each foot, world frame [N], shape (2, 3)."""
         return self._observer.force
+
+    @property
+    def hand_force(self) -> np.ndarray:
+        """Inferred force on each hand from outside, world frame [N], shape (2, 3)."""
+        return self._observer.hands.force
 
     def reset(self, state: RobotState) -> RobotState:
         """Start from a robot that stands at rest.
@@ -379,6 +385,7 @@ class StateEstimator:
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v + self._R @ (self._lever @ gyro),
             foot_force=self._observer.force.copy(),
+            hand_force=self._observer.hands.force.copy(),
         )
 
 

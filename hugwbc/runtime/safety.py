@@ -11,8 +11,9 @@ from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.kinematics import in_place
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.feasibility import feasible
+from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
@@ -71,6 +72,16 @@ class SafetyReport:
     speeds_limited: int = 0
     overruns: int = 0
     messages: tuple[str, ...] = ()
+
+
+def _loads_are_finite(upper_body: UpperBody) -> bool:
+    payload, stiffness = upper_body.payload, upper_body.stiffness
+    return (
+        np.shape(upper_body.hand_force) == (len(SIDES), 3)
+        and bool(np.isfinite(upper_body.hand_force).all())
+        and (payload is None or (np.shape(payload) == (len(SIDES),) and bool(np.isfinite(payload).all())))
+        and (stiffness is None or (np.isfinite(stiffness) and stiffness > 0.0))
+    )
 
 
 def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
@@ -142,8 +153,9 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
-    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). Where
-      they are taken over and released, the step in their command fades (`Handover`).
+    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It carries what the
+      hands hold, which is learned if nobody tells it (`PayloadObserver`, attribute `payload`). Where the arms are taken
+      over and released, the step in their command fades (`Handover`).
     - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, and feed-forward
       torques to the torque limits.
     - Every change is counted in `report()`.
@@ -172,6 +184,7 @@ class SafetyFilter:
         self._q_low, self._q_high = target_limits(self.robot)
         self._arm_limits = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
         self._handover = Handover(self.robot.arms)
+        self.payload = PayloadObserver()
         self._servo: ArmServo | None = None  # built by the first external control of the arms
         self._clock = clock
         self.last_tick_s = 0.0
@@ -189,6 +202,7 @@ class SafetyFilter:
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
         self._handover.reset()
+        self.payload.reset()
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
@@ -217,7 +231,9 @@ class SafetyFilter:
             if not upper_body.indicator:
                 return upper_body
             self._servo = ArmServo(robot=self.robot)
-        return self._servo(upper_body, state, self.period) if state.is_usable else upper_body
+        if not state.is_usable:
+            return upper_body
+        return self._servo(self.payload.complete(upper_body, state, self.period), state, self.period)
 
     def admit(self, command: Command, upper_body: UpperBody) -> tuple[Command, UpperBody]:
         """Return the command and the external arm targets that may reach the controller, and count what was changed.
@@ -268,10 +284,12 @@ class SafetyFilter:
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
         vectors = (upper_body.q, upper_body.dq, upper_body.ddq, upper_body.tau)
         sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
-        if sizes != {self.robot.arms.shape} or not np.isfinite(np.concatenate(vectors)).all():
+        numbers = np.isfinite(np.concatenate(vectors)).all() if sizes == {self.robot.arms.shape} else False
+        if not numbers or not _loads_are_finite(upper_body):
             self._count(
                 "upper_body_rejected",
-                "external arm targets are not eight finite numbers each: keeping the last good ones",
+                "external arm targets are not eight finite numbers each, or the hands' loads are not finite: keeping "
+                "the last good ones",
             )
             return self._last_upper
         q = _clip(upper_body.q, *self._arm_limits)

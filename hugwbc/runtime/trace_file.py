@@ -48,7 +48,7 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
         else:
             about[field.name] = value
     file = io.BytesIO()
-    np.savez_compressed(file, **{_ABOUT: np.array(json.dumps(about))}, **arrays)
+    np.savez_compressed(file, allow_pickle=False, **{_ABOUT: np.array(json.dumps(about))}, **arrays)
     try:
         write_whole(path, file.getvalue())
     except OSError as error:
