@@ -135,6 +135,7 @@ class WholeBodyController:
         self._odometry = LegOdometry(self._robot)
         self._columns = in_place(self.dynamics.columns)
         self._predictor = Predictor(self.dynamics, period)
+        self._delay = self._robot.command_delay
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
@@ -223,7 +224,9 @@ class WholeBodyController:
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
         if not self._started:
             self._start(state)
-        state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
+        state = self._odometry.complete(state, self._locomotion.contact, self.period)
+        # A command acts only after the delay of the drives: what counts is the state then.
+        state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
         self._hand_load.update(state, upper_body, self.period)
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
