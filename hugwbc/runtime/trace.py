@@ -145,16 +145,21 @@ class TouchDownWatch:
             force: ground reactions in the world frame [N], shape (m, 2, 3).
             velocity: velocities of the soles in the world frame [m/s], shape (m, 2, 3).
         """
-        contact = force[..., 2] > CONTACT_FORCE
+        normal = force[..., 2]
+        contact = normal > CONTACT_FORCE
+        each = slice(None) if rows.size == len(self._peak) else rows  # a slice spares copies
         # A shorter time in the air is a bounce of the contact, not a swing; its forces belong to the same stance.
-        landed = contact & (now - self._last_contact[rows] > SHORTEST_SWING)
-        for place, foot in np.argwhere(landed).tolist():
-            self._land(int(rows[place]), foot, now)
-        self._last_contact[rows] = np.where(contact, now, self._last_contact[rows])
+        landed = contact & (now - self._last_contact[each] > SHORTEST_SWING)
+        if landed.any():
+            for place, foot in np.argwhere(landed).tolist():
+                self._land(int(rows[place]), foot, now)
+        self._last_contact[each] = np.where(contact, now, self._last_contact[each])
         self._turn = (self._turn + 1) % len(self._forces)
-        self._forces[self._turn, rows] = np.nan_to_num(force[..., 2])  # a NaN of diverged physics does not count
-        self._peak[rows] = np.maximum(self._peak[rows], self._forces[:, rows].mean(axis=0))
-        self._velocity[rows] = velocity
+        if not np.isfinite(normal).all():  # a NaN of diverged physics does not count
+            normal = np.nan_to_num(normal)
+        self._forces[self._turn, each] = normal
+        self._peak[each] = np.maximum(self._peak[each], self._forces[:, each].sum(axis=0) / len(self._forces))
+        self._velocity[each] = velocity
 
     def _land(self, row: int, foot: int, now: float) -> None:
         if self._times[row][foot]:  # a stance from the start of the run follows no touch-down
