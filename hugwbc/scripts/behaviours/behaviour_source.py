@@ -11,7 +11,7 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour, Status
 from hugwbc.scripts.behaviours.view import Action, Grip, View, at_rest
 from hugwbc.targets import HandTargets
 
-ACCELERATION = np.array([0.6, 0.4, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
+ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still

@@ -17,11 +17,11 @@ from hugwbc.scripts.behaviours.view import Action, View, kept
 POSITION_TOLERANCE = 0.03  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
 _DEADBAND = 0.5  # share of the tolerances within which the robot may stand
-_GAIN, _TURN_GAIN = 1.2, 1.5  # [1/s], speed per distance, and yaw rate per angle
-_SLOW_DOWN = 0.25  # [m/s^2], with which it comes to the goal
+_GAIN, _TURN_GAIN = 0.7, 1.0  # [1/s], speed per distance, and yaw rate per angle
+_SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first
 _SLOWEST_TURN = 0.6  # [rad/s], of a turn
-_BIAS_TIME = 1.0  # [s], over which the difference of commanded and walked velocity is learnt
+_BIAS_TIME = 2.5  # [s], over which the difference of commanded and walked velocity is learnt
 _MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
@@ -90,9 +90,9 @@ class Walk(Behaviour):
     def course(self, view: View) -> Course:  # noqa: D102
         if view.state.position is None or view.state.velocity is None:
             raise Failure("the position of the robot is not known; add an estimator")
-        begin = view
+        begin, bias = view, np.zeros(3)
         while True:
-            view = yield from self._approach(view, begin)
+            view = yield from self._approach(view, begin, bias)
             if not self.stand:
                 return view
             view = yield from self._stop(view, begin)
@@ -112,18 +112,23 @@ class Walk(Behaviour):
         distance = math.hypot(error[0], error[1])
         return distance <= share * self.tolerance and abs(error[2]) <= share * YAW_TOLERANCE
 
-    def _approach(self, view: View, begin: View) -> Course:
-        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand."""
-        mean, bias, time = _OverStride(1.0 / Command().f), np.zeros(3), view.time
+    def _approach(self, view: View, begin: View, bias: np.ndarray) -> Course:
+        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand.
+
+        Args:
+            view: now.
+            begin: when the walk began.
+            bias: what has been learnt of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
+        """
+        mean, time = _OverStride(1.0 / Command().f), view.time
         near: float | None = None
         error = self._error(view, begin)
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
             return view
         while True:
-            error = mean(view.time, self._error(view, begin))
-            wanted = self._velocity(error)
-            velocity = wanted + bias
-            arrived = self._arrived(error, _DEADBAND)
+            error = self._error(view, begin)
+            velocity = self._velocity(error) + bias
+            arrived = self._arrived(mean(view.time, error), _DEADBAND)
             near = None if not arrived else view.time if near is None else near
             if near is not None and (not self.stand or view.time - near >= _SLOW_TIME):
                 return view
@@ -132,7 +137,7 @@ class Walk(Behaviour):
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
             missing = view.last.command.array()[:3] - bias - _walked(view)
-            bias = np.clip(bias + share * missing, -_MOST_BIAS, _MOST_BIAS)
+            bias[:] = np.clip(bias + share * missing, -_MOST_BIAS, _MOST_BIAS)
 
     def _velocity(self, error: np.ndarray) -> np.ndarray:
         """Return the velocity [m/s, m/s, rad/s] for a way that is left, shape (3,)."""
