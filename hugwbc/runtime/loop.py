@@ -127,8 +127,8 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
-        self._free_arms = UpperBody.none()
         self._sight = None if self._seeing is None else Sight(simulation, self.safe.robot)
+        self._free_arms = UpperBody.none()
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
