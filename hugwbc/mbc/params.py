@@ -202,9 +202,11 @@ class ControllerParams:
     [1/(kg m^2)^2]."""
     planned_force_weight: float = 1e-4
     """Weight of the departure of every contact force from the force plan [1/kg^2]."""
-    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.02)
+    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.5)
     """Weights of the pelvis's roll, pitch and yaw in the stance of a leap: the plan of the angular momentum comes
-    first."""
+    first. About the vertical axis the waist can take that momentum."""
+    leap_waist_weight: float = 0.2
+    """Weight of the waist joint in a leap that turns: the trunk takes up what the legs need in flight."""
     flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
     """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     pelvis moves the legs from their places."""

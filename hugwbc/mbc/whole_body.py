@@ -257,6 +257,7 @@ class WholeBodyController:
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
+        self._waist.weight[0] = params.leap_waist_weight if self._locomotion.plan.legs else params.waist_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
