@@ -375,17 +375,21 @@ class StateEstimator:
         self._rate = gyro
         angular = to_pelvis @ gyro
         angular[2] -= rate
-        return dataclasses.replace(
-            state,
-            q=joints.q.copy(),
-            dq=joints.dq.copy(),
+        return RobotState(
+            q=joints.q,  # the filter makes new arrays at every update, as the observer does
+            dq=joints.dq,
             orientation=np.array([w, x, y, z]),
             angular_velocity=angular,
             # The torso's origin, on the waist's axis, is the pelvis's.
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v + self._R @ (self._lever @ gyro),
-            foot_force=self._observer.force.copy(),
+            foot_force=self._observer.force,
             hand_force=self._observer.hands.force.copy(),
+            imu_gyro=state.imu_gyro,
+            imu_accelerometer=state.imu_accelerometer,
+            torque=state.torque,
+            time=state.time,
+            age=state.age,
         )
 
 
