@@ -49,6 +49,7 @@ class Conditions(ArenaChoice):
         latency: age of the sensor readings [s]; None for that of the sensors.
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
+        hand_payload: mass in each hand [kg]; no controller is told.
 
     Raises:
         ConfigError: if a value is out of range.
@@ -67,6 +68,7 @@ class Conditions(ArenaChoice):
     latency: float | None = None
     gain: float = 1.0
     strength: float = 1.0
+    hand_payload: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,6 +80,8 @@ class Conditions(ArenaChoice):
             raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
         if self.engine != Simulation.engine and self.chosen.ground != "firm":
             raise ConfigError(f"engine {self.engine} has firm ground only; use --arena 2, or --ground firm")
+        if self.engine != Simulation.engine and self.hand_payload:
+            raise ConfigError(f"engine {self.engine} has no payload in the hands; leave out the hand payload")
         if self.intervention not in INTERVENTIONS:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
@@ -137,7 +141,7 @@ class Conditions(ArenaChoice):
         Raises:
             ConfigError: if a value is out of range.
         """
-        return Variation(self.payload, self.friction, self.gain, self.strength)
+        return Variation(self.payload, self.friction, self.gain, self.strength, self.hand_payload)
 
     def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":
         """Return these conditions with friction, payload and gain drawn from the training's default ranges."""

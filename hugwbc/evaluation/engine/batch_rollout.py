@@ -51,9 +51,10 @@ class BatchMember:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors and a plane."""
+    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors, a plane and empty hands."""
     exact = not conditions.chosen.estimates and not conditions.latency
-    return isinstance(controller, HasBatch) and conditions.engine == Simulation.engine and conditions.is_level and exact
+    alike = conditions.engine == Simulation.engine and conditions.is_level and not conditions.hand_payload
+    return isinstance(controller, HasBatch) and alike and exact
 
 
 def most_robots(duration: float) -> int:
