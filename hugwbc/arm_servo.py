@@ -7,6 +7,17 @@ A feed-forward torque from the equation of motion makes the arm follow without t
 with RNEA the recursive Newton-Euler algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008) of the whole robot
 at the commanded positions, velocities and accelerations of the arms. This is the usual computed-torque feed-forward of
 a manipulator; teleoperation of the same robot by its maker has the same form (`xr_teleoperate`, `H1_ArmController`).
+
+Forces at the hands are fed forward as torques J^T f with the hand's Jacobian J over the arm's joints: the weight of
+what a hand carries, and the force that it should exert. A wanted stiffness k of the hand [N/m] makes the joints the
+spring
+
+    K = k J^T J,
+
+whose hand moves by f / k under a force f (Salisbury, "Active stiffness control of a manipulator in Cartesian
+coordinates", CDC 1980). The drives hold its diagonal, the feed-forward torque the rest. A hand that should exert a
+force gives way along it, and nowhere else (Raibert and Craig, "Hybrid position/force control of manipulators", 1981):
+of the spring's torque K (q_d - q), the part that acts on the hand along the force is taken away.
 """
 
 import dataclasses
@@ -18,8 +29,11 @@ import pinocchio as pin
 from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import joint_columns, pinocchio_model
-from hugwbc.robot import Robot, load_robot
-from hugwbc.state import RobotState
+from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.state import GRAVITY, RobotState
+
+_JOINTS = 4  # of an arm
+_BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +46,10 @@ class ArmServoConfig:
         shoulder_damping: of shoulder pitch and roll, which move the whole arm [N*m*s/rad]. With it a stretched arm of
             0.3 kg m^2 has three quarters of the critical damping.
         distal_damping: of shoulder yaw and elbow, which move the forearm only [N*m*s/rad]; the maker's `kd_low`.
+        posture_stiffness: of every joint of an arm whose hand has a stiffness, besides that of the hand [N*m/rad]: it
+            holds the elbow, which may turn about the line from shoulder to hand.
+        give: distance from its target up to which a hand gives way to the force that it should exert [m]. Further away
+            the servo's spring holds it, so that a hand that meets nothing stops.
 
     Raises:
         ConfigError: if a number is not finite and above 0.
@@ -40,6 +58,8 @@ class ArmServoConfig:
     stiffness: float = 140.0
     shoulder_damping: float = 10.0
     distal_damping: float = 3.0
+    posture_stiffness: float = 5.0
+    give: float = 0.08
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -111,12 +131,13 @@ class ArmServo(ServoOfArms):
         self._arm_columns = self._columns[self._arms]
         self._q = pin.neutral(self._model)
         self._v, self._a = np.zeros(self._model.nv), np.zeros(self._model.nv)
+        self._hands = [self._model.getFrameId(f"{side}_hand") for side in SIDES]
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
         """Return the targets with the servo's gains and feed-forward torque.
 
-        The torque of the targets themselves, such as the force that a hand should exert, is added. The positions lead
-        by half a control period: the command is held for the whole period, and is right in its middle.
+        The torque of the targets themselves is added, and those of payloads and wanted forces. The positions lead by
+        half a control period: the command is held for the whole period, and is right in its middle.
 
         Args:
             upper_body: targets of the arms; joints that are not taken over are left as they are.
@@ -126,12 +147,69 @@ class ArmServo(ServoOfArms):
         if not upper_body.indicator:
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
+        kp = self.kp
+        carried = hand_loads(upper_body)
+        if carried.any() or upper_body.stiffness is not None:
+            loads, kp = self._loads(upper_body, state, carried)
+            tau = tau + loads
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
         q = upper_body.q + 0.5 * dt * upper_body.dq
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
             # Targets of an absurd size overflow: hold the gains and leave out the torque.
-            q, tau = upper_body.q, np.zeros(self._arms.size)
-        return dataclasses.replace(upper_body, q=q, tau=tau, kp=self.kp, kd=self.kd)
+            q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.kp
+        return dataclasses.replace(upper_body, q=q, tau=tau, kp=kp, kd=self.kd)
+
+    def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
+        """Return how both hands move with the joints of both arms, world axes [m/rad], shape (2, 3, 8).
+
+        Args:
+            q_arm: positions of the arm joints [rad], shape (8,).
+            state: the robot now; its arms are replaced by the given ones.
+        """
+        self._place(q_arm, state)
+        pin.computeJointJacobians(self._model, self._data, self._q)
+        pin.updateFramePlacements(self._model, self._data)
+        return np.array(
+            [
+                pin.getFrameJacobian(self._model, self._data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, self._arm_columns]
+                for hand in self._hands
+            ]
+        )
+
+    def _loads(self, upper_body: UpperBody, state: RobotState, carried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the torques of payloads, forces and springs at the hands, and the drives' stiffness, shapes (8,).
+
+        Args:
+            upper_body: targets with a wanted force or stiffness.
+            state: the robot now.
+            carried: force that each hand shall exert, with what carries its payload, world axes [N], shape (2, 3).
+        """
+        jacobians = self.jacobians(upper_body.q, state)
+        error = np.where(upper_body.mask, upper_body.q - state.q[self._arms], 0.0)
+        springs = np.diag(self.kp)
+        if upper_body.stiffness is not None:
+            springs = self._springs(jacobians, upper_body.stiffness)
+        kp = springs.diagonal().copy()
+        tau = np.einsum("hij,hi->j", jacobians, carried) + (springs - np.diag(kp)) @ error
+        for along in _free_directions(upper_body.hand_force, jacobians):
+            # The smallest change of the joints that closes the gap along the force, weighed by the springs.
+            pliant = np.linalg.solve(springs, along)
+            length = float(along @ pliant)
+            if length > 1e-9:
+                gap = min(max(float(along @ error), -self.config.give), self.config.give)
+                tau = tau - along * (gap / length)
+        return tau, kp
+
+    def _springs(self, jacobians: np.ndarray, stiffness: float) -> np.ndarray:
+        """Return the joints' stiffness that makes both hands springs, at most the servo's own [N*m/rad], (8, 8)."""
+        springs = np.zeros((self._arms.size, self._arms.size))
+        for arm, jacobian in enumerate(jacobians):
+            own = slice(_JOINTS * arm, _JOINTS * (arm + 1))
+            spring = stiffness * jacobian[:, own].T @ jacobian[:, own]
+            room = self.config.stiffness - self.config.posture_stiffness
+            spring = spring * min(1.0, room / max(float(spring.diagonal().max()), 1e-9))
+            springs[own, own] = spring + self.config.posture_stiffness * np.eye(_JOINTS)
+        return springs
 
     def torque(
         self,
@@ -148,9 +226,7 @@ class ArmServo(ServoOfArms):
             dq_arm: velocities [rad/s], shape (8,); None for arms and body at rest.
             ddq_arm: accelerations [rad/s^2], shape (8,); None for none.
         """
-        self._q[3:6], self._q[6] = state.orientation[1:], state.orientation[0]
-        self._q[self._columns + 1] = state.q
-        self._q[self._arm_columns + 1] = q_arm
+        self._place(q_arm, state)
         if dq_arm is None:
             return pin.computeGeneralizedGravity(self._model, self._data, self._q)[self._arm_columns]
         # A constant linear velocity of the base needs no torque, so it may be left at zero.
@@ -159,3 +235,36 @@ class ArmServo(ServoOfArms):
         self._v[self._arm_columns] = dq_arm
         self._a[self._arm_columns] = 0.0 if ddq_arm is None else ddq_arm
         return pin.rnea(self._model, self._data, self._q, self._v, self._a)[self._arm_columns]
+
+    def _place(self, q_arm: np.ndarray, state: RobotState) -> None:
+        self._q[3:6], self._q[6] = state.orientation[1:], state.orientation[0]
+        self._q[self._columns + 1] = state.q
+        self._q[self._arm_columns + 1] = q_arm
+
+
+def hand_loads(upper_body: UpperBody) -> np.ndarray:
+    """Return the force that each hand has to exert: the wanted one, and what carries its payload, world [N], (2, 3)."""
+    if upper_body.payload is None:
+        return upper_body.hand_force
+    force = upper_body.hand_force.copy()
+    force[:, 2] += GRAVITY * upper_body.payload
+    return force
+
+
+def _free_directions(force: np.ndarray, jacobians: np.ndarray) -> list[np.ndarray]:
+    """Return the directions in which hands give way, as gradients over the eight joints, of shape (8,) each [m/rad].
+
+    Each hand with a force gives way along it. Two hands whose forces balance each other give way against each other
+    only: their middle is held, or what they squeeze would drift off.
+
+    Args:
+        force: wanted force of each hand, world axes [N], shape (2, 3).
+        jacobians: of both hands, shape (2, 3, 8).
+    """
+    lengths = np.sqrt((force * force).sum(axis=1))
+    pressing = [hand for hand in range(len(SIDES)) if lengths[hand] > 0.0]
+    directions = [force[hand] / lengths[hand] @ jacobians[hand] for hand in pressing]
+    total = force.sum(axis=0)
+    if len(pressing) == len(SIDES) and math.sqrt(total @ total) < _BALANCED * lengths.sum():
+        return [directions[0] + directions[1]]
+    return directions

@@ -96,6 +96,7 @@ class ArmServoRows(ServoOfArms):
         names = np.array(self.robot.arm_names).reshape(len(SIDES), _JOINTS)
         waist = self.robot.joint_names[self.robot.waist]
         self._waist = self._joint([waist, waist])
+        self._hand = self.robot.hand.reshape(3, 1, 1)  # the same in both forearms
         self._chain = [self._joint(names[:, joint].tolist()) for joint in range(_JOINTS)]
 
     def _joint(self, names: list[str]) -> _Joint:
@@ -125,6 +126,8 @@ class ArmServoRows(ServoOfArms):
         qvel: np.ndarray,
         dt: float,
         ddq_arm: np.ndarray | None = None,
+        hand_force: np.ndarray | None = None,
+        payload: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return position targets [rad] and feed-forward torques [N*m] of the arms, shapes (n, 8), as `ArmServo` does.
 
@@ -138,8 +141,16 @@ class ArmServoRows(ServoOfArms):
             qvel: velocities, likewise, shape (n, 25).
             dt: control period [s].
             ddq_arm: accelerations of the planned motion [rad/s^2], shape (n, 8); None for none.
+            hand_force: force that the hands shall exert, world axes [N], shape (n, 2, 3); None for none. Here the hands
+                do not give way along it.
+            payload: mass that each hand carries [kg], shape (n, 2); None for none.
         """
-        tau = self.torque(q_arm, qpos, qvel, dq_arm, ddq_arm) + self.friction(dq_arm)
+        carried = None
+        if hand_force is not None or payload is not None:
+            carried = np.zeros((len(q_arm), len(SIDES), 3)) if hand_force is None else np.array(hand_force, dtype=float)
+            if payload is not None:
+                carried[..., 2] += GRAVITY * payload
+        tau = self.torque(q_arm, qpos, qvel, dq_arm, ddq_arm, carried) + self.friction(dq_arm)
         tau = np.clip(tau, -self._limit, self._limit)
         q = q_arm + 0.5 * dt * dq_arm
         bad = ~(np.isfinite(tau).all(axis=1) & np.isfinite(q).all(axis=1))
@@ -163,6 +174,7 @@ class ArmServoRows(ServoOfArms):
         qvel: np.ndarray,
         dq_arm: np.ndarray | None = None,
         ddq_arm: np.ndarray | None = None,
+        carried: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return the torques that move the arms as given, without friction [N*m], shape (n, 8).
 
@@ -172,6 +184,7 @@ class ArmServoRows(ServoOfArms):
             qvel: velocities, likewise, shape (n, 25).
             dq_arm: velocities [rad/s], shape (n, 8); None for arms and body at rest.
             ddq_arm: accelerations [rad/s^2], shape (n, 8); None for none.
+            carried: force that the hands exert, payloads included, world axes [N], shape (n, 2, 3); None for none.
         """
         count, column = len(q_arm), 7 + self.robot.waist
         up = rotations.rotate_inverse(qpos[:, 3:7], np.broadcast_to([0.0, 0.0, GRAVITY], (count, 3)))
@@ -189,6 +202,13 @@ class ArmServoRows(ServoOfArms):
             links.append(link)
         tau = np.empty((_JOINTS, len(SIDES), count))
         force = moment = np.zeros((3, len(SIDES), count))  # on the next link, in this one's frame
+        if carried is not None:
+            force = np.stack(
+                [rotations.rotate_inverse(qpos[:, 3:7], carried[:, hand]).T for hand in range(len(SIDES))], 1
+            )
+            for outer in (turn, *turns):
+                force = outer.outwards(force)
+            moment = _cross(self._hand, force)
         for k in reversed(range(_JOINTS)):
             joint = self._chain[k]
             own_force, own_moment = _wrench(joint, links[k])

@@ -40,7 +40,7 @@ class JointCommand:
     @property
     def is_finite(self) -> bool:
         """Whether all five vectors hold finite numbers only."""
-        return all(np.all(np.isfinite(getattr(self, field.name))) for field in dataclasses.fields(self))
+        return bool(np.isfinite(np.concatenate((self.q, self.dq, self.kp, self.kd, self.tau))).all())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,6 +59,10 @@ class UpperBody:
             motion of the body do not belong here (`hugwbc.arm_servo`).
         tau: feed-forward torques [N*m], shape (8,); by default none.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (8,); None for the robot's nominal gains.
+        hand_force: force that the left and the right hand shall exert on the world, world axes [N], shape (2, 3).
+            Along its force a hand gives way, across it holds its position. By default none.
+        stiffness: of both hands as springs [N/m]; None for the servo's own.
+        payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
     """
 
     q: np.ndarray
@@ -68,6 +72,9 @@ class UpperBody:
     tau: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
     kp: np.ndarray | None = None
     kd: np.ndarray | None = None
+    hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
+    stiffness: float | None = None
+    payload: np.ndarray | None = None
 
     @classmethod
     def none(cls) -> "UpperBody":

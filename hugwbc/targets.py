@@ -10,6 +10,9 @@ from hugwbc.errors import TargetError, UnknownNameError
 HandFrame = Literal["pelvis", "heading", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
+STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
+HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
+STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,6 +36,12 @@ class HandTargets:
         joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (8,), such as those of a
             motion file; they replace hand positions and inverse kinematics. None for targets of the hands.
         joint_velocity: velocities of those joints [rad/s], shape (8,); None for 0.
+        left_force, right_force: force that the hand shall exert on what it touches, in the axes of `frame` [N], shape
+            (3,); None or zero for a hand that only goes to its target. Along the force the hand gives way, across it
+            it holds its position. Two opposite forces squeeze an object: the hands then give way against each other,
+            and hold their middle.
+        stiffness: of both hands, as springs between them and their targets [N/m]; None for the stiffness of the servo.
+        payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
     """
 
     left: np.ndarray | None
@@ -46,6 +55,10 @@ class HandTargets:
     sequence: int | None = None
     joints: np.ndarray | None = None
     joint_velocity: np.ndarray | None = None
+    left_force: np.ndarray | None = None
+    right_force: np.ndarray | None = None
+    stiffness: float | None = None
+    payload: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -58,12 +71,17 @@ class HandTargets:
         right_direction: object = None,
         together: bool = False,
         whole_body: bool = False,
+        left_force: object = None,
+        right_force: object = None,
+        stiffness: float | None = None,
+        payload: object = None,
     ) -> "HandTargets":
         """Build checked targets from sequences of three finite numbers; None for a hand without a target.
 
         Raises:
-            TargetError: if a position or direction is not three finite numbers, if both hands lack a target, or if one
-                of two hands that hold one object lacks it.
+            TargetError: if a position, direction or force is not three finite numbers within its range, if both hands
+                lack a target, if one of two hands that hold one object lacks it, if a hand has a force but no target,
+                or if stiffness or payload are out of range.
             UnknownNameError: if the frame is not one of `HAND_FRAMES`.
         """
         if frame not in HAND_FRAMES:
@@ -80,7 +98,26 @@ class HandTargets:
             None if value is None else direction(f"{side} pointing direction", value)
             for side, value in (("left", left_direction), ("right", right_direction))
         ]
-        return cls(*points, frame, *directions, together, whole_body)  # type: ignore[arg-type]
+        forces = [
+            None if value is None else hand_force(f"{side} hand force", value)
+            for side, value in (("left", left_force), ("right", right_force))
+        ]
+        for side, point, force in zip(("left", "right"), points, forces, strict=True):
+            if force is not None and point is None:
+                raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
+        return cls(
+            points[0],
+            points[1],
+            frame,  # type: ignore[arg-type]
+            directions[0],
+            directions[1],
+            together,
+            whole_body,
+            left_force=forces[0],
+            right_force=forces[1],
+            stiffness=None if stiffness is None else hand_stiffness(stiffness),
+            payload=None if payload is None else hand_payload(payload),
+        )
 
     def array(self) -> np.ndarray:
         """Return the left, then the right position [m], shape (2, 3); NaN for a hand without a target."""
@@ -93,13 +130,21 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, and all given vectors hold finite numbers: three for hands, eight for joints."""
+        """Whether the frame is known, and all given vectors hold finite numbers: three for hands, eight for joints.
+
+        Stiffness and payload must be finite numbers as well.
+        """
         if self.frame not in HAND_FRAMES:
             return False
-        vectors = (self.left, self.right, self.left_direction, self.right_direction)
-        return all(vector is None or _is_finite(vector, 3) for vector in vectors) and all(
-            vector is None or _is_finite(vector, 8) for vector in (self.joints, self.joint_velocity)
-        )
+        points = (self.left, self.right, self.left_direction, self.right_direction, self.left_force, self.right_force)
+        sized = [(vector, 3) for vector in points] + [(vector, 8) for vector in (self.joints, self.joint_velocity)]
+        sized.append((self.payload, 2))
+        finite = all(vector is None or _is_finite(vector, size) for vector, size in sized)
+        return finite and (self.stiffness is None or _is_finite(np.array([self.stiffness]), 1))
+
+    def forces(self) -> np.ndarray:
+        """Return the wanted force of the left, then of the right hand in the axes of `frame` [N], shape (2, 3)."""
+        return np.stack([np.zeros(3) if f is None else f for f in (self.left_force, self.right_force)])
 
 
 def _is_finite(vector: np.ndarray, size: int) -> bool:
@@ -150,3 +195,82 @@ def direction(name: str, value: object) -> np.ndarray:
     unit = vector / length
     unit.setflags(write=False)
     return unit
+
+
+def hand_force(name: str, value: object) -> np.ndarray:
+    """Return the value as a read-only force of a hand, shape (3,).
+
+    Args:
+        name: what the force is, for the message.
+        value: any sequence of three numbers [N].
+
+    Raises:
+        TargetError: if the value is not three finite numbers, or longer than `STRONGEST`.
+    """
+    vector = _numbers(value)
+    if vector.shape != (3,) or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
+        raise TargetError(
+            f"{name} is {value}; give three finite numbers x, y, z in newtons, such as (15, 0, 0), together at most "
+            f"{STRONGEST:g} N"
+        )
+    vector.setflags(write=False)
+    return vector
+
+
+def hand_payload(value: object) -> np.ndarray:
+    """Return the value as read-only payloads of the left and the right hand [kg], shape (2,).
+
+    Raises:
+        TargetError: if the value is not two finite numbers from 0 to `HEAVIEST`.
+    """
+    masses = _numbers(value)
+    if masses.shape != (2,) or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
+        raise TargetError(
+            f"payload is {value}; give the masses in the left and the right hand in kg, such as (3, 0), each from 0 to "
+            f"{HEAVIEST:g} kg"
+        )
+    masses.setflags(write=False)
+    return masses
+
+
+def hand_stiffness(value: float) -> float:
+    """Return the value as the stiffness of hands [N/m].
+
+    Raises:
+        TargetError: if the value is not a number within `STIFFNESS`.
+    """
+    stiffness = _numbers(value)
+    if stiffness.shape != () or not STIFFNESS[0] <= float(stiffness) <= STIFFNESS[1]:
+        raise TargetError(
+            f"stiffness is {value}; give a number in newtons per metre from {STIFFNESS[0]:g} to {STIFFNESS[1]:g}, "
+            "or None for the servo's own"
+        )
+    return float(stiffness)
+
+
+def _numbers(value: object) -> np.ndarray:
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the forces with which two hands squeeze what is between them: along the line between their targets.
+
+    Args:
+        left: target of the left hand [m], shape (3,).
+        right: target of the right hand in the same frame [m], shape (3,).
+        newtons: internal force [N].
+
+    Returns:
+        Force of the left and of the right hand in that frame [N], shape (3,) each; their sum is zero.
+
+    Raises:
+        TargetError: if the targets coincide, or the force is not a number from 0 to `STRONGEST`.
+    """
+    if not 0.0 <= newtons <= STRONGEST:
+        raise TargetError(f"squeezing force is {newtons}; give a number from 0 to {STRONGEST:g} N")
+    between = position("right hand target", right) - position("left hand target", left)
+    inwards = newtons * direction("line between the hand targets", between)
+    return inwards, -inwards

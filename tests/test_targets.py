@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HEAVIEST, STRONGEST, HandTargets, squeeze
 
 
 def test_of_takes_any_sequence_and_keeps_a_copy():
@@ -51,3 +51,56 @@ def test_whatever_arrives_is_usable_or_not_and_never_raises(left):
 def test_targets_in_a_frame_that_nobody_knows_are_not_usable():
     assert not HandTargets(np.zeros(3), None, "wolrd").is_usable
     assert HandTargets(np.zeros(3), None, "heading").is_usable
+
+
+def test_forces_stiffness_and_payload_are_checked_and_kept():
+    hands = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), left_force=[15, 0, 0], stiffness=400, payload=(3, 0))
+    assert hands.is_usable
+    assert hands.forces().tolist() == [[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert hands.stiffness == 400.0
+    assert hands.payload is not None and hands.payload.tolist() == [3.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "bad, message",
+    [
+        ({"left_force": (math.nan, 0, 0)}, "left hand force is .*three finite numbers"),
+        ({"left_force": (STRONGEST, STRONGEST, 0)}, "at most 200 N"),
+        ({"left_force": 15.0}, "left hand force is 15.0"),
+        ({"stiffness": 1.0}, "stiffness is 1.0; give a number in newtons per metre from 50 to 5000"),
+        ({"stiffness": math.nan}, "stiffness is nan"),
+        ({"payload": (-1.0, 0.0)}, "payload is .*each from 0 to 20 kg"),
+        ({"payload": (HEAVIEST + 1, 0.0)}, "payload is"),
+        ({"payload": 3.0}, "payload is 3.0"),
+        ({"right_force": (10, 0, 0)}, "right hand has a force but no target"),
+    ],
+)
+def test_of_refuses_loads_out_of_range(bad, message):
+    with pytest.raises(TargetError, match=message):
+        HandTargets.of((0.3, 0.2, 0.1), None, **bad)
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"left_force": np.array([math.nan, 0, 0])},
+        {"right_force": np.zeros(2)},
+        {"stiffness": math.inf},
+        {"stiffness": "soft"},
+        {"payload": np.array([1.0, math.nan])},
+        {"payload": np.zeros(3)},
+    ],
+)
+def test_bad_loads_are_not_usable(loads):
+    assert HandTargets(np.zeros(3), np.zeros(3)).is_usable
+    assert not HandTargets(np.zeros(3), np.zeros(3), **loads).is_usable
+
+
+def test_squeezing_forces_point_at_each_other_and_balance():
+    left, right = squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), 30.0)
+    assert left.tolist() == [0.0, -30.0, 0.0]
+    assert np.allclose(left + right, 0.0)
+    with pytest.raises(TargetError, match="line between the hand targets"):
+        squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)
+    with pytest.raises(TargetError, match="squeezing force is -1"):
+        squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), -1.0)

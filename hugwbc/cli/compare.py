@@ -2,8 +2,8 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
@@ -12,8 +12,13 @@ from hugwbc.seeds import REPORT_SEED
 from hugwbc.sim import ArenaChoice
 
 if TYPE_CHECKING:
+    from hugwbc.controller import Controller
+    from hugwbc.evaluation.tables import Table
     from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.runtime.trace import Trace
+
+    Played = tuple[list[Trace], Table, dict[str, Any]]
+    Play = Callable[[list[Controller], Callable[[float], None]], Played]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,6 +27,8 @@ class CompareOptions(ArenaChoice):
 
     script: str = "loco_manipulation"
     """Name of a shipped script, or path of a script file (.yaml)."""
+    task: str | None = None
+    """Do this task of the suite instead of a script (docs/tasks.md), such as fetch_box."""
     walk: float | None = None
     """Walk ahead at this velocity [m/s] wherever the script commands no walk of its own."""
     controllers: tuple[str, ...] = ("learned", "qp")
@@ -44,36 +51,68 @@ class CompareOptions(ArenaChoice):
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
     options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
-    from hugwbc.evaluation.comparison import check_names, compare, comparison_summary, figure_table, summarise
+    from hugwbc.evaluation.comparison import check_names
     from hugwbc.report.comparison_page import write_comparison
-    from hugwbc.scripts.script import while_walking
-    from hugwbc.scripts.script_file import load_script
     from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers), "controllers")
-    arena = options.chosen
-    script = load_script(options.script)
-    if options.walk is not None:
-        script = while_walking(script, options.walk)
-    controllers = [spec.told(arena).build() for spec in _specs(options)]
+    play = _task(options) if options.task is not None else _script(options)
+    controllers = [spec.told(options.chosen).build() for spec in _specs(options)]
     check_names(controllers)
     check_folder(options.out)
     check_writable(options.json)
-    with progress(f"{script.name} with {', '.join(options.controllers)}") as advance:
-        traces = compare(controllers, script, seed=options.seed, arena=arena, on_progress=advance)
-    outcomes = {trace.name: summarise(trace) for trace in traces}
-    figures = figure_table(outcomes)
-    summary = comparison_summary(script, outcomes, seed=options.seed, arena=arena)
+    with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
+        traces, figures, summary = play(controllers, advance)
     say(format_table(figures.columns, figures.rows), options.json)
-    for name, outcome in outcomes.items():
-        for message in outcome.safety["messages"]:
-            say(f"safety filter of {name}: {message}", options.json)
+    for trace in traces:
+        for message in trace.safety.messages:
+            say(f"safety filter of {trace.name}: {message}", options.json)
     write_json(options.json, summary)
     written = write_comparison(options.out, summary, figures, traces)
     if options.video:
         written += _write_video(options, traces)
     say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
+
+
+def _script(options: CompareOptions) -> "Play":
+    """Return what plays the script with each controller."""
+    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
+    from hugwbc.scripts.script import while_walking
+    from hugwbc.scripts.script_file import load_script
+
+    script = load_script(options.script)
+    if options.walk is not None:
+        script = while_walking(script, options.walk)
+
+    def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
+        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, on_progress=advance)
+        outcomes = {trace.name: summarise(trace) for trace in traces}
+        summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.chosen)
+        return traces, figure_table(outcomes), summary
+
+    return play
+
+
+def _task(options: CompareOptions) -> "Play":
+    """Return what does the task with each controller.
+
+    Raises:
+        ConfigError: if a script or a walk is given as well.
+    """
+    from hugwbc.evaluation.comparison import compare_task, task_summary, task_table
+    from hugwbc.tasks import load_task
+
+    if options.script != CompareOptions.script or options.walk is not None:
+        raise ConfigError("a task and a script or a walk are both given; give one or the other")
+    task = load_task(str(options.task))
+
+    def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
+        runs = compare_task(controllers, task, seed=options.seed, arena=options.chosen, on_progress=advance)
+        summary = task_summary(task, runs, seed=options.seed, arena=options.chosen)
+        return [run.trace for run in runs], task_table(runs), summary
+
+    return play
 
 
 def _specs(options: CompareOptions) -> list["ControllerSpec"]:

@@ -207,7 +207,9 @@ def _options(protocol: AnyProtocol) -> Iterator[_Option]:
     options = {option.name: option for option in _from_fields(protocol.settings)}
     gait = options.pop("gait")
     del options["both_legs"]  # part of the option for the gait
-    yield dataclasses.replace(gait, type=str, default=gait.default.label)
+    if "gait" not in protocol.fixed:
+        yield dataclasses.replace(gait, type=str, default=gait.default.label)
+    options = {name: option for name, option in options.items() if name not in protocol.fixed}
     yield from sorted(options.values(), key=lambda option: option.name in _names(GaitSettings))
     yield from (option for option in _from_fields(Conditions) if option.name not in protocol.fixed)
     yield from _from_fields(ExecutionOptions) if protocol.stores_episodes else ()
@@ -273,7 +275,8 @@ def _settings(protocol: AnyProtocol, options: dict[str, Any], execution: Executi
         ConfigError: if a value is out of range.
     """
     given = {name: value for name, value in options.items() if name in _names(protocol.settings)}
-    both_legs = options["gait"] == BOTH_LEGS
-    given |= {"gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options["gait"]), "both_legs": both_legs}
+    if "gait" in options:
+        both_legs = options["gait"] == BOTH_LEGS
+        given |= {"gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options["gait"]), "both_legs": both_legs}
     conditions = Conditions(**{name: value for name, value in options.items() if name in _names(Conditions)})
     return protocol.settings(**given, conditions=conditions, execution=execution)

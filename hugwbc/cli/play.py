@@ -19,11 +19,13 @@ from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
+from hugwbc.tasks import load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
-from hugwbc.viz.show import open_view, run_live
+from hugwbc.viz.show import at_real_time, open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
+_COMMANDING = ("gait", "left_hand", "right_hand", *COMMAND_NAMES)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +39,8 @@ class PlayOptions(ArenaChoice):
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
     """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
+    task: str | None = None
+    """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
     scene: str | None = None
     """Objects around the robot: name of a shipped scene, or a file (.yaml); docs/how-to/add-an-object.md."""
     seed: int = 0
@@ -84,6 +88,8 @@ def run(words: Sequence[str]) -> int:
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
+    if options.task is not None:
+        return _run_task(options)
     if options.live:
         return _run_live(options)
     _refuse_options_of_the_page(options)
@@ -100,6 +106,42 @@ def run(words: Sequence[str]) -> int:
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
     return 0
+
+
+def _run_task(options: PlayOptions) -> int:
+    """Do one episode of a task, and say how it went.
+
+    Raises:
+        ConfigError: if other options give commands or a scene as well, which the task has of its own.
+    """
+    _refuse_beside("--task", "the task has its own", options, (*_COMMANDING, "script", "scene", "duration", "live"))
+    _refuse_options_of_the_page(options)
+    task, arena = load_task(str(options.task)), options.chosen
+    controller = ControllerSpec(options.controller, options.policy).told(arena).build()
+    simulation = arena.simulation(seed=options.seed, scene=task.scene)
+    draw = None
+    if not options.headless:
+        view = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
+        draw = at_real_time(view, simulation)
+    verdict = run_task(task, controller, simulation, estimator_for(arena), on_moment=draw).verdict
+    words = "done" if verdict.success else f"not done: {verdict.reason}"
+    say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
+    if verdict.detail:
+        say(f"it ended with: {verdict.detail}")
+    say(f"score: {verdict.score:.2f}")
+    return 0
+
+
+def _refuse_beside(option: str, why: str, options: PlayOptions, others: Sequence[str]) -> None:
+    """Refuse options that mean nothing beside another one.
+
+    Raises:
+        ConfigError: if there are any; the message names them.
+    """
+    # `is not False`, because a command of 0 is given too, and 0 == False.
+    given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
+    if given:
+        raise ConfigError(f"{option} and {', '.join(given)} are both given; {why}")
 
 
 def _scene(options: PlayOptions) -> Scene | None:
@@ -124,11 +166,8 @@ def _run_live(options: PlayOptions) -> int:
     Raises:
         ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
     """
-    others = ("script", "gait", "left_hand", "right_hand", "headless", *COMMAND_NAMES)
-    # `is not False`, because a command of 0 is given too, and 0 == False.
-    given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
-    if given:
-        raise ConfigError(f"--live and {', '.join(given)} are both given; the live page is driven by its own sliders")
+    others = ("script", "headless", *_COMMANDING)
+    _refuse_beside("--live", "the live page is driven by its own sliders", options, others)
     if not 0 <= options.port <= LAST_PORT:
         raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
     _check_host(options.host)

@@ -14,6 +14,7 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena
+from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -112,6 +113,74 @@ def compare(
             )
         )
     return traces
+
+
+def compare_task(
+    controllers: Sequence[Controller],
+    task: Task,
+    *,
+    seed: int = 0,
+    arena: Arena | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> list[TaskRun]:
+    """Do one episode of a task with each controller in turn, and return the episodes.
+
+    Args:
+        controllers: at least one controller; their names must differ.
+        task: the task.
+        seed: seed of the scene and of the sensor noise.
+        arena: robot, drives and sensors; None for the default ones.
+        on_progress: called with the fraction done.
+
+    Raises:
+        ConfigError: if there is no controller, or two have the same name.
+    """
+    check_names(controllers)
+    arena, runs = arena or ARENAS[DEFAULT_ARENA], []
+    for index, controller in enumerate(controllers):
+
+        def advance(fraction: float, done: int = index) -> None:
+            if on_progress is not None:
+                on_progress((done + fraction) / len(controllers))
+
+        simulation = arena.simulation(seed=seed, scene=task.scene)
+        runs.append(run_task(task, controller, simulation, estimator_for(arena), on_progress=advance))
+    return runs
+
+
+def task_summary(task: Task, runs: Sequence[TaskRun], *, seed: int = 0, arena: Arena | None = None) -> dict[str, Any]:
+    """Return a comparison of controllers in a task as JSON: what `comparison_summary` has, and the verdicts.
+
+    Args:
+        task: the task.
+        runs: an episode of each controller.
+        seed: seed of the scene and of the sensor noise.
+        arena: robot, drives and sensors; None for the default ones.
+    """
+    controllers = {
+        run.trace.name: dataclasses.asdict(summarise(run.trace))
+        | {"verdict": dataclasses.asdict(run.verdict), "gripped": run.record.gripped}
+        for run in runs
+    }
+    return {
+        "task": task.name,
+        "limit": task.limit,
+        "seed": seed,
+        "arena": dataclasses.asdict(arena or ARENAS[DEFAULT_ARENA]),
+        "controllers": controllers,
+    }
+
+
+def task_table(runs: Sequence[TaskRun]) -> Table:
+    """Return `figure_table` with the verdicts on top."""
+    figures = figure_table({run.trace.name: summarise(run.trace) for run in runs})
+    rows: list[tuple[Any, ...]] = [
+        ("task done", *(run.verdict.success for run in runs)),
+        ("why not", *(run.verdict.reason or None for run in runs)),
+        ("score", *(run.verdict.score for run in runs)),
+        ("idealised gripper", *(", ".join(run.record.gripped) or None for run in runs)),
+    ]
+    return dataclasses.replace(figures, rows=[*rows, *figures.rows])
 
 
 def comparison_summary(

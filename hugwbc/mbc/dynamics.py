@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import Robot
-from hugwbc.state import RobotState
+from hugwbc.robot import SIDES, Robot
+from hugwbc.state import GRAVITY, RobotState
 
 _SOLE_ENDS = ("heel", "toe")
+_FARTHEST_SHIFT = 0.25  # [m], by which forces on the hands may shift the balance
 _EDGE_ROLL = 0.02  # [rad], roll of the sole from which on only its edge touches
 
 
@@ -40,7 +41,10 @@ class Dynamics(Kinematics):
     Attributes:
         mass: mass of the robot [kg].
         M: mass matrix with rotor inertia, shape (nv, nv).
-        bias: Coriolis, centrifugal, gravity and joint friction terms [N], [N m], shape (nv,).
+        bias: Coriolis, centrifugal, gravity and joint friction terms, less the forces on the hands [N], [N m], shape
+            (nv,).
+        hand_force: force on the left and the right hand from outside, world axes [N], shape (2, 3); set it before
+            `update`.
         com, com_velocity: position and velocity of the centre of mass in the world [m], [m/s], shape (3,).
         com_jacobian, com_drift: with d(com_velocity)/dt = com_jacobian dv/dt + com_drift; shapes (3, nv), (3,).
         momentum: angular momentum about the centre of mass, world axes [kg m^2/s], shape (3,).
@@ -60,6 +64,7 @@ class Dynamics(Kinematics):
         # Turns linear momentum into the velocity of the centre of mass and leaves the angular momentum.
         self._per_mass = np.array([[1.0 / self.mass]] * 3 + [[1.0]] * 3)
         self.edge = 0.0
+        self.hand_force = np.zeros((len(SIDES), 3))
 
     @property
     def nv(self) -> int:
@@ -81,6 +86,10 @@ class Dynamics(Kinematics):
         self.bias = pin.nonLinearEffects(model, data, self.q, self.v) + self._damping * self.v
         # The kinematics come last, since the calls above overwrite the accelerations of the frames.
         super()._compute()
+        if self.hand_force.any():
+            for side, force in zip(SIDES, self.hand_force, strict=True):
+                hand = pin.getFrameJacobian(model, data, self.frame_id(f"{side}_hand"), pin.LOCAL_WORLD_ALIGNED)
+                self.bias -= hand[:3].T.dot(force)
         # At zero generalised acceleration the rate of the momentum is its drift.
         drift = pin.computeCentroidalMomentumTimeVariation(model, data).vector * self._per_mass[:, 0]
         velocity = data.hg.vector * self._per_mass[:, 0]
@@ -92,6 +101,28 @@ class Dynamics(Kinematics):
     def inertia(self) -> np.ndarray:
         """Inertia of all links about the centre of mass, world axes [kg m^2], shape (3, 3)."""
         return self.data.oYcrb[0].inertia.copy()
+
+    def hand_shift(self, pivot: np.ndarray) -> np.ndarray:
+        r"""Return by how much forces on the hands shift the balance about a point on the ground [m], shape (2,).
+
+        Moments about the pivot p, with forces F at the hands' places r, let the pendulum fall as one whose centre of
+        mass c is shifted:
+
+        .. math:: \ddot c = \omega^2 (c + \delta - p), \qquad
+            \delta = \sum \frac{F_{xy} (r_z - p_z) - F_z (r_{xy} - p_{xy})}{m g}
+
+        A payload shifts it towards itself, a pull towards where it pulls.
+
+        Args:
+            pivot: point in the world [m], shape (3,).
+        """
+        shift = np.zeros(2)
+        if self.hand_force.any():
+            for side, force in zip(SIDES, self.hand_force, strict=True):
+                arm = self.position(f"{side}_hand") - pivot
+                shift += force[:2] * arm[2] - force[2] * arm[:2]
+            shift /= self.mass * GRAVITY
+        return np.minimum(np.maximum(shift, -_FARTHEST_SHIFT), _FARTHEST_SHIFT)
 
     def load(self, foot: int) -> float | None:
         """Return the measured normal force on the left (0) or right (1) foot [N]; None without foot sensors."""

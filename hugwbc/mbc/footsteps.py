@@ -28,7 +28,7 @@ class Pendulum(NamedTuple):
 
     Attributes:
         pivot: nominal centre of pressure in the world [m], shape (2,).
-        com: centre of mass in the world [m], shape (2,).
+        com: centre of mass in the world, shifted by forces on the hands (`Dynamics.hand_shift`) [m], shape (2,).
         omega: natural frequency sqrt(g / height) [1/s].
         dcm: divergent component of motion in the world [m], shape (2,).
     """
@@ -66,7 +66,8 @@ class Pendulum(NamedTuple):
         about_x = spin_x / dynamics.mass + y * vz - z * vy
         about_y = spin_y / dynamics.mass + z * vx - x * vz
         lead = np.array([about_y / (height * omega), -about_x / (height * omega)])
-        return cls(pivot[:2], dynamics.com[:2], omega, dynamics.com[:2] + lead)
+        com = dynamics.com[:2] + dynamics.hand_shift(pivot)
+        return cls(pivot[:2], com, omega, com + lead)
 
     def com_after(self, cop: np.ndarray, time: float) -> np.ndarray:
         """Return the centre of mass after some time over a fixed centre of pressure.

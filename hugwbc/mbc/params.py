@@ -15,12 +15,15 @@ _POSITIVE = (
         "joint_brake",
         "joint_horizon",
         "speed_horizon",
+        "hand_force_rate",
+        "least_hand_force",
     ),
     *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
     *(
         "leg_reserve",
         "swing_acceleration",
         "swing_torque",
+        "lift_torque",
         "mpc_intervals",
         "mpc_period",
         "mpc_shortest_stance",
@@ -280,9 +283,9 @@ class ControllerParams:
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
     """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
-    swing_lift: float = 1.5
-    """Largest l f^2 of a swing that the drives follow at their highest speed [m Hz^2]; the plan of a swing lowers its
-    apex beyond it, so that the foot lands in time."""
+    lift_torque: float = 0.85
+    """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
+    that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
     swing_reaction_per_speed: float = 0.3
     """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
@@ -303,6 +306,12 @@ class ControllerParams:
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
     waist_rate: tuple[float, float] = (2.0, 10.0)
     """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
+
+    # --- forces on the hands
+    hand_force_rate: float = 10.0
+    """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
+    least_hand_force: float = 5.0
+    """Force on a hand up to which none is assumed [N]: twice what the friction of an arm's drives hides."""
 
     # --- output
     joint_stiffness: float = 0.1

@@ -49,7 +49,8 @@ class Standing:
         pivots = [feet.pivot(dynamics, foot, references.balance) for foot in range(2)]
         middle = 0.5 * (pivots[0] + pivots[1])
         self.com.heading = references.yaw
-        self.com.target = middle[:2]
+        shift = dynamics.hand_shift(middle)
+        self.com.target = middle[:2] - shift
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
         pendulum = Pendulum.about(middle, dynamics)
@@ -65,6 +66,7 @@ class Standing:
             # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             self._shift_onto(pivots[0 if plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
+            self.com.target = self.com.target - shift
 
     def _shift_for_a_step(self, pivots: list[np.ndarray], pendulum: Pendulum) -> None:
         """Move the divergent component to where the first step of a walk, of the left foot, starts.

@@ -14,6 +14,7 @@ from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import Mode
+from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
@@ -134,10 +135,12 @@ class WholeBodyController:
         self._odometry = LegOdometry(self._robot)
         self._columns = in_place(self.dynamics.columns)
         self._predictor = Predictor(self.dynamics, period)
+        self._delay = self._robot.command_delay
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
+        self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
         self._clear()
 
@@ -149,6 +152,8 @@ class WholeBodyController:
         self._started = False
         self._outcome: _Outcome | None = None
         self._waist.rate[0] = 0.0
+        self._hand_load.reset()
+        self.dynamics.hand_force = self._hand_load.force
         self._free_arms()
 
     @property
@@ -219,7 +224,11 @@ class WholeBodyController:
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
         if not self._started:
             self._start(state)
-        state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
+        state = self._odometry.complete(state, self._locomotion.contact, self.period)
+        # A command acts only after the delay of the drives: what counts is the state then.
+        state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
+        self._hand_load.update(state, upper_body, self.period)
+        self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
         smooth, report = self._filter.update(command, self.period, self._locomotion.state)
         self._locomotion.update(self.dynamics, smooth, self.period)

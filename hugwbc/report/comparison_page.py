@@ -91,14 +91,14 @@ def write_comparison(
 
     Args:
         folder: folder of the files.
-        summary: `evaluation.comparison.comparison_summary`.
-        figures: `evaluation.comparison.figure_table`.
+        summary: `evaluation.comparison.comparison_summary` or `task_summary`.
+        figures: `evaluation.comparison.figure_table` or `task_table`.
         traces: 1 to 4 runs.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
     """
-    title = f"hugwbc compare: {summary['script']}"
+    title = f"hugwbc compare: {summary.get('task') or summary['script']}"
     write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
     safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
     counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}

@@ -6,7 +6,8 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
     r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
 
-Both feet share the residual by least squares. Each sole is a narrow line: it transmits a force and the moments about
+What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share the rest by least squares.
+Each sole is a narrow line: it transmits a force and the moments about
 its lateral and its vertical axis.
 """
 
@@ -15,12 +16,13 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
+from hugwbc.runtime.hand_force import HandForceObserver, HandForceParams
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
-_WRENCH = (0, 1, 2, 4, 5)  # force, moments about y and z
+_WRENCH = 5  # numbers of a wrench: force, moments about y and z
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
 
@@ -40,6 +42,8 @@ class ContactParams:
     base_weight: float = 0.3
     """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
     pelvis is less certain than the joints'."""
+    hands: HandForceParams = dataclasses.field(default_factory=HandForceParams)
+    """Of the observer of the forces on the hands."""
 
 
 class ContactObserver:
@@ -49,6 +53,7 @@ class ContactObserver:
         residual: generalised external force [N, N*m], shape (25,): base force and moment in the pelvis frame, joints.
         force: ground reaction on each foot, world frame [N], shape (2, 3).
         contact: which feet stand, shape (2,), bool.
+        hands: the observer of the forces on the hands.
     """
 
     def __init__(
@@ -66,12 +71,14 @@ class ContactObserver:
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = self._kinematics.columns
         self._robot = robot
+        self.hands = HandForceObserver(self._kinematics, self.params.hands)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._columns[robot.legs]
-        self._rows = np.concatenate((np.arange(6), legs))
+        self._rows = in_place(np.concatenate((np.arange(6), legs)))
         self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
         self._tau, self._still = np.zeros(model.nv), np.zeros(model.nv)
-        self._ridge = _RIDGE * np.eye(_FEET * len(_WRENCH))
+        self._ridge = _RIDGE * np.eye(_FEET * _WRENCH)
+        self._jacobians = np.zeros((_FEET * _WRENCH, model.nv))
         self.reset(None)
 
     def reset(self, state: RobotState | None) -> None:
@@ -81,12 +88,13 @@ class ContactObserver:
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
         self._start = np.zeros(self._kinematics.model.nv)
+        self.hands.reset()
         if state is not None:
             self._kinematics.update(state)
             self._start = self._momentum(self._gravity())
             pin.computeJointJacobians(self._kinematics.model, self._kinematics.data, self._kinematics.q)
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
-            self.residual = self._map() @ np.concatenate([(*force, 0.0, 0.0) for force in self.force])
+            self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
         # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at this residual.
         self._integral = -self.residual / self.params.rate
 
@@ -115,10 +123,11 @@ class ContactObserver:
         self._tau[self._columns] = torque - friction
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
-        wrenches = self._weight[:, None] * self._map()[self._rows]
-        normal = wrenches.T @ wrenches + self._ridge
-        solution = np.linalg.solve(normal, wrenches.T @ (self._weight * self.residual[self._rows]))
-        self.force = solution.reshape(_FEET, len(_WRENCH))[:, :3]
+        on_feet = self.residual - self.hands.infer(self.residual, dt)
+        wrenches = self._weight * self._wrench_jacobians()[:, self._rows]
+        normal = wrenches @ wrenches.T + self._ridge
+        solution = np.linalg.solve(normal, wrenches @ (self._weight * on_feet[self._rows]))
+        self.force = solution.reshape(_FEET, _WRENCH)[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 
@@ -131,8 +140,10 @@ class ContactObserver:
         kinematics = self._kinematics
         return pin.rnea(kinematics.model, kinematics.data, kinematics.q, self._still, kinematics.v) - gravity
 
-    def _map(self) -> np.ndarray:
-        """Generalised force per wrench of both feet from the joint Jacobians, shape (25, 10)."""
-        model, data = self._kinematics.model, self._kinematics.data
-        jacobians = [pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED) for sole in self._soles]
-        return np.concatenate([jacobian[_WRENCH, :] for jacobian in jacobians]).T
+    def _wrench_jacobians(self) -> np.ndarray:
+        """Rows that turn the wrenches of both feet into generalised forces, from the joint Jacobians, (10, 25)."""
+        model, data, rows = self._kinematics.model, self._kinematics.data, self._jacobians
+        for first, sole in zip((0, _WRENCH), self._soles, strict=True):
+            jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED)
+            rows[first : first + 3], rows[first + 3 : first + _WRENCH] = jacobian[:3], jacobian[4:]
+        return rows

@@ -13,8 +13,9 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.sight import Sight, carry_out
 from hugwbc.runtime.trace import CONTACT_FORCE
-from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, FollowingSource, SeeingSource
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -116,6 +117,7 @@ class ControlLoop:
         self.safe = SafetyFilter(controller, robot=robot or simulation.actuators.known_robot(simulation.robot))
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
+        self._seeing = source if isinstance(source, SeeingSource) else None
         self._plan = PlanView(controller)
         self.simulation = simulation
         self.upper_body = upper_body
@@ -125,6 +127,8 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
+        self._sight = None if self._seeing is None else Sight(simulation, self.safe.robot)
+        self._free_arms = UpperBody.none()
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -136,32 +140,51 @@ class ControlLoop:
         self._commanded_arms = None
         if self.upper_body is not None:
             self.upper_body.reset()
+        if self._seeing is not None and self._sight is not None:
+            self._seeing.restart()
+            self._sight.reset()
 
     def decide(self, t: float) -> JointCommand:
         """Return the joint command for the next period, from what the sensors say at time t [s]."""
         state = self.simulation.sense() if self.estimator is None else self._estimate
         if self._following is not None:
             self._following.follow(self.simulation.state())
-        command, arms = self.source.command_at(t), UpperBody.none()
+        placed = state if self._seeing is None else self._look(self._seeing, t, state)
+        command, arms = self.source.command_at(t), self._free_arms
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
-            arms, command = self.upper_body.update(state, self.hands, command, self.period, self._commanded_arms)
+            arms, command = self.upper_body.update(placed, self.hands, command, self.period, self._commanded_arms)
             self.ik_s = time.perf_counter() - begin
         joints = self.safe.act(state, command, arms)
         self._commanded_arms = joints.q[self.simulation.robot.arms]
         return joints
+
+    def _look(self, source: SeeingSource, t: float, state: RobotState) -> RobotState:
+        """Show the source what is known now and carry its grips out; return the state in the world that it sees."""
+        assert self._sight is not None
+        view = self._sight.look(t, state)
+        source.see(view)
+        if source.grips:
+            carry_out(source.grips, self.simulation)
+        return view.state
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s] and return the true state; the estimator sees every physics step."""
         if self.estimator is None:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
-        planned = self._plan.acceleration
-        for _ in range(max(1, round(duration / timestep))):
-            self.simulation.step(command, timestep)
-            self._estimate = self.estimator.update(self.simulation.sense(), planned)
-        return self.simulation.state()
+        planned, steps = self._plan.acceleration, max(1, round(duration / timestep))
+        states = [self._observed_step(self.estimator, command, timestep, planned) for _ in range(steps)]
+        return states[-1]
+
+    def _observed_step(
+        self, estimator: StateEstimator, command: JointCommand, timestep: float, planned: np.ndarray | None
+    ) -> RobotState:
+        """Make one physics step, show the estimator its reading, and return the true state."""
+        state = self.simulation.step(command, timestep)
+        self._estimate = estimator.update(self.simulation.sense(), planned)
+        return state
 
     @property
     def estimate(self) -> RobotState:

@@ -30,6 +30,7 @@ def rollout(
     on_progress: Callable[[float], None] | None = None,
     on_moment: Callable[[Moment], None] | None = None,
     on_step: Callable[[RobotState, RobotState], None] | None = None,
+    until: Callable[[], bool] | None = None,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
@@ -47,6 +48,8 @@ def rollout(
         on_progress: called with the fraction done, about fifty times per simulated second.
         on_moment: called at each sample of the record, with what a picture shows.
         on_step: called after each physics step, with the true state and with what the controller knows.
+        until: called after each control period; the run ends early where it returns True, such as when a behaviour has
+            ended (`BehaviourSource.done`).
 
     Returns:
         The record of the run.
@@ -75,6 +78,8 @@ def rollout(
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t):
             return recorder.trace(fell=True, survived_s=t, steps=tick + 1)
+        if until is not None and until():
+            return recorder.trace(fell=False, survived_s=t + loop.period, steps=tick + 1)
     return recorder.trace(fell=False, survived_s=duration, steps=ticks)
 
 

@@ -1,6 +1,6 @@
 """Requests to a robot over time: command scripts, hand paths, arm motions, and the shipped scripts (*.yaml)."""
 
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource, SeeingSource
 from hugwbc.scripts.hand_paths import Circle, Grid, HandPath, Hold, Line, Swing, Wander
 from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion, load_motions
 from hugwbc.scripts.recorded_path import read_path
@@ -20,6 +20,7 @@ __all__ = [
     "Hold",
     "Line",
     "Script",
+    "SeeingSource",
     "Segment",
     "Swing",
     "Wander",

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Protocol, runtime_checkable
 
 from hugwbc.commands import Command
+from hugwbc.scripts.behaviours.view import Grip, View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
@@ -26,6 +27,24 @@ class FollowingSource(CommandSource, Protocol):
 
     def follow(self, state: RobotState) -> None:
         """Take the true state, before each `command_at`."""
+        ...
+
+
+@runtime_checkable
+class SeeingSource(CommandSource, Protocol):
+    """A command source that decides by what is estimated and seen, such as a `BehaviourSource`."""
+
+    def restart(self) -> None:
+        """Forget the past before a new run."""
+        ...
+
+    def see(self, view: View) -> None:
+        """Take what is known at this tick, before each `command_at`."""
+        ...
+
+    @property
+    def grips(self) -> tuple[Grip, ...]:
+        """Requests to the idealised gripper, carried out after `see`."""
         ...
 
 

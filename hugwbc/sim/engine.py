@@ -4,6 +4,7 @@ import abc
 import collections
 import dataclasses
 import importlib.util
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
+from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors, sensor_profile
@@ -61,6 +63,7 @@ class Engine(abc.ABC):
         diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
+        gripper: the idealised grippers of both hands; None without a scene.
     """
 
     engine: ClassVar[str]
@@ -69,6 +72,7 @@ class Engine(abc.ABC):
     external_force: np.ndarray
     scene: Scene | None = None
     objects: Objects
+    gripper: Gripper | None = None
 
     def __init__(
         self,
@@ -267,7 +271,7 @@ class Engine(abc.ABC):
         """
         # Read the current state again: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
-        return dataclasses.replace(self._sensors.read(reading), age=self.time - reading.time)
+        return self._sensors.read(reading, self.time)
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""
@@ -277,7 +281,7 @@ class Engine(abc.ABC):
     def fallen(self) -> bool:
         """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
         qpos = self.qpos
-        orientation = qpos[3:7] / np.linalg.norm(qpos[3:7])
+        orientation = qpos[3:7] / math.sqrt(qpos[3:7].dot(qpos[3:7]))
         return bool(
             self.diverged
             or abs(rotations.pitch_of(orientation)) > FALL_PITCH

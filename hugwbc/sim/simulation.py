@@ -24,6 +24,7 @@ from hugwbc.state import GRAVITY, RobotState
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_DIVERGED = list(map(int, DIVERGED))
 
 
 _FLOOR_BODY = "world"
@@ -34,7 +35,6 @@ class Simulation(Engine):
 
     Attributes:
         model, data: MuJoCo's model and data, for viewers and tests; `redraw` makes new ones.
-        gripper: the idealised grippers of both hands; None without a scene.
     """
 
     engine = "mujoco"
@@ -55,7 +55,7 @@ class Simulation(Engine):
         return robot, ground
 
     def _build(self, seed: int, scene: Scene | None) -> None:
-        self._declared, self._scene_objects, self.gripper = scene, None, None
+        self._declared, self._scene_objects = scene, None
         self._install(seed)
 
     def _install(self, seed: int) -> None:
@@ -74,6 +74,10 @@ class Simulation(Engine):
         self._places = {
             self.model.sensor(i).name: slice(int(start), int(start + size))
             for i, (start, size) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
+        }
+        self._places_by_side = {  # of vectors
+            name: np.array([np.r_[self._places[f"{side}_{name}"]] for side in SIDES])
+            for name in ("foot_force", "elbow_link_force", "sole_velocity")
         }
         self._imu, self._twist = self.model.site("imu").id, np.zeros(6)
         self._floor, self._trunk = self.model.geom("floor").id, self.model.geom("torso_link").id
@@ -169,16 +173,16 @@ class Simulation(Engine):
             self._place_feet(self._footing)
         before = self.data.time
         mujoco.mj_step(self.model, self.data)
-        failures = [w for w in DIVERGED if self.data.warning[w].number]
-        self.diverged |= bool(failures)
+        failures = np.flatnonzero(self.data.warning.number[_DIVERGED])
+        self.diverged |= failures.size > 0
         self._torque = self.torque  # during this step; `mj_forward` computes that of the next one
         if self.gripper is not None:
             self.gripper.update()
         mujoco.mj_forward(self.model, self.data)
         self._feel_acceleration()
         if self._scene_objects is not None:
-            if failures:
-                self._scene_objects.note_divergence(before, int(self.data.warning[failures[0]].lastinfo))
+            if failures.size:
+                self._scene_objects.note_divergence(before, int(self.data.warning[DIVERGED[failures[0]]].lastinfo))
             self._scene_objects.watch()
 
     def _feel_acceleration(self) -> None:
@@ -222,7 +226,7 @@ class Simulation(Engine):
             imu_orientation=self._sensed("imu_orientation"),
             imu_gyro=self._sensed("imu_gyro"),
             # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-            foot_force=np.array([-self._sensed(f"{side}_foot_force") for side in SIDES]),
+            foot_force=-self._sensed_by_side("foot_force"),
             accelerometer=self._accelerometer,
             torque=self._torque,
             hand_force=self._hand_force(),
@@ -230,7 +234,7 @@ class Simulation(Engine):
 
     def _hand_force(self) -> np.ndarray:
         """Return the force of contacts and of the idealised gripper on each hand in the world [N], shape (2, 3)."""
-        force = np.array([-self._sensed(f"{side}_elbow_link_force") for side in SIDES])
+        force = -self._sensed_by_side("elbow_link_force")
         return force if self.gripper is None else force + self.gripper.force
 
     @property
@@ -256,7 +260,7 @@ class Simulation(Engine):
     @property
     def sole_velocity(self) -> np.ndarray:
         """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
-        return np.array([self._sensed(f"{side}_sole_velocity") for side in SIDES])
+        return self._sensed_by_side("sole_velocity")
 
     @property
     def pressure_centres(self) -> np.ndarray:
@@ -279,6 +283,10 @@ class Simulation(Engine):
 
     def _sensed(self, name: str) -> np.ndarray:
         return self.data.sensordata[self._places[name]].copy()
+
+    def _sensed_by_side(self, name: str) -> np.ndarray:
+        """Return what the sensors of this name on the left and the right side say, shape (2, 3)."""
+        return self.data.sensordata[self._places_by_side[name]]
 
     def _trunk_on_ground(self) -> bool:
         pair = {self._floor, self._trunk}

@@ -235,7 +235,8 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
 
     Raises:
         TargetError: if a number is not finite, a direction is zero, one of two hands that hold one object is missing,
-            or the targets are in the world frame and the state has no position.
+            a force, stiffness or payload is out of range, or the targets are in the world frame and the state has no
+            position.
         UnknownNameError: if the frame is unknown.
     """
     if targets.joints is not None:
@@ -252,6 +253,10 @@ def check_targets(targets: HandTargets, state: RobotState) -> None:
         left_direction=targets.left_direction,
         right_direction=targets.right_direction,
         together=targets.together,
+        left_force=targets.left_force,
+        right_force=targets.right_force,
+        stiffness=targets.stiffness,
+        payload=targets.payload,
     )
     if targets.frame == "world" and state.position is None:
         raise TargetError(

@@ -12,6 +12,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.hand_loads import HandLoads
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
 
@@ -131,6 +132,7 @@ class UpperBodySource:
         self.ik = ArmIK(ik, robot)
         self.takeover = Takeover(takeover, robot)
         self.watch = TargetWatch(self.takeover.config.stale_time)
+        self._loads = HandLoads()
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
         self._by_joints = False
@@ -140,6 +142,7 @@ class UpperBodySource:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
         self.watch.reset()
+        self._loads.reset()
         self.solution = None
         self._own = None
         self._body_reach = None
@@ -178,7 +181,7 @@ class UpperBodySource:
             hands = self.watch.admit(hands, state.time, dt)
         if hands is None:
             self.solution = None
-            return self.takeover.release(self._own, dt)
+            return self._loads.apply(self.takeover.release(self._own, dt), None, state, dt)
         by_joints = hands.joints is not None
         if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
             self.ik.reset(state.q[self.ik.robot.arms])
@@ -191,7 +194,7 @@ class UpperBodySource:
         else:
             self.solution = None
             q, dq, ddq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity, None
-        return self.takeover.follow(q, dq, dt, start, ddq)
+        return self._loads.apply(self.takeover.follow(q, dq, dt, start, ddq), hands, state, dt)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
         """Return the command with h, p and w as hand targets need them that ask for the whole body.

@@ -119,22 +119,26 @@ def watch(
     """
     simulation = simulation or Simulation()
     draw = open_view(controller.name, scene=simulation.scene, tell=tell) if show else live
+    in_time = None if draw is None else at_real_time(draw, simulation)
+    trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=in_time)
+    if replay is not None:
+        keep_replay(replay, [trace], tell=tell)
+    return trace
+
+
+def at_real_time(draw: Draw, simulation: Engine) -> Draw:
+    """Return a function that draws moments of a simulation every `FRAME_PERIOD`, and holds it back to real time."""
     clock, next_frame = RealTime(), 0.0
 
     def draw_in_time(moment: Moment) -> None:
         nonlocal next_frame
         now = simulation.time
-        if draw is not None and now >= next_frame - 1e-9:
+        if now >= next_frame - 1e-9:
             next_frame += FRAME_PERIOD
             draw(moment)
             clock.keep(now)
 
-    trace = rollout(
-        controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=draw_in_time
-    )
-    if replay is not None:
-        keep_replay(replay, [trace], tell=tell)
-    return trace
+    return draw_in_time
 
 
 def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell = print) -> None:

@@ -18,7 +18,7 @@ from hugwbc.evaluation.engine.episode import (
     stored_rows,
 )
 from hugwbc.evaluation.engine.execution import Execution
-from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule, Tour, Waypoint
+from hugwbc.evaluation.engine.plans import EpisodePlan, Knot, Schedule, Stage, Tour, Waypoint
 from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "Row",
     "Run",
     "Schedule",
+    "Stage",
     "Tour",
     "Waypoint",
     "batch_rollout",

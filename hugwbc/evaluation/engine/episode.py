@@ -89,12 +89,14 @@ class Run:
         arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
             external control.
         estimates: errors of the state estimator, if the plan asks for them and the arena has one.
+        outcome: what the plan's stage returned; None without a stage.
     """
 
     plan: EpisodePlan
     trace: Trace
     arm_error: float
     estimates: EstimateRecord | None = None
+    outcome: Any = None
 
     @property
     def command(self) -> Command:
@@ -115,7 +117,8 @@ def run_episodes(
         factory: makes the controller; with more than one worker it must be picklable.
         plans: one plan per episode.
         judge: called with the index and the run of every episode; with more than one worker it must be picklable. If
-            results are stored, its return annotation must be a dataclass.
+            results are stored, its return annotation must be a dataclass. The rows depend on the code that its module
+            imports, and on that of its attribute `modules`, dotted names, if it has one.
         settings: settings of the episodes.
         on_episode: called with every row, in order.
 
@@ -254,7 +257,7 @@ def _cell_of(factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSet
         "settle": settings.settle,
         "conditions": to_json(settings.conditions),
         "controller": controller,
-        **code_identity([module, *controller.get("modules", ())]),
+        **code_identity([module, *getattr(judge, "modules", ()), *controller.get("modules", ())]),
     }
     return f"{module.rpartition('.')[2]}-{controller['name']}", identity
 
@@ -327,7 +330,7 @@ def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePla
         conditions: conditions of plans that have none of their own.
         plan: plan of the episode.
     """
-    return not (plan.timed or plan.estimated) and fits(controller, plan.conditions or conditions)
+    return not (plan.timed or plan.estimated or plan.stage) and fits(controller, plan.conditions or conditions)
 
 
 def _run_batch(
@@ -353,6 +356,9 @@ def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -
     """Run one episode in a simulation of its own."""
     conditions = plan.conditions or job.conditions
     seed = _seed(job, index, plan)
+    if plan.stage is not None:
+        trace, outcome = plan.stage.play(controller, conditions, seed)
+        return Run(plan, trace, math.nan, outcome=outcome)
     arms, estimator = conditions.arms(seed), conditions.estimator()
     watch = EstimateWatch(estimator) if plan.estimated and estimator is not None else None
     trace = rollout(

@@ -7,14 +7,17 @@ to another process and can be part of a stored result's key.
 import bisect
 import dataclasses
 import math
+from typing import Any, Protocol
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
+from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.gait import Gait
+from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim.forces import Force
 from hugwbc.state import RobotState
@@ -140,6 +143,23 @@ class Navigator:
         return None
 
 
+class Stage(Protocol):
+    """What an episode consists of, instead of commands over time: it runs itself, such as a task.
+
+    A stage is a frozen dataclass, as all of a plan.
+    """
+
+    def play(self, controller: Controller, conditions: Conditions, seed: tuple[int, int]) -> tuple[Trace, Any]:
+        """Run the episode; return its record, and what the judge finds in `Run.outcome`.
+
+        Args:
+            controller: the controller.
+            conditions: of the episode.
+            seed: seed of the settings, and the episode's draw.
+        """
+        ...
+
+
 @dataclasses.dataclass(frozen=True)
 class EpisodePlan:
     """The plan of one episode.
@@ -153,6 +173,8 @@ class EpisodePlan:
         timed: whether the controller's computing time is measured; such an episode runs alone.
         estimated: whether the state estimator is compared with the truth; such an episode runs alone.
         label: what the episode is for; read by the judge of the protocol.
+        stage: what runs the episode instead of `commands` and `forces`; None for a rollout of the commands. Such an
+            episode runs alone.
     """
 
     commands: Command | Schedule | Tour
@@ -162,6 +184,7 @@ class EpisodePlan:
     timed: bool = False
     estimated: bool = False
     label: str = ""
+    stage: Stage | None = None
 
     @property
     def source(self) -> CommandSource:

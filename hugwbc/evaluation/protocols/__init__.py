@@ -18,6 +18,7 @@ from hugwbc.evaluation.protocols.random_commands import RandomCommandsProtocol
 from hugwbc.evaluation.protocols.robustness import RobustnessProtocol
 from hugwbc.evaluation.protocols.single_command import SingleCommandProtocol
 from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesProtocol
+from hugwbc.evaluation.protocols.suite_tasks import TasksProtocol
 from hugwbc.evaluation.protocols.tour import TourProtocol
 
 __all__ = ["PROTOCOLS", "PlannedProtocol", "Protocol"]
@@ -41,5 +42,6 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         HandsProtocol(),
         EstimationProtocol(),
         EnginesProtocol(),
+        TasksProtocol(),
     )
 }

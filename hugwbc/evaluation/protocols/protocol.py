@@ -29,7 +29,7 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
         summary: a line for `hugwbc evaluate --help`.
         settings: dataclass of its settings. Each field is an option of the command line, explained by its entry in the
             docstring, and its default is the option's default.
-        fixed: fields of `Conditions` that the protocol sets itself; they are not options.
+        fixed: fields of `Conditions` and of the settings that the protocol sets itself; they are not options.
         stores_episodes: whether episodes are stored and shared between workers, as `run_episodes` does.
         ablation: whether the report also runs it with policies of other trainings, as the paper's ablation does.
         report_title: heading of its section in the report; empty for a protocol that the report leaves out.

@@ -52,6 +52,23 @@ class ObjectState:
         return math.acos(min(1.0, max(-1.0, float(rotations.to_matrix(self.orientation)[2, 2]))))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Picture:
+    """One picture of the motion capture.
+
+    Attributes:
+        time: when it was taken [s].
+        age: how long ago that was [s].
+        poses: position [m] and quaternion (w, x, y, z) of every object, in the order of `Objects.names`, shape (n, 7).
+        robot: the same of the robot's pelvis, shape (7,).
+    """
+
+    time: float
+    age: float
+    poses: np.ndarray
+    robot: np.ndarray
+
+
 class Objects(Mapping[str, ObjectState]):
     """The objects around a robot, by the names of their bodies: `objects["parcel"]` is the true state. Here are none.
 
@@ -68,6 +85,10 @@ class Objects(Mapping[str, ObjectState]):
     def poses(self) -> np.ndarray:
         """Position [m] and quaternion (w, x, y, z) of every body, shape (bodies, 7)."""
         return np.zeros((0, 7))
+
+    def picture(self) -> Picture | None:
+        """Return the newest picture of a motion-capture system; None without one."""
+        return None
 
     def seen(self, name: str) -> ObjectState:
         """Return what a motion-capture system knows of an object.
@@ -117,10 +138,11 @@ class SceneObjects(Objects):
         self._model, self._data, self._sensing, self._ground = model, data, sensing, ground
         self._bodies = np.array([model.body(name).id for name in names], dtype=int)
         self._hands = [model.body(f"{side}_elbow_link").id for side in SIDES]
+        self._pelvis = model.body("pelvis").id
         self._exact = not (sensing.object_position or sensing.object_attitude or sensing.object_latency)
-        self._noise = np.random.default_rng([seed, 1])
+        self._noise, self._noise_of_robot = (np.random.default_rng([seed, stream]) for stream in (1, 2))
         pictures = math.ceil(sensing.object_latency / CAPTURE_PERIOD) + 2
-        self._pictures: collections.deque[tuple[float, np.ndarray]] = collections.deque(maxlen=pictures)
+        self._pictures: collections.deque[tuple[float, np.ndarray, np.ndarray]] = collections.deque(maxlen=pictures)
         self.restart()
 
     def restart(self) -> None:
@@ -139,7 +161,8 @@ class SceneObjects(Objects):
         self._next += CAPTURE_PERIOD
         poses = self.poses
         if not self._exact:
-            self._pictures.append((now, self._blurred(poses)))
+            robot = self._blurred(self._robot_pose[None], self._noise_of_robot)[0]
+            self._pictures.append((now, self._blurred(poses, self._noise), robot))
         height = poses[:, 2] - self._ground
         inside = (np.abs(poses[:, :2]) < 2.0 * FARTHEST).all(axis=1) & (height > LOWEST) & (height < HIGHEST)
         for index in np.flatnonzero(~inside):  # a NaN is not inside either
@@ -156,17 +179,33 @@ class SceneObjects(Objects):
         self._next = 0.0
         self.watch()
 
-    def _blurred(self, poses: np.ndarray) -> np.ndarray:
+    def _blurred(self, poses: np.ndarray, noise: np.random.Generator) -> np.ndarray:
         count = len(poses)
-        position = self._noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_position
+        position = noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_position
         turn = np.ones((count, 4))
-        turn[:, 1:] = 0.5 * self._noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_attitude
+        turn[:, 1:] = 0.5 * noise.normal(0.0, 1.0, (count, 3)) * self._sensing.object_attitude
         turned = rotations.multiply(turn / np.linalg.norm(turn, axis=1, keepdims=True), poses[:, 3:])
         return np.hstack((poses[:, :3] + position, turned))
 
     @property
     def poses(self) -> np.ndarray:  # noqa: D102
         return np.hstack((self._data.xpos[self._bodies], self._data.xquat[self._bodies]))
+
+    @property
+    def _robot_pose(self) -> np.ndarray:
+        return np.concatenate((self._data.xpos[self._pelvis], self._data.xquat[self._pelvis]))
+
+    def picture(self) -> Picture:
+        """Return the newest picture that has arrived: with noise, and taken some time ago.
+
+        An exact profile sees what is.
+        """
+        now = float(self._data.time)
+        if self._exact:
+            return Picture(now, 0.0, self.poses, self._robot_pose)
+        ready = [picture for picture in self._pictures if picture[0] <= now - self._sensing.object_latency + _ROUNDING]
+        time, poses, robot = ready[-1] if ready else self._pictures[0]
+        return Picture(time, now - time, poses, robot)
 
     def seen(self, name: str) -> ObjectState:
         """Return an object's pose as a motion-capture system gives it: with noise, and some time ago.
@@ -178,10 +217,9 @@ class SceneObjects(Objects):
         """
         if self._exact:
             return self[name]
-        row, now = self._row(name), float(self._data.time)
-        ready = [picture for picture in self._pictures if picture[0] <= now - self._sensing.object_latency + _ROUNDING]
-        time, poses = ready[-1] if ready else self._pictures[0]
-        return ObjectState(poses[row, :3].copy(), poses[row, 3:].copy(), time=time, age=now - time)
+        row, picture = self._row(name), self.picture()
+        pose = picture.poses[row]
+        return ObjectState(pose[:3].copy(), pose[3:].copy(), time=picture.time, age=picture.age)
 
     def __getitem__(self, name: str) -> ObjectState:
         body, data, model = int(self._bodies[self._row(name)]), self._data, self._model

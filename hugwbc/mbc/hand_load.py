@@ -1,0 +1,65 @@
+"""Forces on the hands for the QP: what is measured or estimated of them, or else what is told."""
+
+import math
+
+import numpy as np
+
+from hugwbc.controller import UpperBody
+from hugwbc.state import GRAVITY, RobotState
+
+_STRONGEST = 250.0  # [N] on one hand that the controller reckons with; more is a fault of the sensors
+_NONE = np.zeros((2, 3))
+
+
+class HandLoad:
+    """The force on each hand from outside, smooth enough for the balance.
+
+    Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
+
+    Attributes:
+        force: on the left and the right hand, world frame [N], shape (2, 3).
+    """
+
+    def __init__(self, rate: float, least: float) -> None:
+        """Set up the filter.
+
+        Args:
+            rate: bandwidth [1/s].
+            least: force up to which nothing counts [N]; from twice this force on all of it does.
+        """
+        self._rate, self._least = rate, least
+        self.reset()
+
+    def reset(self) -> None:
+        """Start with free hands."""
+        self.force = _NONE
+        self._smooth = np.zeros((2, 3))
+
+    def update(self, state: RobotState, upper_body: UpperBody, dt: float) -> None:
+        """Take in one state.
+
+        Args:
+            state: with the forces on the hands or without them; then those that `upper_body` expects count.
+            upper_body: targets of the arms, with payload and wanted forces.
+            dt: time since the last call [s].
+        """
+        seen = _expected(upper_body) if state.hand_force is None else state.hand_force
+        if seen is _NONE and not self._smooth.any():
+            return
+        if not math.isfinite(float(seen.ravel().dot(seen.ravel()))):
+            return
+        share = 1.0 - math.exp(-self._rate * dt)
+        bounded = np.minimum(np.maximum(seen, -_STRONGEST), _STRONGEST)
+        self._smooth = self._smooth + share * (bounded - self._smooth)
+        length = np.sqrt((self._smooth * self._smooth).sum(axis=1, keepdims=True))
+        counts = np.minimum(np.maximum(length / self._least - 1.0, 0.0), 1.0)
+        self.force = self._smooth * counts if counts.any() else _NONE
+
+
+def _expected(upper_body: UpperBody) -> np.ndarray:
+    """Return the force on each hand if it carries and exerts what it should, world frame [N], shape (2, 3)."""
+    if upper_body.payload is None:
+        return -upper_body.hand_force if upper_body.hand_force.any() else _NONE
+    force = -upper_body.hand_force
+    force[:, 2] -= GRAVITY * upper_body.payload
+    return force

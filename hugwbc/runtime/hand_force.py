@@ -1,0 +1,83 @@
+"""Forces on the hands inferred from joint torques: the H1 has no sensors for them.
+
+The residual of the generalised momentum (`hugwbc.runtime.contact`) low-passes the generalised external force. Its rows
+of an arm's four joints hold the force f on that hand alone: r = J^T f, with the hand's Jacobian J over these joints.
+Weighted least squares with a prior gives
+
+    f = (J W J^T + 1 / s^2)^-1 J W r.
+
+The weights W are the inverse squares of what each joint leaves unknown. The largest part of it is Coulomb friction: the
+drive of a joint at rest holds any torque up to it, which motors do not show. The force of a still hand is known to
+about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s keeps directions out that an arm cannot
+feel, such as along a stretched arm.
+"""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES
+
+_HANDS = len(SIDES)
+
+
+@dataclasses.dataclass(frozen=True)
+class HandForceParams:
+    """Settings of the observer."""
+
+    rate: float = 20.0
+    """Bandwidth of the estimate [1/s]; the noise of torques and joint velocities is mostly above it."""
+    prior: float = 60.0
+    """Standard deviation of a force before anything is known about it [N]."""
+    torque: float = 0.3
+    """Standard deviation of a joint's residual besides friction: motor constants, masses, zero positions [N*m]."""
+
+
+class HandForceObserver:
+    """Estimate the force on each hand from outside, from the residual of the generalised momentum.
+
+    A force is taken to act at the hand frame, the tip of the forearm. One that acts elsewhere on the forearm gives the
+    force at the hand that loads the joints alike.
+
+    Attributes:
+        force: force on the left and the right hand, world frame [N], shape (2, 3).
+    """
+
+    def __init__(self, kinematics: Kinematics, params: HandForceParams | None = None) -> None:
+        """Set up for the robot of a kinematics, whose joint Jacobians are current whenever `infer` is called."""
+        self.params = params or HandForceParams()
+        self._kinematics, robot = kinematics, kinematics.robot
+        self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
+        joints = robot.arms.reshape(_HANDS, -1)
+        self._columns = [kinematics.columns[arm] for arm in joints]
+        self._weights = [1.0 / (robot.friction[arm] ** 2 + self.params.torque**2) for arm in joints]
+        self._prior = np.eye(3) / self.params.prior**2
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: nothing is in the hands."""
+        self.force = np.zeros((_HANDS, 3))
+
+    def infer(self, residual: np.ndarray, dt: float) -> np.ndarray:
+        """Take in the residual of one reading.
+
+        Args:
+            residual: generalised external force [N, N*m], shape (25,).
+            dt: since the last reading [s].
+
+        Returns:
+            Its part that the hands transmit, shape (25,).
+        """
+        model, data = self._kinematics.model, self._kinematics.data
+        share = min(self.params.rate * dt, 1.0)
+        felt = np.zeros_like(residual)
+        for hand, (frame, columns, weights) in enumerate(zip(self._hands, self._columns, self._weights, strict=True)):
+            jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+            arm = jacobian[:, columns]
+            weighted = arm * weights
+            force = np.linalg.solve(weighted @ arm.T + self._prior, weighted @ residual[columns])
+            self.force[hand] += share * (force - self.force[hand])
+            felt += jacobian.T @ self.force[hand]
+        return felt

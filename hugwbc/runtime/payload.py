@@ -1,0 +1,71 @@
+"""What the hands carry, learned from the forces on them, for payloads that nobody has told."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc.controller import UpperBody
+from hugwbc.robot import SIDES
+from hugwbc.state import GRAVITY, RobotState
+
+
+@dataclasses.dataclass(frozen=True)
+class PayloadParams:
+    """Settings of the observer.
+
+    Attributes:
+        rate: bandwidth at which a payload is learned [1/s]; the sway of a walk averages out.
+        band: part of a force that counts as friction [N]: the payload follows once the force leaves this band about it.
+            Without it, joints that stick would make the hands hunt about their targets.
+        heaviest: largest payload to learn [kg]: a bound for a hand that is pulled down by something else.
+    """
+
+    rate: float = 3.0
+    band: float = 1.5
+    heaviest: float = 6.0
+
+
+class PayloadObserver:
+    """Learn the payload of each hand from the vertical force on it.
+
+    The learned payload is fed forward by the servo, which takes the sag out of the arms as an integral term would: as
+    long as a joint sticks, its spring's torque counts as load.
+
+    A hand whose stiffness is wanted must give way, so nothing is learned for it. A wanted force is not a payload.
+
+    Attributes:
+        payload: mass in the left and the right hand [kg], shape (2,).
+    """
+
+    def __init__(self, params: PayloadParams | None = None) -> None:
+        self.params = params or PayloadParams()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what the hands carry."""
+        self.payload = np.zeros(len(SIDES))
+
+    def complete(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
+        """Return the arm targets with the learned payload, if none is told.
+
+        Args:
+            upper_body: targets of the arms.
+            state: the robot now, which must be finite; without forces on the hands nothing is learned.
+            dt: time since the last call [s].
+        """
+        told = upper_body.payload
+        if not upper_body.indicator or upper_body.stiffness is not None:
+            self.reset()
+            return upper_body
+        if told is not None:
+            self.payload = np.minimum(told, self.params.heaviest)  # what is no longer told is learned from here on
+            return upper_body
+        if state.hand_force is None:
+            return upper_body
+        weight = GRAVITY * self.payload
+        excess = -(state.hand_force + upper_body.hand_force)[:, 2] - weight
+        beyond = np.sign(excess) * np.maximum(np.abs(excess) - self.params.band, 0.0)
+        weight = weight + (1.0 - math.exp(-self.params.rate * dt)) * beyond
+        self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), self.params.heaviest)
+        return dataclasses.replace(upper_body, payload=self.payload.copy()) if self.payload.any() else upper_body

@@ -1,0 +1,180 @@
+"""What a behaviour may know at a tick: the estimate, corrected by a motion capture that sees robot and objects."""
+
+import collections
+import dataclasses
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import HugwbcError
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES, Robot
+from hugwbc.scripts.behaviours.view import Grip, SeenObjects, View
+from hugwbc.sim import Engine
+from hugwbc.sim.scenes.objects import Picture
+from hugwbc.state import RobotState
+
+CORRECTION_TIME = 0.25  # [s], over which the robot's seen poses are averaged; odometry holds it steady in between
+SMOOTHING_TIME = 0.1  # [s], over which an object's seen poses are averaged
+LONGEST_AGE = 0.2  # [s], of a picture that corrects the estimate
+
+
+class Average:
+    """The share of a new measurement in a running average: that of a mean at first, then of an exponential one."""
+
+    def __init__(self, time_constant: float) -> None:
+        """Average over a time [s]."""
+        self._time_constant = time_constant
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements."""
+        self._count, self._last = 0, 0.0
+
+    def share(self, time: float) -> float:
+        """Return the share of a measurement of a time [s]; 0 if it has been counted already."""
+        if self._count and time <= self._last:
+            return 0.0
+        since, self._last = time - self._last, time
+        self._count += 1
+        return max(1.0 / self._count, 1.0 - math.exp(-since / self._time_constant)) if self._count > 1 else 1.0
+
+
+class SeenRobot:
+    """The estimated pose of the pelvis, corrected by the poses that a motion capture sees.
+
+    The estimate is smooth, but its position and heading drift; what is seen is noisy and late, but does not drift. Each
+    picture is compared with the estimate of its own time, and the difference fades in over `CORRECTION_TIME`.
+    """
+
+    def __init__(self) -> None:
+        self._average = Average(CORRECTION_TIME)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._average.reset()
+        self._way, self._shift, self._turn = np.zeros(3), np.zeros(3), 0.0
+        self._before: np.ndarray | None = None
+        # Times, estimated ways and headings of the last ticks, oldest first.
+        self._past: collections.deque[tuple[float, np.ndarray, float]] = collections.deque(maxlen=256)
+
+    def corrected(self, state: RobotState, picture: Picture | None) -> RobotState:
+        """Return the estimate with the position, heading, velocity and forces of the world in which it is seen."""
+        if state.position is None or picture is None:
+            return state
+        if self._before is None:
+            self._way = state.position.copy()
+        else:
+            self._way = self._way + rotations.rotation_z(self._turn) @ (state.position - self._before)
+        self._before = state.position.copy()
+        self._past.append((state.time, self._way, state.yaw))
+        while len(self._past) > 2 and self._past[1][0] < state.time - LONGEST_AGE:
+            self._past.popleft()
+        share = self._average.share(picture.time)
+        if share > 0.0:
+            way, yaw = self._at(picture.time)
+            self._shift = self._shift + share * (picture.robot[:3] - way - self._shift)
+            seen = float(rotations.yaw_of(picture.robot[3:]))
+            self._turn += share * float(rotations.wrap_angle(seen - yaw - self._turn))
+        return self._placed(state)
+
+    def _at(self, time: float) -> tuple[np.ndarray, float]:
+        """Return way and heading of the estimate at a time, between two ticks."""
+        late = next((i for i, entry in enumerate(self._past) if entry[0] >= time), len(self._past) - 1)
+        after, before = self._past[late], self._past[max(late - 1, 0)]
+        span = after[0] - before[0]
+        part = min(max((time - before[0]) / span, 0.0), 1.0) if span > 0.0 else 1.0
+        turned = float(rotations.wrap_angle(after[2] - before[2]))
+        return before[1] + part * (after[1] - before[1]), before[2] + part * turned
+
+    def _placed(self, state: RobotState) -> RobotState:
+        turn = rotations.rotation_z(self._turn)
+        quaternion = np.array([math.cos(0.5 * self._turn), 0.0, 0.0, math.sin(0.5 * self._turn)])
+        return dataclasses.replace(
+            state,
+            position=self._way + self._shift,
+            orientation=rotations.multiply(quaternion, state.orientation),
+            velocity=None if state.velocity is None else turn @ state.velocity,
+            foot_force=None if state.foot_force is None else state.foot_force @ turn.T,
+            hand_force=None if state.hand_force is None else state.hand_force @ turn.T,
+        )
+
+
+class Sight:
+    """Builds the `View` of every tick from the estimate, the motion capture and the grippers."""
+
+    def __init__(self, simulation: Engine, robot: Robot) -> None:
+        """Look at a simulation; the hands are where the joints of `robot` say."""
+        self._simulation = simulation
+        self._kinematics = Kinematics(robot)
+        self._robot = SeenRobot()
+        self._noisy = bool(simulation.sensing.object_position or simulation.sensing.object_attitude)
+        self._average = Average(SMOOTHING_TIME)
+        self._poses: np.ndarray | None = None
+
+    def reset(self) -> None:
+        """Forget the past before a new run."""
+        self._robot.reset()
+        self._average.reset()
+        self._poses = None
+
+    def look(self, time: float, state: RobotState) -> View:
+        """Return what is known at a time [s].
+
+        Args:
+            time: since the start of the run [s].
+            state: the estimate, or the reading of a robot that needs none.
+        """
+        picture = self._simulation.objects.picture()
+        if not self._simulation.sensing.position:
+            state = self._robot.corrected(state, picture)
+        self._kinematics.update(state)
+        gripper = self._simulation.gripper
+        return View(
+            time=time,
+            state=state,
+            hands=np.array([self._kinematics.position(f"{side}_hand") for side in SIDES]),
+            objects=self._objects(picture),
+            hand_force=state.hand_force,
+            held=(None, None) if gripper is None else (gripper.held(SIDES[0]), gripper.held(SIDES[1])),
+        )
+
+    def _objects(self, picture: Picture | None) -> SeenObjects:
+        if picture is None:
+            return SeenObjects()
+        names = self._simulation.objects.names
+        if not self._noisy:
+            return SeenObjects(names, picture.poses, picture.age)
+        share = self._average.share(picture.time)
+        if self._poses is None:
+            self._poses = picture.poses
+        elif share > 0.0:
+            seen = picture.poses.copy()
+            opposite = np.einsum("ij,ij->i", seen[:, 3:], self._poses[:, 3:]) < 0.0
+            seen[opposite, 3:] *= -1.0  # the same turn, written with the sign of the average
+            mean = self._poses + share * (seen - self._poses)
+            mean[:, 3:] /= np.linalg.norm(mean[:, 3:], axis=1, keepdims=True)
+            self._poses = mean
+        return SeenObjects(names, self._poses, picture.age)
+
+
+def carry_out(grips: Iterable[Grip], simulation: Engine) -> None:
+    """Carry out requests to the idealised gripper.
+
+    One that cannot be carried out leaves the hand as it is, and is noted in the problems of the scene. One that is out
+    of reach is not: whoever asked sees that the hand holds nothing.
+    """
+    for grip in grips:
+        try:
+            if simulation.gripper is None:
+                continue
+            if grip.name is None:
+                simulation.gripper.release(grip.side)
+            else:
+                simulation.gripper.attach(grip.name, grip.side, grip.breaking_force, hook=grip.hook)
+        except HugwbcError as error:
+            if str(error) not in simulation.objects.problems:
+                simulation.objects.problems.append(str(error))

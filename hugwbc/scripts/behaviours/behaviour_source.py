@@ -1,0 +1,128 @@
+"""A behaviour as the source of commands of a control loop."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.gait import Gait
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Status
+from hugwbc.scripts.behaviours.view import Action, Grip, View, at_rest
+from hugwbc.targets import HandTargets
+
+ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
+BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
+SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
+STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
+_VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
+
+
+class Manners:
+    """Soft starts and stops: limits how fast a command changes, whatever a behaviour asks for.
+
+    A robot that walks and is told to stand slows down first, goes on stepping for `STEP_OUT` and then stands: the
+    learned policy falls if it is switched to standing at speed.
+    """
+
+    def __init__(self) -> None:
+        """Start from a standing robot."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again from a standing robot."""
+        self.command = Command()
+        self._slow = math.inf  # time since the commanded speed was last above `SLOW`
+
+    def __call__(self, asked: Command, dt: float) -> Command:
+        """Return the command for this tick, `dt` [s] after the last one."""
+        last = self.command.array()
+        wanted = asked.array()
+        wanted = np.where(np.isfinite(wanted), wanted, last)
+        most = np.full(wanted.shape, math.inf)
+        most[_VELOCITIES], most[_BODY] = ACCELERATION * dt, BODY_SPEED * dt
+        values = last + np.clip(wanted - last, -most, most)
+        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES]) > SLOW)) else self._slow + dt
+        gait = asked.gait
+        if gait is Gait.STANDING and self.command.gait is not Gait.STANDING:
+            if self._slow < STEP_OUT:
+                gait = self.command.gait
+            else:
+                values[_VELOCITIES] = 0.0
+        self.command = Command.from_array(values, gait)
+        return self.command
+
+
+class BehaviourSource:
+    """Runs a behaviour in a control loop: a `SeeingSource`.
+
+    Attributes:
+        behaviour: what runs.
+        action: the last action, as the robot gets it.
+    """
+
+    def __init__(self, behaviour: Behaviour) -> None:
+        """Run a behaviour; once it has ended, the robot comes to rest and keeps its hands where they are."""
+        self.behaviour = behaviour
+        self._manners = Manners()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again at the next view."""
+        self.action, self._view, self._problem = Action(), None, ""
+        self._manners.reset()
+
+    def see(self, view: View) -> None:
+        """Take what is known at this tick, and decide on the action. Never raises: an error ends the behaviour."""
+        first, before = self._view is None, self._view
+        view = dataclasses.replace(view, last=self.action)
+        self._view = view
+        dt = 0.0 if before is None else max(view.time - before.time, 0.0)
+        action = at_rest(view)
+        if not self._problem:
+            try:
+                if first:
+                    self.behaviour.begin(view)
+                if self.behaviour.status is Status.RUNNING:
+                    action = self.behaviour.update(view)
+            except Exception as error:  # a mistake in a behaviour must not stop the loop
+                self._problem = f"{self.behaviour.label} raised {type(error).__name__}: {error}"
+        hands = action.hands
+        if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
+            hands = dataclasses.replace(hands, stamp=view.state.time, sequence=None)
+        self.action = Action(self._manners(action.command, dt), hands, action.grips)
+
+    def command_at(self, t: float) -> Command:
+        """Return the command of this tick."""
+        return self.action.command
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets of this tick."""
+        return self.action.hands
+
+    @property
+    def grips(self) -> tuple[Grip, ...]:
+        """Requests to the idealised gripper at this tick."""
+        return self.action.grips
+
+    @property
+    def status(self) -> Status:
+        """Where the behaviour stands; it runs until it has seen something."""
+        if self._problem:
+            return Status.FAILURE
+        return Status.RUNNING if self._view is None else self.behaviour.status
+
+    @property
+    def reason(self) -> str:
+        """Why it failed; empty otherwise."""
+        return self._problem or ("" if self._view is None else self.behaviour.reason)
+
+    @property
+    def step(self) -> str:
+        """What the robot does now; empty before and after."""
+        return self.behaviour.step if self._view is not None and self.status is Status.RUNNING else ""
+
+    @property
+    def done(self) -> bool:
+        """Whether the behaviour has ended and the robot stands."""
+        return self.status is not Status.RUNNING and self.action.command.gait is Gait.STANDING

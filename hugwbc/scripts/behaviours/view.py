@@ -1,0 +1,165 @@
+"""What a behaviour knows at a tick, and what it asks for."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.errors import UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.robot import SIDES
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+BREAKING_FORCE = 150.0  # [N]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeenObject:
+    """The pose of an object as the motion capture gives it.
+
+    Attributes:
+        position: of the object's origin in the world [m], shape (3,).
+        orientation: object to world, unit quaternion (w, x, y, z), shape (4,).
+        age: how old the newest picture of it is [s].
+    """
+
+    position: np.ndarray
+    orientation: np.ndarray
+    age: float = 0.0
+
+    @property
+    def yaw(self) -> float:
+        """Its heading [rad]."""
+        return float(rotations.yaw_of(self.orientation))
+
+    def point(self, point: np.ndarray) -> np.ndarray:
+        """Return a point of the object's frame in the world [m], shape (3,)."""
+        return self.position + rotations.rotate(self.orientation, np.asarray(point, dtype=float))
+
+    def direction(self, vector: np.ndarray) -> np.ndarray:
+        """Return a vector of the object's frame in world axes, shape (3,)."""
+        return rotations.rotate(self.orientation, np.asarray(vector, dtype=float))
+
+
+class SeenObjects(Mapping[str, SeenObject]):
+    """The objects of one picture, by name."""
+
+    def __init__(self, names: tuple[str, ...] = (), poses: np.ndarray | None = None, age: float = 0.0) -> None:
+        """Keep a picture: positions [m] and quaternions (w, x, y, z), shape (objects, 7), and its age [s]."""
+        self._names, self._age = names, age
+        self._poses = np.zeros((0, 7)) if poses is None else poses
+
+    def __getitem__(self, name: str) -> SeenObject:
+        if name not in self._names:
+            raise UnknownNameError("object", name, self._names)
+        row = self._poses[self._names.index(name)]
+        return SeenObject(row[:3], row[3:], self._age)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """A request to the idealised gripper of one hand (`attach`); no hand of an H1 grips like this.
+
+    Attributes:
+        side: "left" or "right".
+        name: the object to hold; None lets go.
+        hook: whether the hand may turn about its origin, as if it hung on a handle; otherwise it is welded on.
+        breaking_force: force at which the grip breaks [N].
+    """
+
+    side: str
+    name: str | None
+    hook: bool = False
+    breaking_force: float = BREAKING_FORCE
+
+    def __post_init__(self) -> None:
+        if self.side not in SIDES:
+            raise UnknownNameError("hand", self.side, SIDES)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Action:
+    """What a behaviour asks for at a tick.
+
+    Attributes:
+        command: to the controller.
+        hands: targets of the hands; None leaves the arms to the controller. Those in the world frame are in that of
+            `View.state`.
+        grips: requests to the idealised gripper, carried out once.
+    """
+
+    command: Command = dataclasses.field(default_factory=Command)
+    hands: HandTargets | None = None
+    grips: tuple[Grip, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class View:
+    """What a behaviour knows at a tick: all of it estimated or seen, nothing of it the simulator's truth.
+
+    Attributes:
+        time: since the start of the run [s].
+        state: the estimate. Where a motion capture sees the robot, position and heading are corrected by it, so that
+            robot and objects are in one world.
+        hands: positions of the left and the right hand in that world, from the joints [m], shape (2, 3).
+        objects: the objects that are seen, by name.
+        hand_force: force on each hand from outside, world frame [N], shape (2, 3); None where nothing tells.
+        held: names of the objects that the left and the right idealised gripper hold; None for an open one.
+        last: what was asked for at the last tick.
+    """
+
+    time: float
+    state: RobotState
+    hands: np.ndarray
+    objects: Mapping[str, SeenObject] = dataclasses.field(default_factory=SeenObjects)
+    hand_force: np.ndarray | None = None
+    held: tuple[str | None, str | None] = (None, None)
+    last: Action = dataclasses.field(default_factory=Action)
+
+    @property
+    def position(self) -> np.ndarray:
+        """Position of the pelvis in the world [m], shape (3,); zeros if nothing tells it."""
+        return np.zeros(3) if self.state.position is None else self.state.position
+
+
+def standing(view: View) -> Command:
+    """Return a standing command with h, p and w of the last one."""
+    last = view.last.command
+    return Command(h=last.h, p=last.p, w=last.w, gait=Gait.STANDING)
+
+
+def kept(view: View) -> HandTargets | None:
+    """Return the last hand targets in the frame that goes with the robot; None while the controller moves the arms."""
+    hands = view.last.hands
+    if hands is None or hands.frame != "world":
+        return hands
+    turn, origin = rotations.rotation_z(view.state.yaw), view.position
+
+    def carried(point: np.ndarray | None) -> np.ndarray | None:
+        return None if point is None else (point - origin) @ turn
+
+    return dataclasses.replace(
+        hands,
+        left=carried(hands.left),
+        right=carried(hands.right),
+        left_direction=None if hands.left_direction is None else hands.left_direction @ turn,
+        right_direction=None if hands.right_direction is None else hands.right_direction @ turn,
+        frame="heading",
+    )
+
+
+def at_rest(view: View) -> Action:
+    """Return the action of a robot that stands and keeps its hands where they are."""
+    return Action(standing(view), kept(view))

@@ -1,0 +1,24 @@
+"""The suite of loco-manipulation tasks: scenes, behaviours, and judges that look at what truly happened.
+
+This is the door of the room: other rooms import from here. `docs/tasks.md` says what each task asks for.
+"""
+
+from hugwbc.tasks.record import Ending, TaskRecord
+from hugwbc.tasks.run_task import TaskRun, run_task
+from hugwbc.tasks.suite import TASK_NAMES, load_task
+from hugwbc.tasks.task import Shapes, Task, shapes_of
+from hugwbc.tasks.verdict import Milestone, Verdict
+
+__all__ = [
+    "TASK_NAMES",
+    "Ending",
+    "Milestone",
+    "Shapes",
+    "Task",
+    "TaskRecord",
+    "TaskRun",
+    "Verdict",
+    "load_task",
+    "run_task",
+    "shapes_of",
+]

@@ -1,0 +1,130 @@
+"""What episodes have in common that judges ask for: arrivals, lifts, rests and grips."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.sim.scenes import Cart, Step, Table, Thing
+from hugwbc.sim.scenes.varied import settled
+from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.verdict import Milestone, at_end
+
+HANDS = ("left_elbow_link", "right_elbow_link")
+TRUNK = ("pelvis", "torso_link")
+UPRIGHT = 0.175  # [rad], 10 degrees
+AT_REST = 0.03  # [m/s]
+LIFTED = 0.05  # [m]
+
+
+def touched(body: str, missed: str) -> Milestone:
+    """Return the milestone that a hand touches a body; short of it, the progress is how near a hand came."""
+
+    def progress(record: TaskRecord) -> float:
+        if record.touches(HANDS, body):
+            return 1.0
+        away = np.linalg.norm(record.hands - record.poses[body][:, None, :3], axis=2)
+        return 0.9 * float(np.clip(1.0 - away.min() / max(away[0].min(), 1e-6), 0.0, 1.0))
+
+    return Milestone(missed, progress)
+
+
+def lifted(body: str, missed: str, height: float = LIFTED) -> Milestone:
+    """Return the milestone that a body rises by a height [m] at some time."""
+    return Milestone(missed, lambda record: rise(record, body).max() / height)
+
+
+def rise(record: TaskRecord, body: str) -> np.ndarray:
+    """Return how far a body is above where it was at the start [m], shape (T,)."""
+    return record.poses[body][:, 2] - record.poses[body][0, 2]
+
+
+def at_rest(body: str, missed: str) -> Milestone:
+    """Return the milestone that a body stands still at the end."""
+    return Milestone(missed, lambda record: 1.0 if at_end(record.speed(body)) <= AT_REST else 0.5)
+
+
+def upright(body: str, missed: str) -> Milestone:
+    """Return the milestone that a body is upright at the end."""
+    return Milestone(missed, lambda record: 1.0 if at_end(record.tilt(body)) <= UPRIGHT else 0.0)
+
+
+def hands_off(missed: str = "a hand still held it at the end") -> Milestone:
+    """Return the milestone that no hand touches or holds anything at the end."""
+
+    def progress(record: TaskRecord) -> float:
+        force = np.linalg.norm(record.hand_force[-10:], axis=2)
+        return 1.0 if (record.held[-1] < 0).all() and force.max(initial=0.0) < 1.0 else 0.0
+
+    return Milestone(missed, progress)
+
+
+def trunk_clear(body: str, missed: str) -> Milestone:
+    """Return the milestone that pelvis and torso never touch a body."""
+    return Milestone(missed, lambda record: 0.0 if record.touches(TRUNK, body) else 1.0)
+
+
+def top_of(record: TaskRecord, support: str) -> float:
+    """Return the height of the top of a table, step or cart in the world [m].
+
+    Raises:
+        SceneError: if nothing can stand on it.
+    """
+    return float(base_height(record, support)) + record.thing(support).surface(None)
+
+
+def base_height(record: TaskRecord, name: str) -> float:
+    """Return the height of the lowest side of a thing that stands still [m]."""
+    thing = record.thing(name)
+    offset = settled(thing.size[2]) / 2 if isinstance(thing, Cart) else 0.0
+    return float(record.poses[name][0, 2]) - offset if isinstance(thing, Table | Step | Cart) else 0.0
+
+
+def half_height(thing: Thing) -> float:
+    """Return half the height of a box [m]."""
+    return settled(thing.size[2]) / 2  # type: ignore[attr-defined]
+
+
+def stands_on(record: TaskRecord, body: str, support: str, tolerance: float = 0.02) -> bool:
+    """Return whether a box stands on a table, step or box at the end: its lower side is at the height of the top."""
+    below = record.thing(support)
+    if hasattr(below, "boards") or not hasattr(below, "size"):
+        return False
+    top = top_of(record, support) if isinstance(below, Table | Step) else _top_of_box(record, support)
+    return abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= tolerance
+
+
+def _top_of_box(record: TaskRecord, name: str) -> float:
+    return at_end(record.poses[name][:, 2]) + half_height(record.thing(name))
+
+
+def apart(record: TaskRecord, body: str, goal: np.ndarray) -> float:
+    """Return the horizontal distance of a body from a point at the end [m].
+
+    Args:
+        record: the episode.
+        body: its name.
+        goal: x and y in the world [m], shape (2,).
+    """
+    path = record.poses[body][:, :2]
+    return float(np.hypot(at_end(path[:, 0]) - goal[0], at_end(path[:, 1]) - goal[1]))
+
+
+def in_axes_of(record: TaskRecord, body: str, points: np.ndarray) -> np.ndarray:
+    """Return points of the world in the axes that a body had at the start [m].
+
+    Args:
+        record: the episode.
+        body: its name.
+        points: shape (..., 3).
+    """
+    start = record.poses[body][0]
+    return (points - start[:3]) @ rotations.to_matrix(start[3:])
+
+
+Check = Callable[[TaskRecord], bool]
+
+
+def happened(check: Check, missed: str) -> Milestone:
+    """Return the milestone that a check holds."""
+    return Milestone(missed, lambda record: 1.0 if check(record) else 0.0)

@@ -1,0 +1,95 @@
+"""Run one episode of a task with any controller."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.behaviours import BehaviourSource, Status
+from hugwbc.sim import Simulation
+from hugwbc.tasks.record import Ending, TaskRecord, TaskWatch
+from hugwbc.tasks.task import Task, shapes_of
+from hugwbc.tasks.verdict import Verdict
+from hugwbc.upper_ik import UpperBodySource
+
+AFTERWARDS = 1.0  # [s] after the behaviour has ended, in which things may still tip over
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TaskRun:
+    """One episode of a task.
+
+    Attributes:
+        trace: record of the rollout.
+        record: what the judge looked at.
+        verdict: the verdict.
+    """
+
+    trace: Trace
+    record: TaskRecord
+    verdict: Verdict
+
+
+def run_task(
+    task: Task,
+    controller: Controller,
+    simulation: Simulation,
+    estimator: StateEstimator | None = None,
+    *,
+    on_progress: Callable[[float], None] | None = None,
+    on_moment: Callable[[Moment], None] | None = None,
+) -> TaskRun:
+    """Run one episode: until a second after the behaviour has ended, the robot falls, or the time limit.
+
+    Args:
+        task: the task.
+        controller: any object with the members of `Controller`.
+        simulation: a robot among the objects of the task's scene: `arena.simulation(scene=task.scene, seed=seed)`.
+        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        on_progress: called with the fraction of the time limit.
+        on_moment: called at each sample, with what a picture shows.
+
+    Raises:
+        ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
+    """
+    if simulation.scene is None:
+        raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
+    source = BehaviourSource(task.behaviour(shapes_of(simulation.scene)))
+    watch, ended = TaskWatch(simulation), math.inf
+
+    def sample(moment: Moment) -> None:
+        watch.sample(moment)
+        if on_moment is not None:
+            on_moment(moment)
+
+    def over() -> bool:
+        nonlocal ended
+        if source.status is not Status.RUNNING:
+            ended = min(ended, simulation.time)
+        return simulation.time >= ended + AFTERWARDS
+
+    trace = rollout(
+        controller,
+        source,
+        simulation,
+        UpperBodySource(),
+        duration=task.limit,
+        estimator=estimator,
+        on_progress=on_progress,
+        on_moment=sample,
+        on_step=watch.look,
+        until=over,
+    )
+    record = watch.record(trace, _ending(source, ended))
+    return TaskRun(trace, record, task.judge(record))
+
+
+def _ending(source: BehaviourSource, time: float) -> Ending:
+    if source.status is Status.RUNNING:
+        return Ending(False, f"the time was over during {source.step}")
+    return Ending(source.status is Status.SUCCESS, source.reason, time)

@@ -1,0 +1,108 @@
+"""Verdicts on an episode: success, or the first milestone that was missed, and a score between 0 and 1."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.tasks.record import TaskRecord
+
+FELL = "the robot fell"
+
+
+@dataclasses.dataclass(frozen=True)
+class Milestone:
+    """One thing that an episode must show.
+
+    Attributes:
+        missed: what is said of an episode without it, such as "the box was not lifted". It holds no numbers, so that
+            equal failures can be counted.
+        progress: how much of it there was, in [0, 1]; 1 once it is reached.
+    """
+
+    missed: str
+    progress: Callable[[TaskRecord], float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """A judge's verdict on one episode.
+
+    Attributes:
+        success: whether the task was done.
+        reason: why not; empty for a success.
+        detail: what the behaviour said when it ended, or what happened to the objects.
+        score: 1 for a success; otherwise the share of the milestones, in order, up to the first one that was missed.
+    """
+
+    success: bool
+    reason: str
+    detail: str
+    score: float
+
+
+def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
+    """Return the verdict on an episode from its milestones, in the order in which they are due.
+
+    A fall is a failure even after the last milestone. So is an object that left the world, or physics that diverged.
+
+    Args:
+        record: the episode.
+        milestones: at least one.
+    """
+    reached, reason = 0.0, ""
+    for milestone in milestones:
+        part = _share(milestone.progress(record))
+        reached += part
+        if part < 1.0:
+            reason = milestone.missed
+            break
+    score = reached / len(milestones)
+    detail = record.ending.reason
+    if record.problems:
+        return Verdict(False, _without_numbers(record.problems[0]), "; ".join(record.problems), min(score, 0.99))
+    if record.fell:
+        return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
+    return Verdict(not reason, reason, detail if reason else "", score)
+
+
+def _share(value: float) -> float:
+    """Return a progress within [0, 1]; one that is not a number is none."""
+    return float(np.clip(value, 0.0, 1.0)) if np.isfinite(value) else 0.0
+
+
+def _without_numbers(problem: str) -> str:
+    """Return a problem of the objects without its time."""
+    return problem.partition(" at ")[0]
+
+
+def reached(value: float, wanted: float) -> float:
+    """Return the progress of something that shall grow from 0 to a value."""
+    return value / wanted
+
+
+def within(value: float, allowed: float) -> float:
+    """Return the progress of an error that shall not exceed a value: 1 within it, less the further it is off."""
+    if not np.isfinite(value):
+        return 0.0
+    return 1.0 if value <= allowed else 0.9 * allowed / value
+
+
+def longest(kept: np.ndarray) -> float:
+    """Return the longest time for which something held without a break [s].
+
+    Args:
+        kept: whether it held, one value for each sample, shape (T,).
+    """
+    best = run = 0
+    for good in kept.tolist():
+        run = run + 1 if good else 0
+        best = max(best, run)
+    return best * RECORD_PERIOD
+
+
+def at_end(values: np.ndarray, time: float = 0.2) -> float:
+    """Return the mean of the last samples of a quantity, shape (T,), over a time [s]."""
+    count = max(1, round(time / RECORD_PERIOD))
+    return float(np.mean(values[-count:]))
