@@ -41,7 +41,7 @@ def test_both_engines_get_the_same_pushes_and_the_same_errors_of_the_sensors(mon
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     config = EnginesConfig(episodes=3, conditions=Conditions(arena=2))
     plans = PROTOCOL.plans(config)
-    assert len(plans) == 2 * 3 * len(COMMANDS)
+    assert PROTOCOL.total(config) == len(plans) == 2 * 3 * len(COMMANDS)
     for one, other in zip(plans[::2], plans[1::2], strict=True):
         assert (one.commands, one.forces, one.draw) == (other.commands, other.forces, other.draw)
         assert (one.conditions.engine, other.conditions.engine) == ("mujoco", "physx")
