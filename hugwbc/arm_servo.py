@@ -78,18 +78,12 @@ class ArmServoConfig:
         return kp, kd
 
 
-class ArmServo:
-    """The low-level control of arms under external control.
-
-    It turns the target motion of the arms into all five numbers that a joint drive takes. Its feed-forward torque
-    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. It
-    has no memory: equal targets and states give equal commands. `hugwbc.arm_servo_rows` does the same for many robots.
-
-    The acceleration of the pelvis is not known to every controller and is left to the gains. Therefore `UpperBody.ddq`
-    must not contain corrections for a body that sways: an arm whose base accelerates stays behind by its own inertia.
-    A torque for that motion would move it twice as far, and its reaction would drive the sway.
+class ServoOfArms:
+    """What the servo of one robot and that of many share.
 
     Attributes:
+        config: the gains, as given.
+        robot: the robot whose arms it moves.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
     """
 
@@ -102,10 +96,35 @@ class ArmServo:
         """
         self.config = config or ArmServoConfig()
         self.robot = robot or load_robot()
-        self._arms = self.robot.arms
         self.kp, self.kd = self.config.gains(self.robot)
+        self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]
-        self._speeds = np.zeros(len(self.robot.joint_names))
+
+    def friction(self, dq_arm: np.ndarray) -> np.ndarray:
+        """Return the friction of the robot's drives at the commanded speeds dq_arm (..., 8) [rad/s]: [N*m], (..., 8).
+
+        The commanded speed stands for the measured one, whose noise would change the sign all the time.
+        """
+        speeds = np.zeros((*dq_arm.shape[:-1], len(self.robot.joint_names)))
+        speeds[..., self._arms] = dq_arm
+        return self.robot.friction_torque(speeds)[..., self._arms]
+
+
+class ArmServo(ServoOfArms):
+    """The low-level control of arms under external control.
+
+    It turns the target motion of the arms into all five numbers that a joint drive takes. Its feed-forward torque
+    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. It
+    has no memory: equal targets and states give equal commands. `hugwbc.arm_servo_rows` does the same for many robots.
+
+    The acceleration of the pelvis is not known to every controller and is left to the gains. Therefore `UpperBody.ddq`
+    must not contain corrections for a body that sways: an arm whose base accelerates stays behind by its own inertia.
+    A torque for that motion would move it twice as far, and its reaction would drive the sway.
+    """
+
+    def __init__(self, config: ArmServoConfig | None = None, robot: Robot | None = None) -> None:
+        """Set up the servo; arguments as in `ServoOfArms`."""
+        super().__init__(config, robot)
         self._model = pinocchio_model(self.robot)
         self._data = self._model.createData()
         self._columns = joint_columns(self._model, self.robot)
@@ -221,14 +240,6 @@ class ArmServo:
         self._q[3:6], self._q[6] = state.orientation[1:], state.orientation[0]
         self._q[self._columns + 1] = state.q
         self._q[self._arm_columns + 1] = q_arm
-
-    def friction(self, dq_arm: np.ndarray) -> np.ndarray:
-        """Return the friction of the robot's drives at the commanded speeds dq_arm (8,) [rad/s]: [N*m], shape (8,).
-
-        The commanded speed stands for the measured one, whose noise would change the sign all the time.
-        """
-        self._speeds[self._arms] = dq_arm
-        return self.robot.friction_torque(self._speeds)[self._arms]
 
 
 def hand_loads(upper_body: UpperBody) -> np.ndarray:

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.arm_servo import ArmServoConfig
+from hugwbc.arm_servo import ArmServoConfig, ServoOfArms
 from hugwbc.kinematics import pinocchio_model
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY
 
 _JOINTS = 4  # of an arm
@@ -82,28 +82,17 @@ class _Turn:
         return along + self._cos * (vector - along) + sin * _cross(self._axis, vector)
 
 
-class ArmServoRows:
+class ArmServoRows(ServoOfArms):
     """Feed-forward torques and position targets of the arms of n robots. It has no memory.
 
     All arrays are NumPy's; a tensor on the CPU shares its memory with one by `tensor.numpy()`. A call for 1,024 robots
     takes about 5 ms of processor time, so it may be made in every control step of a training. The torque then belongs
     to the state at the beginning of the step, as it does for a controller that is called as often.
-
-    Attributes:
-        kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
     """
 
     def __init__(self, config: ArmServoConfig | None = None, robot: Robot | None = None) -> None:
-        """Set up the servo.
-
-        Args:
-            config: gains; None for the defaults.
-            robot: robot whose arms it moves, with the friction of its drives; None for the H1.
-        """
-        self.robot = robot or load_robot()
-        self.kp, self.kd = (config or ArmServoConfig()).gains(self.robot)
-        self._arms = self.robot.arms
-        self._limit = self.robot.torque_limit[self._arms]
+        """Set up the servo; arguments as in `ServoOfArms`."""
+        super().__init__(config, robot)
         names = np.array(self.robot.arm_names).reshape(len(SIDES), _JOINTS)
         waist = self.robot.joint_names[self.robot.waist]
         self._waist = self._joint([waist, waist])
@@ -156,16 +145,13 @@ class ArmServoRows:
                 do not give way along it.
             payload: mass that each hand carries [kg], shape (n, 2); None for none.
         """
-        speeds = np.zeros((len(q_arm), len(self.robot.joint_names)))
-        speeds[:, self._arms] = dq_arm
-        friction = self.robot.friction_torque(speeds)[:, self._arms]
         carried = None
         if hand_force is not None or payload is not None:
             carried = np.zeros((len(q_arm), len(SIDES), 3)) if hand_force is None else np.array(hand_force, dtype=float)
             if payload is not None:
                 carried[..., 2] += GRAVITY * payload
-        torque = self.torque(q_arm, qpos, qvel, dq_arm, ddq_arm, carried)
-        tau = np.clip(torque + friction, -self._limit, self._limit)
+        tau = self.torque(q_arm, qpos, qvel, dq_arm, ddq_arm, carried) + self.friction(dq_arm)
+        tau = np.clip(tau, -self._limit, self._limit)
         q = q_arm + 0.5 * dt * dq_arm
         bad = ~(np.isfinite(tau).all(axis=1) & np.isfinite(q).all(axis=1))
         tau[bad], q[bad] = 0.0, q_arm[bad]

@@ -40,7 +40,7 @@ class JointCommand:
     @property
     def is_finite(self) -> bool:
         """Whether all five vectors hold finite numbers only."""
-        return all(np.all(np.isfinite(getattr(self, field.name))) for field in dataclasses.fields(self))
+        return bool(np.isfinite(np.concatenate((self.q, self.dq, self.kp, self.kd, self.tau))).all())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

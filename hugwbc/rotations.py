@@ -85,7 +85,8 @@ def yaw_of(quaternion: np.ndarray) -> np.ndarray:
 def pitch_of(quaternion: np.ndarray) -> np.ndarray:
     """Return the pitch, forward positive: minus the elevation of the body's x axis [rad]."""
     w, x, y, z = _components(quaternion)
-    return np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
+    sine = 2.0 * (w * y - x * z)
+    return np.arcsin(min(max(sine, -1.0), 1.0) if quaternion.ndim == 1 else np.clip(sine, -1.0, 1.0))
 
 
 def roll_of(quaternion: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The state of the robot that sensors, an estimator or the simulation give to a controller."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -57,8 +58,9 @@ class RobotState:
     @property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
-        fields = [getattr(self, name) for name in _FIELDS]
-        return bool(np.isfinite(np.concatenate([np.ravel(value) for value in fields if value is not None])).all())
+        fields = [getattr(self, name) for name in _VECTORS]
+        vectors = [value if value.ndim == 1 else value.ravel() for value in fields if value is not None]
+        return math.isfinite(self.time + self.age) and bool(np.isfinite(np.concatenate(vectors)).all())
 
     @property
     def is_usable(self) -> bool:
@@ -66,7 +68,7 @@ class RobotState:
         return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
-_FIELDS = tuple(field.name for field in dataclasses.fields(RobotState))
+_VECTORS = tuple(field.name for field in dataclasses.fields(RobotState) if field.name not in ("time", "age"))
 
 
 def pelvis_from_torso_imu(

@@ -106,9 +106,11 @@ class HandTargets:
             if force is not None and point is None:
                 raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
         return cls(
-            *points,
+            points[0],
+            points[1],
             frame,  # type: ignore[arg-type]
-            *directions,
+            directions[0],
+            directions[1],
             together,
             whole_body,
             left_force=forces[0],

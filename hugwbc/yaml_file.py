@@ -1,7 +1,7 @@
 """YAML files read node by node, so that every error names the line that is wrong."""
 
 import pathlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NoReturn
 
 import yaml
@@ -10,6 +10,31 @@ from hugwbc.errors import HugwbcError, UnknownNameError
 
 LARGEST_FILE = 1_000_000  # [byte]
 Read = Callable[[Any, yaml.Node], Any]  # (reader, node) -> value
+
+
+def shipped_names(folder: pathlib.Path) -> tuple[str, ...]:
+    """Return the names of the YAML files in a folder of the package, sorted."""
+    return tuple(sorted(path.stem for path in folder.glob("*.yaml")))
+
+
+def yaml_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> pathlib.Path:
+    """Return the path of a shipped file by name, or a path that ends in .yaml or .yml as it is.
+
+    Args:
+        kind: what the file is, for the message.
+        name: name of a shipped file, or path of any other.
+        folder: where the shipped files are.
+
+    Raises:
+        UnknownNameError: if no shipped file has that name.
+    """
+    path = pathlib.Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    names = shipped_names(folder)
+    if str(name) not in names:
+        raise UnknownNameError(kind, name, (*names, "or a file that ends in .yaml"))
+    return folder / f"{name}.yaml"
 
 
 class YamlReader:
@@ -99,6 +124,13 @@ class YamlReader:
         if not isinstance(node, yaml.ScalarNode):
             self.fail(node, "expected text")
         return node.value
+
+    def one_of(self, node: yaml.Node, what: str, valid: Collection[str]) -> str:
+        """Return a node's text, which must be one of the valid names of what it names."""
+        name = self.text(node)
+        if name not in valid:
+            self.fail(node, UnknownNameError(what, name, valid))
+        return name
 
     def number(self, node: yaml.Node) -> float:
         """Return a node's number."""

@@ -1,8 +1,8 @@
 import pytest
 import yaml
 
-from hugwbc.errors import MotionFileError
-from hugwbc.yaml_file import YamlReader
+from hugwbc.errors import MotionFileError, UnknownNameError
+from hugwbc.yaml_file import YamlReader, shipped_names, yaml_path
 
 
 @pytest.fixture
@@ -36,6 +36,22 @@ def test_scalars(reader, method, text, value):
 def test_other_values_are_refused_at_their_place(reader, method, text, message):
     with pytest.raises(MotionFileError, match=f"a.yaml:3:4: .*{message}"):
         getattr(reader, method)(node(f"# comment\nk:\n   {text}").value[0][1])
+
+
+def test_a_name_is_one_of_the_valid_ones(reader):
+    assert reader.one_of(node("left"), "side", ("left", "right")) == "left"
+    with pytest.raises(MotionFileError, match=r"a\.yaml:1:1: unknown side 'lft'\. Did you mean 'left'"):
+        reader.one_of(node("lft"), "side", ("left", "right"))
+
+
+def test_shipped_files_are_found_by_name_and_others_by_path(tmp_path):
+    for name in ("b", "a"):
+        (tmp_path / f"{name}.yaml").touch()
+    assert shipped_names(tmp_path) == ("a", "b")
+    assert yaml_path("thing", "b", tmp_path) == tmp_path / "b.yaml"
+    assert str(yaml_path("thing", "mine/c.yml", tmp_path)) == "mine/c.yml"
+    with pytest.raises(UnknownNameError, match=r"unknown thing 'c'\. Valid: a, b, or a file that ends in \.yaml"):
+        yaml_path("thing", "c", tmp_path)
 
 
 def test_fields_are_read_by_their_readers(reader):

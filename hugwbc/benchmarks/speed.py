@@ -4,12 +4,13 @@ import dataclasses
 import time
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 import torch
 from mujoco.batch import Batch
 
 from hugwbc.commands import Command
-from hugwbc.controller import Controller, UpperBody
+from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import BatchMember, batch_rollout
 from hugwbc.evaluation.metrics import percentiles
@@ -265,6 +266,33 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
     counts = controller.diagnostics
     unsolved = (counts.fallbacks + counts.relaxed) / len(wall)
     return QpSpeed(percentiles(np.array(wall)), percentiles(np.array(cpu)), unsolved, len(wall))
+
+
+@dataclasses.dataclass(frozen=True)
+class EpisodeSpeed:
+    """Speed of an evaluation episode, walking in arena 2: physics, sensors, estimator, controller, filter and record.
+
+    Attributes:
+        factor: simulated time for each second of processor time.
+        physics: processor time of the episode divided by that of bare MuJoCo steps of a standing robot, measured in
+            the same run.
+    """
+
+    factor: float
+    physics: float
+
+
+def episode_speed(controller: Controller, duration: float) -> EpisodeSpeed:
+    """Measure an episode of `duration` simulated seconds [s], and bare physics after it."""
+    conditions = Conditions()
+    moving, standing = conditions.simulation(duration, (0,)), Simulation()
+    begin = time.process_time()
+    rollout(controller, Constant(WALK), moving, duration=duration, estimator=conditions.estimator())
+    middle = time.process_time()
+    standing.step(JointCommand.position(standing.robot, standing.robot.nominal), standing.timestep)  # sets the gains
+    mujoco.mj_step(standing.model, standing.data, max(1, round(duration / standing.timestep)))
+    end = time.process_time()
+    return EpisodeSpeed(duration / (middle - begin), (middle - begin) / (end - middle))
 
 
 def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:

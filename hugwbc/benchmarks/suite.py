@@ -10,7 +10,7 @@ from hugwbc.errors import ConfigError
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
     from hugwbc.benchmarks.qp_side_by_side import SideBySide
-    from hugwbc.benchmarks.speed import ArenaSpeed, EnvironmentSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
+    from hugwbc.benchmarks.speed import ArenaSpeed, EnvironmentSpeed, EpisodeSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
 
 _ROLLOUT_SECONDS = 2.0  # [s], simulated in a policy's evaluation
@@ -31,7 +31,7 @@ class BenchSettings:
     threads: int = 1
     """Threads of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
-    """Simulated time over which the QP is measured, standing, walking and jumping each [s]."""
+    """Simulated time over which the QP is measured, standing, walking and jumping each, and an episode [s]."""
     rollouts: int = 64
     """Robots in a batch of a policy's evaluation, which stand for two simulated seconds."""
     calls: int = 500
@@ -75,6 +75,7 @@ class BenchFigures:
         training: speed of training.
         qp: speed of `qp`, by gait.
         evaluation: speed of a policy's evaluation, for each time step.
+        episodes: speed of one evaluation episode, by controller.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
         ik: the inverse kinematics solvers, by name.
         workspace: reachable part of a cube around the robot.
@@ -87,6 +88,7 @@ class BenchFigures:
     training: "TrainingSpeed"
     qp: dict[str, "QpSpeed"]
     evaluation: list["RolloutSpeed"]
+    episodes: dict[str, "EpisodeSpeed"]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
     ik: dict[str, "IKFigures"]
@@ -114,6 +116,7 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     from hugwbc.benchmarks import speed
     from hugwbc.benchmarks.hand_ik import compare_solvers
     from hugwbc.learned.policy import load_policy
+    from hugwbc.runtime import load_controller
     from hugwbc.upper_ik.workspace import measure_workspace
 
     advance = on_progress or (lambda fraction: None)
@@ -130,6 +133,10 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     evaluation = [
         speed.rollout_speed(policy, settings.rollouts, _ROLLOUT_SECONDS, timestep) for timestep in _ROLLOUT_TIMESTEPS
     ]
+    episodes = {
+        name: speed.episode_speed(controller, settings.seconds)
+        for name, controller in (("qp", load_controller("qp")), ("policy", policy))
+    }
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
     solvers = compare_solvers(settings.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
     workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
@@ -144,6 +151,7 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
         training,
         qp,
         evaluation,
+        episodes,
         policy_tick,
         ik_tick,
         solvers,

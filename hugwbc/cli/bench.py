@@ -52,6 +52,7 @@ def _describe(figures: BenchFigures) -> str:
     ]
     for name, tick in (("policy", figures.policy_tick_ms), ("ik", figures.ik_tick_ms)):
         rows.append((name, tick["p50"], tick["p99"], "", ""))
+    episodes = [(name, episode.factor, episode.physics) for name, episode in figures.episodes.items()]
     unsolved = ", ".join(f"{gait} {speed.unsolved:.2%}" for gait, speed in figures.qp.items())
     return "\n".join(
         [
@@ -65,6 +66,8 @@ def _describe(figures: BenchFigures) -> str:
             "",
             format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
             f"unsolved QPs: {unsolved}",
+            "",
+            format_table(("episode in arena 2, walking", "times real time", "times bare physics"), episodes),
         ]
     )
 

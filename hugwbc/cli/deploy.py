@@ -169,7 +169,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
         controller = (told if spec.takes_robot else spec).build()
         source: CommandSource = Sticks() if header["script"] is None else load_script(header["script"])
-        arms = UpperBodySource()
+        arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
         return robot, Pilot(
             controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event))

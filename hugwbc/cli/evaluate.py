@@ -111,14 +111,15 @@ def run(words: Sequence[str]) -> int:
     if execution.store is not None:
         check_folder(options["results"])
     check_writable(options["json"])
-    with progress(f"{options['controller']}, {protocol.name}: {settings.episodes} episodes") as advance, execution:
+    total = protocol.total(settings)
+    with progress(f"{options['controller']}, {protocol.name}: {total} episodes") as advance, execution:
         done = 0
 
         def on_episode(_: object) -> None:
             nonlocal done
             done += 1
             read = 0 if execution.store is None else execution.store.restored
-            advance(*(min(count / settings.episodes, 1.0) for count in (done, min(done, read))))
+            advance(*(min(count / total, 1.0) for count in (done, min(done, read))))
 
         told = spec.told(settings.conditions.told_arena)
         result = protocol.run(told.build, settings, on_episode)

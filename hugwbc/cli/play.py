@@ -98,7 +98,7 @@ def run(words: Sequence[str]) -> int:
     arena = options.chosen
     estimator = estimator_for(arena)
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
-    loop = ControlLoop(controller, source, simulation, UpperBodySource(), estimator)
+    loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
     draw = None
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
@@ -180,7 +180,7 @@ def _run_live(options: PlayOptions) -> int:
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
     estimator = estimator_for(arena)
-    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(), estimator)
+    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
     say(f"drive at {page.address}; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)

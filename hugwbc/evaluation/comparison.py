@@ -106,7 +106,7 @@ def compare(
                 controller,
                 script,
                 simulation,
-                UpperBodySource(),
+                UpperBodySource(robot=arena.known_robot),
                 duration=script.duration,
                 estimator=estimator_for(arena),
                 on_progress=advance,

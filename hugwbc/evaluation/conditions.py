@@ -12,7 +12,7 @@ import numpy as np
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
-from hugwbc.sim import DEFAULT_ARENA, Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
+from hugwbc.sim import Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
@@ -31,22 +31,14 @@ _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and
 
 
 @dataclasses.dataclass(frozen=True)
-class Conditions:
-    """Physics, ground, robot, sensors and external control of the arms in an episode.
+class Conditions(ArenaChoice):
+    """Physics, ground, robot, sensors and external control of the arms in an episode, in addition to `ArenaChoice`.
 
     Attributes:
         engine: physics engine: mujoco, or physx (PhysX 5, on level ground only).
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
         slope: angle at which the ground rises along x, the robot's initial heading [rad].
-        arena: arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
-            weighed, with real drives, firm ground and only the sensors that it has).
-        robot: robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
-        drives: drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
-            the arena's.
-        sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
-            exact (the true state); by default the arena's.
-        ground: ground: firm, or soft; by default the arena's.
         told: robot that the state estimator and a model-based controller are told; by default the simulated one.
             Another one shows what wrong masses do.
         intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
@@ -57,6 +49,7 @@ class Conditions:
         latency: age of the sensor readings [s]; None for that of the sensors.
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
+        hand_payload: mass in each hand [kg]; no controller is told.
 
     Raises:
         ConfigError: if a value is out of range.
@@ -67,11 +60,6 @@ class Conditions:
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
     slope: float = 0.0
-    arena: int = DEFAULT_ARENA
-    robot: str | None = None
-    drives: str | None = None
-    sensing: str | None = None
-    ground: str | None = None
     told: str | None = None
     intervention: str = "none"
     motions: str | None = None
@@ -80,16 +68,20 @@ class Conditions:
     latency: float | None = None
     gain: float = 1.0
     strength: float = 1.0
+    hand_payload: float = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_timestep(self.timestep)
         if self.engine not in ENGINES:
             raise UnknownNameError("engine", self.engine, ENGINES)
         ENGINES[self.engine].check_available()
         if self.engine != Simulation.engine and not self.is_level:
             raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
-        if self.engine != Simulation.engine and self.chosen_arena.ground != "firm":
+        if self.engine != Simulation.engine and self.chosen.ground != "firm":
             raise ConfigError(f"engine {self.engine} has firm ground only; use --arena 2, or --ground firm")
+        if self.engine != Simulation.engine and self.hand_payload:
+            raise ConfigError(f"engine {self.engine} has no payload in the hands; leave out the hand payload")
         if self.intervention not in INTERVENTIONS:
             raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
         if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
@@ -102,31 +94,21 @@ class Conditions:
         _ = self.told_arena
 
     @property
-    def chosen_arena(self) -> Arena:
-        """Robot, drives, sensors and ground.
-
-        Raises:
-            ConfigError: if there is no arena of that number.
-            UnknownNameError: if one of the names is unknown.
-        """
-        return ArenaChoice(self.arena, self.robot, self.drives, self.sensing, self.ground).chosen
-
-    @property
     def told_arena(self) -> Arena:
         """The arena as the controller and the estimator are told it: perhaps with another robot.
 
         Raises:
             UnknownNameError: if there is no such robot.
         """
-        arena = self.chosen_arena
+        arena = self.chosen
         return arena if self.told is None else dataclasses.replace(arena, robot=self.told)
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        fields |= dataclasses.asdict(self.chosen_arena)  # two ways to name one arena have one identity
+        fields |= dataclasses.asdict(self.chosen)  # two ways to name one arena have one identity
         fields["told"] = self.told_arena.robot
-        fields["version"] = self.chosen_arena.version
+        fields["version"] = self.chosen.version
         if self.engine == PhysxSimulation.engine:
             fields["sapien"] = importlib.metadata.version("sapien")
         if self.motions is not None:
@@ -159,7 +141,7 @@ class Conditions:
         Raises:
             ConfigError: if a value is out of range.
         """
-        return Variation(self.payload, self.friction, self.gain, self.strength)
+        return Variation(self.payload, self.friction, self.gain, self.strength, self.hand_payload)
 
     def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":
         """Return these conditions with friction, payload and gain drawn from the training's default ranges."""
@@ -177,7 +159,7 @@ class Conditions:
             seed: seed of the ground and of the sensor noise.
         """
         make = functools.partial(
-            self.chosen_arena.simulation_in,
+            self.chosen.simulation_in,
             ENGINES[self.engine],
             timestep=self.timestep,
             variation=self.variation(),

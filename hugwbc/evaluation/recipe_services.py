@@ -81,7 +81,7 @@ class RecipeServices:
     def simulated_seconds(self, table: Table) -> float:
         """Return how much a table simulates [s]."""
         settings = settings_of(table, REPORT_SEED)
-        return float(getattr(settings, "episodes", 1) * settings.duration)
+        return float(PROTOCOLS[table["protocol"]].total(settings) * settings.duration)
 
     def run_table(
         self,

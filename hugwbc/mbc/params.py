@@ -23,6 +23,7 @@ _POSITIVE = (
         "leg_reserve",
         "swing_acceleration",
         "swing_torque",
+        "lift_torque",
         "mpc_intervals",
         "mpc_period",
         "mpc_shortest_stance",
@@ -201,9 +202,11 @@ class ControllerParams:
     [1/(kg m^2)^2]."""
     planned_force_weight: float = 1e-4
     """Weight of the departure of every contact force from the force plan [1/kg^2]."""
-    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.02)
+    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.5)
     """Weights of the pelvis's roll, pitch and yaw in the stance of a leap: the plan of the angular momentum comes
-    first."""
+    first. About the vertical axis the waist can take that momentum."""
+    leap_waist_weight: float = 0.2
+    """Weight of the waist joint in a leap that turns: the trunk takes up what the legs need in flight."""
     flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
     """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     pelvis moves the legs from their places."""
@@ -282,9 +285,9 @@ class ControllerParams:
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
     """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
-    swing_lift: float = 1.5
-    """Largest l f^2 of a swing that the drives follow at their highest speed [m Hz^2]; the plan of a swing lowers its
-    apex beyond it, so that the foot lands in time."""
+    lift_torque: float = 0.85
+    """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
+    that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
     swing_reaction_per_speed: float = 0.3
     """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04

@@ -2,7 +2,10 @@
 
 import bisect
 import functools
+import math
+from typing import NamedTuple
 
+import numpy as np
 import pinocchio as pin
 
 from hugwbc.kinematics import joint_columns, pinocchio_model
@@ -11,7 +14,7 @@ from hugwbc.mbc.swing import PEAK
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import GRAVITY
 
-_ANKLE, _HIP = "left_ankle_joint", "left_hip_pitch_joint"
+_ANKLE, _HIP, _KNEE = "left_ankle_joint", "left_hip_pitch_joint", "left_knee_joint"
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 
 
@@ -99,18 +102,63 @@ def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None)
     """
     robot = robot or load_robot()
     torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
-    return torque * robot.leg_length / (4.0 * PEAK * f * _leg_inertia(robot))
+    return torque * robot.leg_length / (4.0 * PEAK * f * _leg(robot).swung)
+
+
+def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot | None = None) -> float:
+    r"""Return the highest swing apex to which the hips can lift a leg in time [m].
+
+    A knee of angle k puts the ankle :math:`L \cos(k / 2)` below the hip, L being the length of the straight leg, if the
+    hip bends by half as much. In half a step, t = 1 / (4 f), it bends by
+
+    .. math:: \Delta k = \frac{\ddot k\, t^2}{6}
+
+    if its acceleration starts at :math:`\ddot k` and falls linearly to the opposite at the apex, as that of a cubic
+    from rest to rest. The hip carries the reaction of the knee's drive besides its own inertia and is the first joint
+    at its limit: its torque per :math:`\ddot k` comes from the mass matrix and hardly depends on k.
+
+    Args:
+        params: share of the hips' torque.
+        h: pelvis height above nominal [m].
+        f: stride frequency [Hz].
+        robot: gives torque, geometry and inertia of the legs; None for the H1.
+    """
+    robot = robot or load_robot()
+    leg, straight = _leg(robot), robot.leg_length
+    torque = params.lift_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
+    stands = min(leg.hip_height + h, straight)
+    bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
+    return stands - straight * math.cos(0.5 * min(bent, math.pi))
+
+
+class _Leg(NamedTuple):
+    """What a leg's motion takes of its hip, in the nominal pose.
+
+    Attributes:
+        hip_height: height of the hip above the ankle of a standing foot at h = 0 [m].
+        swung: inertia about the hip's pitch axis, with the drive's [kg m^2].
+        lifted: torque of the hip per acceleration of the knee, if the hip bends by half as much [kg m^2].
+    """
+
+    hip_height: float
+    swung: float
+    lifted: float
 
 
 @functools.cache
-def _leg_inertia(robot: Robot) -> float:
-    """Return the inertia of a leg in the nominal pose about its hip's pitch axis, with the drive's [kg m^2]."""
+def _leg(robot: Robot) -> _Leg:
+    """Return geometry and inertia of a leg from the model of the robot."""
     model = pinocchio_model(robot)
-    columns = joint_columns(model, robot)
+    data, columns = model.createData(), joint_columns(model, robot)
     q = pin.neutral(model)
     q[columns + 1] = robot.nominal
-    hip = columns[robot.index(_HIP)]
-    return float(pin.crba(model, model.createData(), q)[hip, hip])
+    hip, knee, ankle = (columns[robot.index(name)] for name in (_HIP, _KNEE, _ANKLE))
+    mass = np.array(pin.crba(model, data, q))
+    pin.forwardKinematics(model, data, q)
+    drop = -float(data.oMi[model.getJointId(_HIP)].translation[2])  # the neutral base is at the origin
+    # The sole stays level: the ankle turns back by half of the knee's angle.
+    lifted = 0.5 * mass[hip, hip] - mass[hip, knee] + 0.5 * mass[hip, ankle]
+    return _Leg(robot.nominal_height - drop - robot.sole_depth, float(mass[hip, hip]), float(lifted))
 
 
 def leap_rise(f: float) -> float:

@@ -13,6 +13,9 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References
 from hugwbc.mbc.tasks import CentreOfMassTask
 
+# Forces on the hands that the feet take by their centre of pressure; the body leans against the rest only. Along the
+# heading [m], and across it as a share of half the distance of the feet.
+_FEET_TAKE_ALONG, _FEET_TAKE_ACROSS = 0.03, 0.6
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m], of the divergent component, and from the feet's centre lines
 
 
@@ -48,14 +51,15 @@ class Standing:
         params, plan, references = self._params, self._plan, self._references
         pivots = [feet.pivot(dynamics, foot, references.balance) for foot in range(2)]
         middle = 0.5 * (pivots[0] + pivots[1])
+        to_heading = references.to_heading
+        between = to_heading.dot((pivots[0] - pivots[1])[:2])
+        lean = self._lean(to_heading.dot(dynamics.hand_shift(middle)), abs(float(between[1]))).dot(to_heading)
         self.com.heading = references.yaw
-        shift = dynamics.hand_shift(middle)
-        self.com.target = middle[:2] - shift
+        self.com.target = middle[:2] + lean
         self.com.feedforward = np.zeros(2)
         self.com.servo = np.ones(2)
         pendulum = Pendulum.about(middle, dynamics)
-        to_heading = references.to_heading
-        deviation, between = to_heading.dot(pendulum.dcm - middle[:2]), to_heading.dot((pivots[0] - pivots[1])[:2])
+        deviation = to_heading.dot(pendulum.dcm - middle[:2])
         if plan.mode is not Mode.SHIFTING:
             # A robot with a load on one side, of which the plan knows nothing, never gets closer: time makes it ready.
             self.ready = math.hypot(*deviation.tolist()) < params.jump_calm or self.settled
@@ -66,7 +70,21 @@ class Standing:
             # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             self._shift_onto(pivots[0 if plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
-            self.com.target = self.com.target - shift
+            self.com.target = self.com.target + lean
+
+    @staticmethod
+    def _lean(shift: np.ndarray, distance: float) -> np.ndarray:
+        """Return by how much the centre of mass leans against forces on the hands, heading frame [m], shape (2,).
+
+        A leg without ankle roll that leans sideways stands on the edge of its sole, so that the feet take as much as
+        they can.
+
+        Args:
+            shift: of the balance by these forces, heading frame [m], shape (2,).
+            distance: of the feet across the heading [m].
+        """
+        room = np.array([_FEET_TAKE_ALONG, _FEET_TAKE_ACROSS * 0.5 * distance])
+        return np.minimum(np.maximum(shift, -room), room) - shift
 
     def _shift_for_a_step(self, pivots: list[np.ndarray], pendulum: Pendulum) -> None:
         """Move the divergent component to where the first step of a walk, of the left foot, starts.

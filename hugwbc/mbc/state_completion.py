@@ -108,10 +108,13 @@ class Predictor:
         q[:3], q[3:6], q[6] = state.position, state.orientation[1:], state.orientation[0]
         v[:3], v[3:6] = rotations.rotate_inverse(state.orientation, state.velocity), state.angular_velocity
         q[self._columns + 1], v[self._columns] = state.q, state.dq
+        steps = durations[:, None]
+        gains = steps * np.array(list(self._accelerations)[-pieces:])
+        velocities = np.cumsum(np.vstack((v, gains)), axis=0)  # at the borders of the pieces
         # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas.
-        for acceleration, duration in zip(list(self._accelerations)[-pieces:], durations, strict=True):
-            q = pin.integrate(self._model, q, duration * (v + 0.5 * duration * acceleration))
-            v += duration * acceleration
+        for way in steps * (velocities[:-1] + 0.5 * gains):
+            q = pin.integrate(self._model, q, way)
+        v = velocities[-1]
         orientation = q[[6, 3, 4, 5]]
         return dataclasses.replace(
             state,

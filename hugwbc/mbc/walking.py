@@ -5,11 +5,12 @@ import math
 import numpy as np
 
 from hugwbc.mbc import feet
+from hugwbc.mbc.command_filter import SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest, plan_step, time_step
 from hugwbc.mbc.gait_plan import GaitPlan
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import cop_reach
+from hugwbc.mbc.reach import cop_reach, highest_lift
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.swing import BRISKNESS, SwingTrajectory
 from hugwbc.mbc.tasks import PelvisTravelTask, SwingFootTask
@@ -41,12 +42,15 @@ class Walking:
         self.out_of_reach = 0
         self.landed = self.loaded = False
         self._noted = False
+        self._late = 0.0
 
     def lift_off(self, dynamics: Dynamics) -> None:
         """Start a step: the swing foot of the plan leaves the ground."""
         assert self._plan.swing is not None
         self.trajectory.start(dynamics.frame(feet.SOLES[self._plan.swing]).position)
         self.landed = self.loaded = self._noted = False
+        # After a step that ended late the clock has already run on: this one has less time.
+        self._late = self._plan.duration - self._plan.remaining
 
     def update(self, tick: Tick, task: SwingFootTask) -> np.ndarray:
         """Set the targets of the swing foot and of the pelvis's travel.
@@ -81,9 +85,9 @@ class Walking:
         references.crouch.prepare(dynamics, request, step, plan.remaining, upright)
         self.trajectory.advance(
             foothold,
-            self._apex(command.l, foothold - standing[:2]),
+            self._apex(dynamics, command, foothold - standing[:2]),
             height,
-            elapsed,
+            elapsed - self._late,
             plan.remaining,
             dt,
             landing=height + ground.rise(standing, foothold),
@@ -99,18 +103,22 @@ class Walking:
         self.travel.feedforward = pendulum.omega**2 * float(references.to_heading[0].dot(pendulum.com - step.cop))
         return foothold
 
-    def _apex(self, clearance: float, step: np.ndarray) -> float:
+    def _apex(self, dynamics: Dynamics, command: SmoothCommand, step: np.ndarray) -> float:
         """Return the height of a swing that the drives can follow [m].
 
-        A step that is hurried to catch the robot keeps its height: its nominal duration counts. A long step does not,
-        since the knee has to stretch the leg in the time in which it would lower the foot.
+        A step that is hurried to catch the robot keeps its height: its nominal duration counts, less the time that the
+        step before took of it. A long step does not keep its height, since the knee has to stretch the leg in the time
+        in which it would lower the foot.
 
         Args:
-            clearance: commanded height [m].
+            dynamics: robot model at the current state.
+            command: command to follow.
             step: from the stance foot to the foothold, world x and y [m], shape (2,).
         """
         params = self._params
-        apex = min(clearance, max(params.swing_lift * (2.0 * self._plan.step_time) ** 2, params.min_clearance))
+        frequency = 0.5 / (self._plan.step_time - self._late)
+        lift = highest_lift(params, command.h - self._references.crouch.depth, frequency, dynamics.robot)
+        apex = min(command.l, max(lift, params.min_clearance))
         longest = params.max_step[1]
         share = (math.hypot(*step.tolist()) - params.long_step) / (longest - params.long_step)
         return apex + min(max(share, 0.0), 1.0) * (min(apex, params.long_step_clearance) - apex)

@@ -26,6 +26,7 @@ from hugwbc.state import RobotState
 _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
+_ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
 
@@ -134,7 +135,10 @@ class WholeBodyController:
         self._locomotion = Locomotion(self.params, self._robot)
         self._odometry = LegOdometry(self._robot)
         self._columns = in_place(self.dynamics.columns)
+        arms = self.dynamics.columns[self._robot.arms]
+        self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
+        self._delay = self._robot.command_delay
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
@@ -223,7 +227,9 @@ class WholeBodyController:
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
         if not self._started:
             self._start(state)
-        state = self._predictor.predict(self._odometry.complete(state, self._locomotion.contact, self.period))
+        state = self._odometry.complete(state, self._locomotion.contact, self.period)
+        # A command acts only after the delay of the drives: what counts is the state then.
+        state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
         self._hand_load.update(state, upper_body, self.period)
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
@@ -232,6 +238,8 @@ class WholeBodyController:
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
+        if not self._arms_free:
+            terms[-1] = self._attainable(terms[-1])
         points = self._locomotion.contact_points(self.dynamics)
         solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
         if solution.status is QpStatus.FAILED:
@@ -254,6 +262,7 @@ class WholeBodyController:
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
+        self._waist.weight[0] = params.leap_waist_weight if self._locomotion.plan.legs else params.waist_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
@@ -276,6 +285,21 @@ class WholeBodyController:
         self._arms.stiffness[:] = np.where(mask, stiffness, params.arm_gains[0])
         self._arms.damping[:] = np.where(mask, damping, params.arm_gains[1])
         return report
+
+    def _attainable(self, arms: TaskTerms) -> TaskTerms:
+        """Return the arms' terms without accelerations for which their drives are too weak.
+
+        Their servo stops at the torque limits, whatever the QP plans. A force on the hands that is too large for the
+        arms moves them; a plan that held them nevertheless would do so at the expense of the balance.
+        """
+        dynamics, joints = self.dynamics, self._arm_columns
+        inertia, bias = dynamics.M[self._arm_block], dynamics.bias[joints]
+        torque = inertia.dot(arms.acceleration) + bias
+        most = _ARM_SHARE * self._highest_torque[self._robot.arms]
+        allowed = np.minimum(np.maximum(torque, -most), most)
+        if (allowed == torque).all():
+            return arms
+        return arms._replace(acceleration=np.linalg.solve(inertia, allowed - bias))
 
     def _free_arms(self) -> None:
         """Let the arms hold the nominal pose, as far as the rest of the body allows."""

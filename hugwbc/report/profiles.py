@@ -36,10 +36,11 @@ def profile_cells(
     if profile not in PROFILES:
         raise UnknownNameError("profile", profile, PROFILES)
     return [
-        Cell(name, spec, protocol.for_training(config, spec.training), protocol.run)
+        Cell(name, spec, own, protocol.run, protocol.total(own))
         for name, config in PROFILES[profile](settings)
         for protocol in (PROTOCOLS[name],)
         for spec in (*specs, *(further if protocol.ablation else ()))
+        for own in (protocol.for_training(config, spec.training),)
     ]
 
 

@@ -16,13 +16,13 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.hand_force import HandForceObserver, HandForceParams
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
-_WRENCH = (0, 1, 2, 4, 5)  # force, moments about y and z
+_WRENCH = 5  # numbers of a wrench: force, moments about y and z
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
 
@@ -74,10 +74,11 @@ class ContactObserver:
         self.hands = HandForceObserver(self._kinematics, self.params.hands)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._columns[robot.legs]
-        self._rows = np.concatenate((np.arange(6), legs))
+        self._rows = in_place(np.concatenate((np.arange(6), legs)))
         self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
         self._tau, self._still = np.zeros(model.nv), np.zeros(model.nv)
-        self._ridge = _RIDGE * np.eye(_FEET * len(_WRENCH))
+        self._ridge = _RIDGE * np.eye(_FEET * _WRENCH)
+        self._jacobians = np.zeros((_FEET * _WRENCH, model.nv))
         self.reset(None)
 
     def reset(self, state: RobotState | None) -> None:
@@ -86,13 +87,16 @@ class ContactObserver:
         self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
+        self._start = np.zeros(self._kinematics.model.nv)
         self.hands.reset()
-        self._start: np.ndarray | None = None
         if state is not None:
             self._kinematics.update(state)
+            self._start = self._momentum(self._gravity())
             pin.computeJointJacobians(self._kinematics.model, self._kinematics.data, self._kinematics.q)
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
-            self.residual = self._map() @ np.concatenate([(*force, 0.0, 0.0) for force in self.force])
+            self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
+        # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at this residual.
+        self._integral = -self.residual / self.params.rate
 
     def update(self, state: RobotState, torque: np.ndarray, dt: float) -> np.ndarray:
         """Take in one reading.
@@ -112,26 +116,34 @@ class ContactObserver:
         """Do the same at the state to which the kinematics has been updated, and leave its joint Jacobians there."""
         kinematics, params = self._kinematics, self.params
         model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
-        gravity = pin.computeGeneralizedGravity(model, data, q).copy()
-        momentum = pin.rnea(model, data, q, self._still, v) - gravity  # M(q) v: torques of an acceleration v at rest
+        gravity = self._gravity()
+        momentum = self._momentum(gravity)
         coriolis = pin.computeCoriolisMatrix(model, data, q, v)  # and the Jacobians
         friction = params.friction * self._robot.friction_torque(v[self._columns])
         self._tau[self._columns] = torque - friction
-        if self._start is None:
-            # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at the residual of the reset.
-            self._start, self._integral = momentum, -self.residual / params.rate
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
         on_feet = self.residual - self.hands.infer(self.residual, dt)
-        wrenches = self._weight[:, None] * self._map()[self._rows]
-        normal = wrenches.T @ wrenches + self._ridge
-        solution = np.linalg.solve(normal, wrenches.T @ (self._weight * on_feet[self._rows]))
-        self.force = solution.reshape(_FEET, len(_WRENCH))[:, :3]
+        wrenches = self._weight * self._wrench_jacobians()[:, self._rows]
+        normal = wrenches @ wrenches.T + self._ridge
+        solution = np.linalg.solve(normal, wrenches @ (self._weight * on_feet[self._rows]))
+        self.force = solution.reshape(_FEET, _WRENCH)[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 
-    def _map(self) -> np.ndarray:
-        """Generalised force per wrench of both feet from the joint Jacobians, shape (25, 10)."""
-        model, data = self._kinematics.model, self._kinematics.data
-        jacobians = [pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED) for sole in self._soles]
-        return np.concatenate([jacobian[_WRENCH, :] for jacobian in jacobians]).T
+    def _gravity(self) -> np.ndarray:
+        """Return the generalised forces that hold the robot against gravity [N, N*m], shape (25,)."""
+        return pin.computeGeneralizedGravity(self._kinematics.model, self._kinematics.data, self._kinematics.q).copy()
+
+    def _momentum(self, gravity: np.ndarray) -> np.ndarray:
+        """Return M(q) v [kg*m/s, kg*m^2/s], shape (25,): the forces of an acceleration v of a robot at rest."""
+        kinematics = self._kinematics
+        return pin.rnea(kinematics.model, kinematics.data, kinematics.q, self._still, kinematics.v) - gravity
+
+    def _wrench_jacobians(self) -> np.ndarray:
+        """Rows that turn the wrenches of both feet into generalised forces, from the joint Jacobians, (10, 25)."""
+        model, data, rows = self._kinematics.model, self._kinematics.data, self._jacobians
+        for first, sole in zip((0, _WRENCH), self._soles, strict=True):
+            jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED)
+            rows[first : first + 3], rows[first + 3 : first + _WRENCH] = jacobian[:3], jacobian[4:]
+        return rows

@@ -107,23 +107,23 @@ class JointFilter:
             dt: since the last reading [s].
             planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
         """
-        drive = self._acceleration * dt**2
+        noise_q, noise_v = self._noise
+        drive = self._acceleration * (dt**2 if planned is None else self._unplanned * dt**2)
         predicted_q, predicted_dq = self.q + dt * self.dq, self.dq
         if planned is not None:
             predicted_q, predicted_dq = predicted_q + 0.5 * dt**2 * planned, predicted_dq + dt * planned
-            drive = self._unplanned * drive
-        qq = self._qq + dt * (2.0 * self._qv + dt * (self._vv + 0.25 * drive))
+        sq = self._qq + dt * (2.0 * self._qv + dt * (self._vv + 0.25 * drive)) + noise_q
         qv = self._qv + dt * (self._vv + 0.5 * drive)
-        vv = self._vv + drive
+        sv = self._vv + drive + noise_v
+        # Both components are measured: gain = P S^-1 = 1 - N S^-1 with the 2 x 2 covariances of each joint, S of the
+        # innovation and N of the reading.
+        inverse = 1.0 / (sq * sv - qv * qv)
+        cross = qv * inverse
+        gain_qq, gain_vv = 1.0 - noise_q * sv * inverse, 1.0 - noise_v * sq * inverse
         error_q, error_v = q - predicted_q, dq - predicted_dq
-        # Both components are measured: gain = P S^-1 with the 2 x 2 innovation covariance S of each joint.
-        sq, sv = qq + self._noise[0], vv + self._noise[1]
-        inverse = 1.0 / (sq * sv - qv**2)
-        gain_qq, gain_qv = (qq * sv - qv**2) * inverse, qv * self._noise[0] * inverse
-        gain_vq, gain_vv = qv * self._noise[1] * inverse, (vv * sq - qv**2) * inverse
-        self.q = predicted_q + gain_qq * error_q + gain_qv * error_v
-        self.dq = predicted_dq + gain_vq * error_q + gain_vv * error_v
-        self._qq, self._qv, self._vv = gain_qq * self._noise[0], gain_qv * self._noise[1], gain_vv * self._noise[1]
+        self.q = predicted_q + gain_qq * error_q + noise_q * cross * error_v
+        self.dq = predicted_dq + noise_v * cross * error_q + gain_vv * error_v
+        self._qq, self._qv, self._vv = noise_q * gain_qq, noise_q * noise_v * cross, noise_v * gain_vv
 
 
 class StateEstimator:
@@ -162,6 +162,8 @@ class StateEstimator:
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
+        # Filled in place by every prediction; the entries that never change stay.
+        self._transition, self._lever_arms = np.eye(_SIZE), np.vstack([np.eye(3)] * (2 + _FEET + 1))
         self._model_noise = self.params.foot_model**2 * np.eye(3)
         # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
         self._drive = np.zeros(_SIZE)
@@ -202,12 +204,14 @@ class StateEstimator:
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
         torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), float(state.q[self._robot.waist]))
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
-        self._v = np.zeros(3)
+        # Velocity, position and feet are rows of one array, since all corrections turn them alike.
+        self._rows = np.zeros((2 + _FEET, 3))
+        self._v, self._p, self._d = self._rows[0], self._rows[1], self._rows[2:]
         pelvis = state.position
         if pelvis is None:
             pelvis = np.array([0.0, 0.0, -soles[:, 2].min()])
-        self._p = pelvis + self._placement(self._imu)
-        self._d = pelvis + soles
+        self._p[:] = pelvis + self._placement(self._imu)
+        self._d[:] = pelvis + soles
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
         spreads = [params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)]
         spreads += [params.initial_gyro_bias, params.initial_accelerometer_bias]
@@ -245,10 +249,13 @@ class StateEstimator:
         self._kinematics.update(self._estimate(state))
         contact = self._observer.infer(torque, dt)
         self._measure_legs()
-        for foot in np.flatnonzero(contact & ~self.contact):
-            self._enter(foot)
-        for foot in np.flatnonzero(contact & self.contact):
-            self._correct(foot)
+        stands, stood = contact.tolist(), self.contact.tolist()
+        for foot in range(_FEET):
+            if stands[foot] and not stood[foot]:
+                self._enter(foot)
+        for foot in range(_FEET):
+            if stands[foot] and stood[foot]:
+                self._correct(foot)
         self.contact = contact.copy()
         return self._estimate(state)
 
@@ -306,28 +313,29 @@ class StateEstimator:
         self._rate = gyro
         acceleration = self._R @ accelerometer + _DOWN
         # The gyro's errors turn the whole estimate about the world's origin, hence the lever arms.
-        lever = np.vstack((np.eye(3), *(pin.skew(x) for x in (self._v, self._p, *self._d))))
-        transition = np.eye(_SIZE)
+        lever, transition, turned = self._lever_arms, self._transition, -dt * self._R
+        lever[3:] = (self._rows @ _SKEW).reshape(-1, 3)
         transition[_VELOCITY, _ORIENTATION] = dt * _GRAVITY_CROSS
         transition[_POSITION, _ORIENTATION] = 0.5 * dt**2 * _GRAVITY_CROSS
-        transition[_POSITION, _VELOCITY] = dt * np.eye(3)
-        transition[:_MOTION, _GYRO_BIAS] = -dt * lever @ self._R
-        transition[_VELOCITY, _ACCELEROMETER_BIAS] = -dt * self._R
-        transition[_POSITION, _ACCELEROMETER_BIAS] = -0.5 * dt**2 * self._R
-        self._p = self._p + dt * (self._v + 0.5 * dt * acceleration)
-        self._v = self._v + dt * acceleration
+        transition[_POSITION, _VELOCITY] = dt * _EYE
+        transition[:_MOTION, _GYRO_BIAS] = lever @ turned
+        transition[_VELOCITY, _ACCELEROMETER_BIAS] = turned
+        transition[_POSITION, _ACCELEROMETER_BIAS] = 0.5 * dt * turned
+        self._p += dt * (self._v + 0.5 * dt * acceleration)
+        self._v += dt * acceleration
         self._R = self._R @ pin.exp3(gyro * dt)
         self._P = transition @ self._P @ transition.T
-        self._P[:_MOTION, :_MOTION] += (self.params.gyro * dt) ** 2 * lever @ lever.T
+        self._P[:_MOTION, :_MOTION] += (self.params.gyro * dt) ** 2 * (lever @ lever.T)
         drive = self._drive * dt
         drive[_VELOCITY] = (self.params.accelerometer * dt) ** 2
-        drive[9:_MOTION] = np.repeat(self._foot_velocities() * dt, 3) ** 2
-        self._P.flat[:: _SIZE + 1] += drive
+        drive[9:_MOTION].reshape(_FEET, 3)[:] = ((self._foot_velocities() * dt) ** 2)[:, None]
+        self._P.ravel()[:: _SIZE + 1] += drive  # its diagonal
 
     def _foot_velocities(self) -> np.ndarray:
         """Return the standard deviations of the feet's velocities at present [m/s], shape (2,)."""
         params = self.params
-        load = np.clip(self._observer.force[:, 2] / (params.full_load * self._weight), 0.0, 1.0)
+        share = self._observer.force[:, 2] / (params.full_load * self._weight)
+        load = np.minimum(np.maximum(share, 0.0), 1.0)
         landing = params.landing_slip * np.exp(-(self._time - self._touch_down) / params.landing_time)
         return params.foot_slip + landing + params.lifting_slip * (1.0 - load) + params.rolling * self._turning
 
@@ -350,9 +358,7 @@ class StateEstimator:
         error = -gain @ innovation
         turn = pin.exp3(error[_ORIENTATION])
         self._R = turn @ self._R
-        self._v = turn @ self._v + error[_VELOCITY]
-        self._p = turn @ self._p + error[_POSITION]
-        self._d = self._d @ turn.T + error[9:_MOTION].reshape(_FEET, 3)
+        self._rows[:] = self._rows @ turn.T + error[3:_MOTION].reshape(-1, 3)
         self.gyro_bias = self.gyro_bias + error[_GYRO_BIAS]
         self.accelerometer_bias = self.accelerometer_bias + error[_ACCELEROMETER_BIAS]
         self._P = self._P - gain @ spread.T
@@ -364,19 +370,26 @@ class StateEstimator:
         waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
         to_pelvis = rotations.rotation_z(waist)
         rotation = self._R @ to_pelvis.T
+        x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
         gyro = np.zeros(3) if state.imu_gyro is None else state.imu_gyro - self.gyro_bias
         self._rate = gyro
-        return dataclasses.replace(
-            state,
-            q=joints.q.copy(),
-            dq=joints.dq.copy(),
-            orientation=pin.Quaternion(rotation).coeffs()[[3, 0, 1, 2]],
-            angular_velocity=to_pelvis @ gyro - np.array([0.0, 0.0, rate]),
+        angular = to_pelvis @ gyro
+        angular[2] -= rate
+        return RobotState(
+            q=joints.q,  # the filter makes new arrays at every update, as the observer does
+            dq=joints.dq,
+            orientation=np.array([w, x, y, z]),
+            angular_velocity=angular,
             # The torso's origin, on the waist's axis, is the pelvis's.
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v + self._R @ (self._lever @ gyro),
-            foot_force=self._observer.force.copy(),
+            foot_force=self._observer.force,
             hand_force=self._observer.hands.force.copy(),
+            imu_gyro=state.imu_gyro,
+            imu_accelerometer=state.imu_accelerometer,
+            torque=state.torque,
+            time=state.time,
+            age=state.age,
         )
 
 
@@ -385,6 +398,8 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+_EYE = np.eye(3)
+_SKEW = np.concatenate([pin.skew(axis) for axis in _EYE]).reshape(3, 9)  # x @ _SKEW: the rows of skew(x), in turn
 _GRAVITY_CROSS = pin.skew(_DOWN)
 
 

@@ -128,6 +128,7 @@ class ControlLoop:
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
         self._sight = None if self._seeing is None else Sight(simulation, self.safe.robot)
+        self._free_arms = UpperBody.none()
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -149,7 +150,7 @@ class ControlLoop:
         if self._following is not None:
             self._following.follow(self.simulation.state())
         placed = state if self._seeing is None else self._look(self._seeing, t, state)
-        command, arms = self.source.command_at(t), UpperBody.none()
+        command, arms = self.source.command_at(t), self._free_arms
         if self.upper_body is not None:
             self.hands = self.source.hands_at(t)
             begin = time.perf_counter()
@@ -173,11 +174,17 @@ class ControlLoop:
         if self.estimator is None:
             return self.simulation.step(command, duration)
         timestep = self.simulation.timestep
-        planned = self._plan.acceleration
-        for _ in range(max(1, round(duration / timestep))):
-            self.simulation.step(command, timestep)
-            self._estimate = self.estimator.update(self.simulation.sense(), planned)
-        return self.simulation.state()
+        planned, steps = self._plan.acceleration, max(1, round(duration / timestep))
+        states = [self._observed_step(self.estimator, command, timestep, planned) for _ in range(steps)]
+        return states[-1]
+
+    def _observed_step(
+        self, estimator: StateEstimator, command: JointCommand, timestep: float, planned: np.ndarray | None
+    ) -> RobotState:
+        """Make one physics step, show the estimator its reading, and return the true state."""
+        state = self.simulation.step(command, timestep)
+        self._estimate = estimator.update(self.simulation.sense(), planned)
+        return state
 
     @property
     def estimate(self) -> RobotState:

@@ -1,6 +1,9 @@
 """The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
 
 import dataclasses
+import importlib
+import pathlib
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +17,11 @@ IMPACT_TIME = 0.01  # [s]; the force of an impact is averaged over it, so that i
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time has bounced, not stepped
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """The record of one run: T samples, one every `RECORD_PERIOD`.
+
+    `save` and `load` keep it in a file, `show` replays it.
 
     Attributes:
         name: name of the controller.
@@ -97,6 +102,45 @@ class Trace:
     scene: Scene | None = None
     problems: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return one line: who, how long, how it ended."""
+        fate = f"fell after {self.survived_s:.1f} s" if self.fell else "stayed up"
+        around = f", {len(self.scene.objects)} objects" if self.scene is not None else ""
+        seconds = float(self.time[-1] - self.time[0]) + RECORD_PERIOD if len(self.time) else 0.0
+        return f"Trace('{self.name}', {seconds:.1f} s, {len(self.time)} samples, {fate}, {self.robot}{around})"
+
+    def save(self, path: str | pathlib.Path) -> pathlib.Path:
+        """Write the record to an .npz file and return its path.
+
+        Raises:
+            ConfigError: if the file cannot be written.
+        """
+        return importlib.import_module("hugwbc.runtime.trace_file").write_trace(path, self)
+
+    @classmethod
+    def load(cls, path: str | pathlib.Path) -> "Trace":
+        """Read a record that `save` wrote.
+
+        Raises:
+            ConfigError: if there is no such file, or it is no record.
+        """
+        return importlib.import_module("hugwbc.runtime.trace_file").read_trace(path)
+
+    def show(self, *others: "Trace") -> Any:  # noqa: ANN401  what a notebook displays
+        """Replay this run, beside others if there are any: inline in a notebook, elsewhere in the browser.
+
+        Args:
+            others: up to three runs to see next to this one.
+
+        Returns:
+            What a notebook displays, or the path of the page.
+
+        Raises:
+            ConfigError: if there is nothing to draw, or too much.
+        """
+        # Found by name: pictures build on records, and records on nothing of theirs.
+        return importlib.import_module("hugwbc.viz.inline").show_traces([self, *others])
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TouchDowns:
@@ -145,16 +189,21 @@ class TouchDownWatch:
             force: ground reactions in the world frame [N], shape (m, 2, 3).
             velocity: velocities of the soles in the world frame [m/s], shape (m, 2, 3).
         """
-        contact = force[..., 2] > CONTACT_FORCE
+        normal = force[..., 2]
+        contact = normal > CONTACT_FORCE
+        each = slice(None) if rows.size == len(self._peak) else rows  # a slice spares copies
         # A shorter time in the air is a bounce of the contact, not a swing; its forces belong to the same stance.
-        landed = contact & (now - self._last_contact[rows] > SHORTEST_SWING)
-        for place, foot in np.argwhere(landed).tolist():
-            self._land(int(rows[place]), foot, now)
-        self._last_contact[rows] = np.where(contact, now, self._last_contact[rows])
+        landed = contact & (now - self._last_contact[each] > SHORTEST_SWING)
+        if landed.any():
+            for place, foot in np.argwhere(landed).tolist():
+                self._land(int(rows[place]), foot, now)
+        self._last_contact[each] = np.where(contact, now, self._last_contact[each])
         self._turn = (self._turn + 1) % len(self._forces)
-        self._forces[self._turn, rows] = np.nan_to_num(force[..., 2])  # a NaN of diverged physics does not count
-        self._peak[rows] = np.maximum(self._peak[rows], self._forces[:, rows].mean(axis=0))
-        self._velocity[rows] = velocity
+        if not np.isfinite(normal).all():  # a NaN of diverged physics does not count
+            normal = np.nan_to_num(normal)
+        self._forces[self._turn, each] = normal
+        self._peak[each] = np.maximum(self._peak[each], self._forces[:, each].sum(axis=0) / len(self._forces))
+        self._velocity[each] = velocity
 
     def _land(self, row: int, foot: int, now: float) -> None:
         if self._times[row][foot]:  # a stance from the start of the run follows no touch-down

@@ -28,7 +28,7 @@ import pathlib
 import yaml
 
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.errors import ScriptError, UnknownNameError
+from hugwbc.errors import ScriptError
 from hugwbc.gait import Gait
 from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath
@@ -36,10 +36,10 @@ from hugwbc.scripts.motion import ArmMotion, load_motion
 from hugwbc.scripts.recorded_path import read_path
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment, check_transition
 from hugwbc.targets import HAND_FRAMES
-from hugwbc.yaml_file import Read, YamlReader
+from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
 FOLDER = pathlib.Path(__file__).parent
-SCRIPT_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+SCRIPT_NAMES = shipped_names(FOLDER)
 _HINT = "write `segments:` and below it a list, each with label and duration; `file` names long paths"
 
 
@@ -53,12 +53,7 @@ def load_script(name: str | pathlib.Path) -> Script:
         UnknownNameError: if no shipped script has that name.
         ScriptError: if the file cannot be read or is not a valid script; it names the line.
     """
-    path = pathlib.Path(name)
-    if path.suffix in (".yaml", ".yml"):
-        return read_script(path)
-    if str(name) not in SCRIPT_NAMES:
-        raise UnknownNameError("script", name, (*SCRIPT_NAMES, "or a file that ends in .yaml"))
-    return read_script(FOLDER / f"{name}.yaml")
+    return read_script(yaml_path("script", name, FOLDER))
 
 
 def read_script(path: pathlib.Path) -> Script:
@@ -185,9 +180,7 @@ class _Reader(YamlReader):
         return self.checked(node, Gait.parse, self.text(node))
 
     def frame(self, node: yaml.Node) -> str:
-        if self.text(node) not in HAND_FRAMES:
-            self.fail(node, UnknownNameError("hand frame", self.text(node), HAND_FRAMES))
-        return self.text(node)
+        return self.one_of(node, "hand frame", HAND_FRAMES)
 
 
 _PATHS: dict[str, type[HandPath]] = {

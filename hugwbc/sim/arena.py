@@ -12,7 +12,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
@@ -20,7 +20,6 @@ from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.physx import PhysxSimulation
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
@@ -45,6 +44,17 @@ def known_robot(robot: str = DEFAULT_ROBOT, drives: str = DEFAULT_DRIVES) -> Rob
     return DRIVES[drives].known_robot(load_robot(robot))
 
 
+class EpisodeOptions(TypedDict, total=False):
+    """What may differ between the episodes in one arena; see the constructor of `Engine`."""
+
+    timestep: float
+    terrain: HeightField | None
+    latency: float | None
+    seed: int
+    variation: Variation | None
+    scene: Scene | None
+
+
 @dataclasses.dataclass(frozen=True)
 class Arena:
     """Robot, drives, sensors and ground of a simulation, by name.
@@ -52,7 +62,7 @@ class Arena:
     Attributes:
         robot: robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
         drives: real (torque-speed limit, friction and delay), or ideal.
-        sensing: sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state).
         ground: firm (soles sink by millimetres), or soft (by centimetres).
 
@@ -97,68 +107,28 @@ class Arena:
         """The drives."""
         return DRIVES[self.drives]
 
-    def simulation(
-        self,
-        *,
-        timestep: float = SIMULATION_TIMESTEP,
-        terrain: HeightField | None = None,
-        latency: float | None = None,
-        seed: int = 0,
-        variation: Variation | None = None,
-        scene: Scene | None = None,
-    ) -> Simulation:
+    def simulation(self, **episode: Unpack[EpisodeOptions]) -> Simulation:
         """Return a robot of this arena in MuJoCo; see `simulation_in` for the arguments."""
-        return self.simulation_in(
-            Simulation,
-            timestep=timestep,
-            terrain=terrain,
-            latency=latency,
-            seed=seed,
-            variation=variation,
-            scene=scene,
-        )
+        return self.simulation_in(Simulation, **episode)
 
-    def simulation_in(
-        self,
-        engine: type[EngineT],
-        *,
-        timestep: float = SIMULATION_TIMESTEP,
-        terrain: HeightField | None = None,
-        latency: float | None = None,
-        seed: int = 0,
-        variation: Variation | None = None,
-        scene: Scene | None = None,
-    ) -> EngineT:
+    def simulation_in(self, engine: type[EngineT], **episode: Unpack[EpisodeOptions]) -> EngineT:
         """Return a robot of this arena in an engine.
 
         Args:
             engine: the engine, one of `ENGINES`.
-            timestep: physics time step [s].
-            terrain: height field to stand on; None for a plane.
-            latency: age of the sensor readings [s]; None for the sensors' own.
-            seed: seed of the sensors' noise, biases and offsets, and of what varies in the scene.
-            variation: difference of the robot from its description.
-            scene: objects around the robot; None for none.
+            episode: what differs between episodes, see `EpisodeOptions` and the constructor of `Engine`.
 
         Raises:
             ConfigError: if the engine is not installed, has no such ground or no objects, or the scene is made for
                 another robot or ground.
             SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
-        if scene is not None and engine.engine != Simulation.engine:
-            raise ConfigError(f"engine {engine.engine} has no objects; run a scene with {Simulation.engine}")
-        objects = {} if scene is None else {"scene": scene}
         return engine(
-            timestep=timestep,
-            terrain=terrain,
             sensing=self.profile,
-            latency=latency,
-            seed=seed,
-            variation=variation,
             robot=load_robot(self.robot),
             actuators=self.actuators,
             ground=Ground.named(self.ground),
-            **objects,
+            **episode,
         )
 
 
@@ -170,23 +140,26 @@ DEFAULT_ARENA = 2
 class ArenaChoice:
     """An arena by its number, and what differs from it.
 
+    Attributes:
+        arena: Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
+            weighed, with real drives, firm ground and only the sensors that it has).
+        robot: Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
+        drives: Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
+            the arena's.
+        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+            exact (the true state); by default the arena's.
+        ground: Ground: firm, or soft; by default the arena's.
+
     Raises:
         ConfigError: if there is no arena of that number.
         UnknownNameError: if one of the names is unknown.
     """
 
     arena: int = DEFAULT_ARENA
-    """Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is weighed, with
-    real drives, firm ground and only the sensors that it has)."""
     robot: str | None = None
-    """Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's."""
     drives: str | None = None
-    """Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default the arena's."""
     sensing: str | None = None
-    """Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (the
-    true state); by default the arena's."""
     ground: str | None = None
-    """Ground: firm, or soft; by default the arena's."""
 
     def __post_init__(self) -> None:
         if self.arena not in ARENAS:

@@ -4,6 +4,7 @@ import abc
 import collections
 import dataclasses
 import importlib.util
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -14,11 +15,11 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.ground import Ground
-from hugwbc.sim.robot_model import check_timestep
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.sensors import Reading, SensorProfile, Sensors, sensor_profile
+from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
@@ -41,8 +42,9 @@ def check_seed(seed: int) -> None:
 class Engine(abc.ABC):
     """One robot with PD joints, an IMU on the torso and foot sensors; it can be pushed and pulled.
 
-    Subclasses call `_clear` in `reset` and fill `external_force` and `link_names` in their constructor. Everything
-    that a controller, a rollout or a page reads is on this class; what belongs to one engine stays in its subclass.
+    Subclasses build their model in `_build`, where they fill `external_force` and `link_names`, and call `_clear` in
+    `reset`. Everything that a controller, a rollout or a page reads is on this class; what belongs to one engine stays
+    in its subclass.
 
     Attributes:
         engine: the engine's name, as in `--engine`.
@@ -75,17 +77,37 @@ class Engine(abc.ABC):
     def __init__(
         self,
         *,
-        timestep: float,
-        terrain: HeightField | None,
-        sensing: SensorProfile | str,
-        latency: float | None,
-        seed: int,
-        variation: Variation | None,
-        robot: Robot | None,
-        actuators: Actuators | None,
-        ground: Ground | None,
+        timestep: float = SIMULATION_TIMESTEP,
+        terrain: HeightField | None = None,
+        sensing: SensorProfile | str = EXACT,
+        latency: float | None = None,
+        seed: int = 0,
+        variation: Variation | None = None,
+        robot: Robot | None = None,
+        actuators: Actuators | None = None,
+        ground: Ground | None = None,
+        scene: Scene | None = None,
     ) -> None:
-        """Check and keep the settings; see the constructor of the subclass for the arguments."""
+        """Build the model and place the robot on the ground in the nominal pose.
+
+        Args:
+            timestep: time between two readings and joint commands [s]; in MuJoCo that of the physics, too.
+            terrain: height field to stand on; None for a plane, the only ground of PhysX.
+            sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
+            latency: age of the results of `sense`, rounded to whole time steps [s]; None for the profile's.
+            seed: random seed of the sensors' noise, biases and offsets, and of what varies in the scene.
+            variation: difference of the robot from its description; None for no difference.
+            robot: robot to simulate; None for the scene's, or the H1.
+            actuators: drives of the joints; None for real ones.
+            ground: firmness of the ground; None for the scene's, or firm, the only one of PhysX.
+            scene: objects around the robot, in MuJoCo only; None for none.
+
+        Raises:
+            ConfigError: if the engine is not installed or has no such ground or objects, a number is out of range, or
+                the scene is for another robot or ground.
+            SceneError: if objects overlap, as drawn, or the robot stands in one.
+        """
+        robot, ground = self._surroundings(terrain, robot, ground, scene)
         check_timestep(timestep)
         profile = sensor_profile(sensing) if isinstance(sensing, str) else sensing
         if latency is not None:
@@ -109,6 +131,7 @@ class Engine(abc.ABC):
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
         self._command = JointCommand.position(self.robot, self.robot.nominal)
+        self._build(seed, scene)
 
     @classmethod
     def is_available(cls) -> bool:
@@ -126,6 +149,16 @@ class Engine(abc.ABC):
             raise ConfigError(
                 f"engine {cls.engine} needs {cls.package}: run `pip install 'hugwbc[{cls.engine}]'`, or use mujoco"
             )
+
+    @abc.abstractmethod
+    def _surroundings(
+        self, terrain: HeightField | None, robot: Robot | None, ground: Ground | None, scene: Scene | None
+    ) -> tuple[Robot | None, Ground | None]:
+        """Return robot and ground, as given or as the scene asks for; refuse what the engine does not have."""
+
+    @abc.abstractmethod
+    def _build(self, seed: int, scene: Scene | None) -> None:
+        """Build the model and reset; arguments as in the constructor."""
 
     @abc.abstractmethod
     def reset(
@@ -238,7 +271,7 @@ class Engine(abc.ABC):
         """
         # Read the current state again: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
-        return dataclasses.replace(self._sensors.read(reading), age=self.time - reading.time)
+        return self._sensors.read(reading, self.time)
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""
@@ -248,7 +281,7 @@ class Engine(abc.ABC):
     def fallen(self) -> bool:
         """Whether the robot has fallen: trunk contact, large inclination, low pelvis, or diverged physics."""
         qpos = self.qpos
-        orientation = qpos[3:7] / np.linalg.norm(qpos[3:7])
+        orientation = qpos[3:7] / math.sqrt(qpos[3:7].dot(qpos[3:7]))
         return bool(
             self.diverged
             or abs(rotations.pitch_of(orientation)) > FALL_PITCH

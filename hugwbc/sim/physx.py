@@ -15,13 +15,12 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, robot_table
-from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
+from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.ground import Ground
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP
-from hugwbc.sim.sensors import EXACT, Reading, SensorProfile
+from hugwbc.sim.scenes.scene import Scene
+from hugwbc.sim.sensors import Reading
 from hugwbc.sim.terrain import HeightField
-from hugwbc.sim.variation import Variation
 from hugwbc.state import GRAVITY, RobotState
 
 FRICTION = 0.8  # of the soles and links, as in h1.xml
@@ -100,66 +99,34 @@ class PhysxSimulation(Engine):
     package = "sapien"
     _fixed_pelvis = False  # tests hang the robot up
 
-    def __init__(
-        self,
-        *,
-        timestep: float = SIMULATION_TIMESTEP,
-        terrain: HeightField | None = None,
-        sensing: SensorProfile | str = EXACT,
-        latency: float | None = None,
-        seed: int = 0,
-        variation: Variation | None = None,
-        robot: Robot | None = None,
-        actuators: Actuators | None = None,
-        ground: Ground | None = None,
-    ) -> None:
-        """Build the robot and place it on the ground in the nominal pose.
-
-        Args:
-            timestep: time between two readings and joint commands [s]; PhysX makes steps of 1 ms or less within it.
-            terrain: None; this engine has a level plane only.
-            sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
-            latency: age of the results of `sense`, rounded to whole physics steps [s]; None for the profile's.
-            seed: random seed of the sensors' noise, biases and offsets.
-            variation: difference of the robot from its description; None for no difference.
-            robot: robot to simulate; None for the H1.
-            actuators: drives of the joints; None for real ones.
-            ground: None, or the firm one; contacts are rigid.
-
-        Raises:
-            ConfigError: if SAPIEN is not installed, the ground is neither level nor firm, or a number is out of range.
-        """
+    def _surroundings(
+        self, terrain: HeightField | None, robot: Robot | None, ground: Ground | None, scene: Scene | None
+    ) -> tuple[Robot | None, Ground | None]:
         if terrain is not None:
             raise ConfigError("engine physx has level ground only; use --engine mujoco for rough or sloping ground")
         if ground is not None and ground != Ground.named("firm"):
             raise ConfigError("engine physx has firm ground only; use --ground firm, or --engine mujoco")
+        if scene is not None:
+            raise ConfigError("engine physx has no objects; run a scene with mujoco")
         self.check_available()
-        super().__init__(
-            timestep=timestep,
-            terrain=None,
-            sensing=sensing,
-            latency=latency,
-            seed=seed,
-            variation=variation,
-            robot=robot,
-            actuators=actuators,
-            ground=Ground.named("firm"),
-        )
+        return robot, Ground.named("firm")
+
+    def _build(self, seed: int, scene: Scene | None) -> None:
         self._sapien, self._physx = load_sapien()
-        self._substeps = max(1, int(np.ceil(timestep / _INNER_STEP - 1e-9)))
-        self._dt = timestep / self._substeps
+        self._substeps = max(1, int(np.ceil(self.timestep / _INNER_STEP - 1e-9)))
+        self._dt = self.timestep / self._substeps
         self._torque_limit = self.variation.strength * self.robot.torque_limit
         self._limit = TorqueSpeedLimit(self.robot, self._torque_limit) if self.actuators.torque_speed else None
         self._range = np.stack([-self._torque_limit, self._torque_limit], axis=1)
         self._viscous = self.robot.damping + self.actuators.friction * self.robot.viscous
         self._table = robot_table(self.robot.name)
-        self._build()
+        self._build_world()
         self.link_names = ("world", *self._links)
         self.external_force = np.zeros((len(self.link_names), 6))
         self._step_count = 0
         self.reset()
 
-    def _build(self) -> None:
+    def _build_world(self) -> None:
         """Build the ground and the robot."""
         sapien, table = self._sapien, self._table
         self._scene = sapien.Scene([self._physx.PhysxCpuSystem()])
@@ -252,7 +219,7 @@ class PhysxSimulation(Engine):
     ) -> RobotState:
         """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,)."""
         if self._step_count:
-            self._build()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
+            self._build_world()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
@@ -312,7 +279,7 @@ class PhysxSimulation(Engine):
     def _restart(self) -> None:
         """Stand the robot up again after the physics has failed, as MuJoCo does."""
         self.diverged = True
-        self._build()
+        self._build_world()
         height = self.robot.nominal_height + _START_HEIGHT
         self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
 

@@ -183,7 +183,7 @@ class Sensors:
         return RobotState(
             q=qpos[7:],
             dq=qvel[6:],
-            orientation=qpos[3:7] / np.linalg.norm(qpos[3:7]),
+            orientation=_unit(qpos[3:7]),
             angular_velocity=qvel[3:6],
             position=qpos[:3],
             velocity=qvel[:3],
@@ -193,34 +193,38 @@ class Sensors:
             time=reading.time,
         )
 
-    def read(self, reading: Reading) -> RobotState:
+    def read(self, reading: Reading, now: float | None = None) -> RobotState:
         """Return what the sensors say; what the robot has no sensor for is None.
 
         Orientation and angular velocity are those of the torso's IMU, carried over to the pelvis.
+
+        Args:
+            reading: what perfect sensors say.
+            now: time at which the reading is used [s]; None for its own.
         """
-        truth, p = self.truth(reading), self.profile
+        p, qpos, qvel = self.profile, reading.qpos, reading.qvel
         self._let_biases_walk(reading.time)
-        q = truth.q + self._encoder_offset + self._normal(p.encoder, self._joints)
-        dq = truth.dq + self._normal(p.joint_velocity, self._joints)
+        q = qpos[7:] + self._encoder_offset + self._normal(p.encoder, self._joints)
+        dq = qvel[6:] + self._normal(p.joint_velocity, self._joints)
         gyro = reading.imu_gyro + self._gyro_bias + self._normal(p.gyro, 3)
         turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + self._normal(p.attitude, 3))))
         # A constant error of roll and pitch is one about the world's axes.
-        attitude = rotations.multiply(turn / np.linalg.norm(turn), reading.imu_orientation)
+        attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
-        assert truth.torque is not None
-        return dataclasses.replace(
-            truth,
+        return RobotState(
             q=q,
             dq=dq,
             orientation=orientation,
             angular_velocity=rate,
-            position=truth.position if p.position else None,
-            velocity=truth.velocity if p.position else None,
-            foot_force=truth.foot_force if p.foot_force else None,
-            hand_force=truth.hand_force if p.hand_force else None,
+            position=qpos[:3] if p.position else None,
+            velocity=qvel[:3] if p.position else None,
+            foot_force=reading.foot_force if p.foot_force else None,
+            hand_force=reading.hand_force if p.hand_force else None,
             imu_gyro=gyro,
             imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
-            torque=self._torque_scale * truth.torque + self._normal(p.torque, self._joints),
+            torque=self._torque_scale * reading.torque + self._normal(p.torque, self._joints),
+            time=reading.time,
+            age=0.0 if now is None else now - reading.time,
         )
 
     def _let_biases_walk(self, time: float) -> None:
@@ -233,3 +237,8 @@ class Sensors:
 
     def _normal(self, deviation: float, size: int) -> np.ndarray:
         return self._rng.normal(0.0, deviation, size) if deviation else np.zeros(size)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """Return a vector with the length 1."""
+    return vector / math.sqrt(vector.dot(vector))

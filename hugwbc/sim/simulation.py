@@ -8,44 +8,26 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, SceneError
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
+from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine, check_seed
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, link_names, load_model
+from hugwbc.sim.robot_model import link_names, load_model
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import SceneObjects
 from hugwbc.sim.scenes.scene import OVERLAP, Scene
-from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors
+from hugwbc.sim.sensors import Reading, Sensors
 from hugwbc.sim.terrain import HeightField
-from hugwbc.sim.variation import Variation
 from hugwbc.state import GRAVITY, RobotState
 
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_DIVERGED = list(map(int, DIVERGED))
 
 
 _FLOOR_BODY = "world"
-
-
-def _agreed(scene: Scene, robot: Robot | None, ground: Ground | None) -> tuple[Robot | None, Ground | None]:
-    """Return robot and ground, as given or as a scene asks for.
-
-    Raises:
-        ConfigError: if they contradict each other.
-    """
-    if scene.robot is not None:
-        if robot is not None and robot.name != scene.robot:
-            raise ConfigError(f"the scene is made for robot {scene.robot}, not {robot.name}; change one of them")
-        robot = robot or load_robot(scene.robot)
-    if scene.ground is not None:
-        wanted = Ground.named(scene.ground)
-        if ground is not None and ground != wanted:
-            raise ConfigError(f"the scene is made for {scene.ground} ground; change the ground or the scene")
-        ground = wanted
-    return robot, ground
 
 
 class Simulation(Engine):
@@ -58,51 +40,21 @@ class Simulation(Engine):
     engine = "mujoco"
     package = "mujoco"
 
-    def __init__(
-        self,
-        *,
-        timestep: float = SIMULATION_TIMESTEP,
-        terrain: HeightField | None = None,
-        sensing: SensorProfile | str = EXACT,
-        latency: float | None = None,
-        seed: int = 0,
-        variation: Variation | None = None,
-        robot: Robot | None = None,
-        actuators: Actuators | None = None,
-        ground: Ground | None = None,
-        scene: Scene | None = None,
-    ) -> None:
-        """Build the model and place the robot on the ground in the nominal pose.
+    def _surroundings(
+        self, terrain: HeightField | None, robot: Robot | None, ground: Ground | None, scene: Scene | None
+    ) -> tuple[Robot | None, Ground | None]:
+        if scene is not None and scene.robot is not None:
+            if robot is not None and robot.name != scene.robot:
+                raise ConfigError(f"the scene is made for robot {scene.robot}, not {robot.name}; change one of them")
+            robot = robot or load_robot(scene.robot)
+        if scene is not None and scene.ground is not None:
+            wanted = Ground.named(scene.ground)
+            if ground is not None and ground != wanted:
+                raise ConfigError(f"the scene is made for {scene.ground} ground; change the ground or the scene")
+            ground = wanted
+        return robot, ground
 
-        Args:
-            timestep: physics time step [s].
-            terrain: height field to stand on; None for a plane.
-            sensing: sensors of the robot, or a profile's name (`hugwbc.sim.sensors.PROFILES`).
-            latency: age of the results of `sense`, rounded to whole physics steps [s]; None for the profile's.
-            seed: random seed of the sensors' noise, biases and offsets, and of what varies in the scene.
-            variation: difference of the robot from its description; None for no difference.
-            robot: robot to simulate; None for the scene's, or the H1.
-            actuators: drives of the joints; None for real ones.
-            ground: firmness of the ground; None for the scene's, or firm.
-            scene: objects around the robot; None for none.
-
-        Raises:
-            ConfigError: if time step, latency or seed is out of range, or the scene is for another robot or ground.
-            SceneError: if objects overlap, as drawn, or the robot stands in one.
-        """
-        if scene is not None:
-            robot, ground = _agreed(scene, robot, ground)
-        super().__init__(
-            timestep=timestep,
-            terrain=terrain,
-            sensing=sensing,
-            latency=latency,
-            seed=seed,
-            variation=variation,
-            robot=robot,
-            actuators=actuators,
-            ground=ground,
-        )
+    def _build(self, seed: int, scene: Scene | None) -> None:
         self._declared, self._scene_objects = scene, None
         self._install(seed)
 
@@ -122,6 +74,10 @@ class Simulation(Engine):
         self._places = {
             self.model.sensor(i).name: slice(int(start), int(start + size))
             for i, (start, size) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
+        }
+        self._places_by_side = {  # of vectors
+            name: np.array([np.r_[self._places[f"{side}_{name}"]] for side in SIDES])
+            for name in ("foot_force", "elbow_link_force", "sole_velocity")
         }
         self._imu, self._twist = self.model.site("imu").id, np.zeros(6)
         self._floor, self._trunk = self.model.geom("floor").id, self.model.geom("torso_link").id
@@ -217,16 +173,16 @@ class Simulation(Engine):
             self._place_feet(self._footing)
         before = self.data.time
         mujoco.mj_step(self.model, self.data)
-        failures = [w for w in DIVERGED if self.data.warning[w].number]
-        self.diverged |= bool(failures)
+        failures = np.flatnonzero(self.data.warning.number[_DIVERGED])
+        self.diverged |= failures.size > 0
         self._torque = self.torque  # during this step; `mj_forward` computes that of the next one
         if self.gripper is not None:
             self.gripper.update()
         mujoco.mj_forward(self.model, self.data)
         self._feel_acceleration()
         if self._scene_objects is not None:
-            if failures:
-                self._scene_objects.note_divergence(before, int(self.data.warning[failures[0]].lastinfo))
+            if failures.size:
+                self._scene_objects.note_divergence(before, int(self.data.warning[DIVERGED[failures[0]]].lastinfo))
             self._scene_objects.watch()
 
     def _feel_acceleration(self) -> None:
@@ -270,7 +226,7 @@ class Simulation(Engine):
             imu_orientation=self._sensed("imu_orientation"),
             imu_gyro=self._sensed("imu_gyro"),
             # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-            foot_force=np.array([-self._sensed(f"{side}_foot_force") for side in SIDES]),
+            foot_force=-self._sensed_by_side("foot_force"),
             accelerometer=self._accelerometer,
             torque=self._torque,
             hand_force=self._hand_force(),
@@ -278,7 +234,7 @@ class Simulation(Engine):
 
     def _hand_force(self) -> np.ndarray:
         """Return the force of contacts and of the idealised gripper on each hand in the world [N], shape (2, 3)."""
-        force = np.array([-self._sensed(f"{side}_elbow_link_force") for side in SIDES])
+        force = -self._sensed_by_side("elbow_link_force")
         return force if self.gripper is None else force + self.gripper.force
 
     @property
@@ -304,7 +260,7 @@ class Simulation(Engine):
     @property
     def sole_velocity(self) -> np.ndarray:
         """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
-        return np.array([self._sensed(f"{side}_sole_velocity") for side in SIDES])
+        return self._sensed_by_side("sole_velocity")
 
     @property
     def pressure_centres(self) -> np.ndarray:
@@ -327,6 +283,10 @@ class Simulation(Engine):
 
     def _sensed(self, name: str) -> np.ndarray:
         return self.data.sensordata[self._places[name]].copy()
+
+    def _sensed_by_side(self, name: str) -> np.ndarray:
+        """Return what the sensors of this name on the left and the right side say, shape (2, 3)."""
+        return self.data.sensordata[self._places_by_side[name]]
 
     def _trunk_on_ground(self) -> bool:
         pair = {self._floor, self._trunk}

@@ -36,6 +36,9 @@ def test_bench_reports_all_speeds(capsys):
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
     for speed in figures["evaluation"]:
         assert speed["count"] == 2 and speed["ratio"] == pytest.approx(speed["single_ms"] / speed["batched_ms"])
+    assert set(figures["episodes"]) == {"qp", "policy"} and "episode in arena 2" in printed.err
+    for speed in figures["episodes"].values():
+        assert speed["factor"] > 0.0 and speed["physics"] > 1.0
     assert set(figures["qp"]) == {"standing", "walking", "jumping"}
     for speed in figures["qp"].values():
         assert speed["unsolved"] == 0.0 and speed["ticks"] == 50

@@ -24,6 +24,15 @@ def test_a_training_adopts_the_values_of_its_steps() -> None:
     assert now.env.rewards.termination == config.env.rewards.termination and now.ppo.lam == config.ppo.lam
 
 
+def test_settings_that_depend_on_each_other_change_together() -> None:
+    """The fractions of the gaits sum to at most 1; one after the other, they would pass through 1.3."""
+    shares = {"walking_fraction": (0.7, 0.1), "standing_fraction": (0.1, 0.4), "hopping_fraction": (0.2, 0.5)}
+    for names in (tuple(shares), tuple(reversed(shares))):
+        schedules = tuple(Schedule(f"env.command.{name}", (0.0, 1e6), shares[name]) for name in names)
+        now = TrainConfig(schedules=schedules).at(1e6).env.command
+        assert [getattr(now, name) for name in shares] == pytest.approx([0.1, 0.4, 0.5])
+
+
 @pytest.mark.parametrize(
     ("schedule", "said"),
     [

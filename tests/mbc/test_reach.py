@@ -1,6 +1,7 @@
 """The fitted limits of reach against inverse kinematics of the model itself."""
 
 import dataclasses
+import math
 
 import pytest
 
@@ -13,6 +14,7 @@ from hugwbc.mbc.reach import (
     fastest_walk,
     highest_clearance,
     highest_leap_clearance,
+    highest_lift,
     leap_rise,
     lowest_leaping_height,
     lowest_walking_height,
@@ -87,6 +89,18 @@ def test_lighter_legs_and_a_lower_frequency_walk_faster():
     assert light / heavy == pytest.approx(1.403 / 0.915, rel=0.01)
     torque = 4.0 * 4.65 * heavy * 2.0 * 1.403 / 0.8
     assert torque == pytest.approx(PARAMS.swing_torque * PARAMS.torque_fraction * 180.0, rel=0.01)
+
+
+def test_a_leg_is_lifted_as_high_as_the_hip_bends_it_in_half_a_step():
+    """By hand, of the heavier legs: the hip takes 0.2857 N m per rad/s^2 of the knee, and starts 0.738 m up."""
+    acceleration = PARAMS.lift_torque * PARAMS.torque_fraction * 180.0 / 0.2857
+    for f in (2.0, 2.75, 3.5):
+        knee = 2.0 * math.acos(0.7381 / 0.8) + acceleration * (0.25 / f) ** 2 / 6.0
+        assert highest_lift(PARAMS, 0.0, f, HEAVIER) == pytest.approx(0.7381 - 0.8 * math.cos(knee / 2.0), abs=1e-3)
+    assert highest_lift(PARAMS, 0.0, 2.0, HEAVIER) > PARAMS.clearance_at_nominal, "it lowers no single command of l"
+    assert highest_lift(PARAMS, -0.1, 3.0, HEAVIER) > highest_lift(PARAMS, 0.0, 3.0, HEAVIER), "a bent leg lifts faster"
+    assert highest_lift(PARAMS, 0.0, 3.0, FITTED) > highest_lift(PARAMS, 0.0, 3.0, HEAVIER)
+    assert highest_lift(PARAMS, 0.0, 0.1, HEAVIER) == pytest.approx(0.7381, abs=1e-3), "a knee bends no further than π"
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():

@@ -9,6 +9,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.feet import Ground
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import highest_lift
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.tasks import SwingFootTask
 from hugwbc.mbc.walking import Walking
@@ -102,3 +103,24 @@ def test_a_long_step_stays_low(standing_state):
     assert lengths[0] < PARAMS.long_step and heights[0] == pytest.approx(0.15, abs=0.005)
     assert lengths[1] > PARAMS.max_step[1]
     assert heights[1] == pytest.approx(0.05, abs=0.005)
+
+
+def test_a_step_after_one_that_ended_late_lifts_its_foot_less(standing_state):
+    """The clock has run on by 70 of 250 ms: the foot rises for 90 ms instead of 125 ms, and lands on time."""
+    heights = []
+    for late in (0.0, 0.07):
+        step = Step(standing_state)
+        step.smooth = step.smooth._replace(l=0.3)
+        for _ in range(round(late / DT)):
+            step.plan.advance(Gait.WALKING, 2.0, DT, may_start=True, may_stop=False)
+        step.walking.lift_off(step.dynamics)
+        ground = step.walking.trajectory.position[2]
+        path = []
+        for _ in range(round((0.25 - late) / DT) - 1):
+            step.go_on(standing_state, DT)
+            path.append(step.walking.trajectory.position[2] - ground)
+        heights.append(max(path))
+        assert path[-1] == pytest.approx(0.0, abs=0.003)
+    lift = highest_lift(PARAMS, 0.0, 0.5 / 0.18, step.dynamics.robot)
+    assert heights == pytest.approx([0.3, lift], abs=0.004)
+    assert lift < 0.16

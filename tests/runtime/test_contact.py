@@ -15,6 +15,7 @@ from hugwbc.sim import Actuators, Ground, Simulation
 from hugwbc.sim.sensors import ROBOT
 
 TOUCHING = 1.0  # [N]
+DT = 0.002  # [s]
 
 
 def test_a_stand_at_rest_is_known_from_the_start():
@@ -24,6 +25,20 @@ def test_a_stand_at_rest_is_known_from_the_start():
     weight = 9.81 * load_robot().mass
     assert observer.contact.all()
     assert observer.force[:, 2].sum() == pytest.approx(weight, rel=0.01)
+
+
+def test_a_fall_shows_from_the_first_reading():
+    """Without ground reaction the residual decays by 1 - rate dt a reading, also at the first one after the reset."""
+    observer = ContactObserver()
+    state = Simulation().reset()
+    assert state.velocity is not None
+    observer.reset(state)
+    weight = 9.81 * load_robot().mass
+    for k in range(1, 6):
+        falling = dataclasses.replace(state, velocity=state.velocity - [0.0, 0.0, 9.81 * k * DT])
+        observer.update(falling, np.zeros(19), DT)
+        decayed = weight * (1.0 - observer.params.rate * DT) ** k
+        assert observer.force[:, 2].sum() == pytest.approx(decayed, rel=0.02), k
 
 
 def _walk(seed, duration, v_x=0.5, omega=0.0, settle=1.0, biases=None):

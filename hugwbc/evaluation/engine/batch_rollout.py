@@ -51,9 +51,10 @@ class BatchMember:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors and a plane."""
-    exact = not conditions.chosen_arena.estimates and not conditions.latency
-    return isinstance(controller, HasBatch) and conditions.engine == Simulation.engine and conditions.is_level and exact
+    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors, a plane and empty hands."""
+    exact = not conditions.chosen.estimates and not conditions.latency
+    alike = conditions.engine == Simulation.engine and conditions.is_level and not conditions.hand_payload
+    return isinstance(controller, HasBatch) and alike and exact
 
 
 def most_robots(duration: float) -> int:
@@ -107,7 +108,7 @@ class _BatchRun:
 
     def __init__(self, controller: HasBatch, members: Sequence[BatchMember], duration: float, threads: int) -> None:
         self.members, self.duration, self.period = members, duration, controller.period
-        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.chosen_arena
+        self.timestep, self.arena = members[0].conditions.timestep, members[0].conditions.chosen
         self.substeps = substeps_of(self.period, self.timestep, controller.name)
         self.ticks = max(1, round(duration / self.period))
         self.name, self.robot, count = controller.name, load_robot(self.arena.robot), len(members)

@@ -28,12 +28,14 @@ class Cell:
         config: settings of the protocol.
         run: function of the protocol; called with a controller factory, the settings, and a function to call after each
             episode.
+        episodes: number of episodes in all, or about that.
     """
 
     protocol: str
     spec: ControllerSpec
     config: Any
     run: Callable[..., Any]
+    episodes: int
 
     @property
     def told(self) -> ControllerSpec:
@@ -43,7 +45,7 @@ class Cell:
     @property
     def work(self) -> float:
         """The simulated seconds of the cell, an estimate of its share of the whole campaign."""
-        return float(self.config.episodes * self.config.duration)
+        return float(self.episodes * self.config.duration)
 
     def identity(self) -> dict[str, Any]:
         """Return everything that determines the result, as JSON."""
@@ -108,13 +110,13 @@ class _Progress:
 
     def begin(self, cell: Cell) -> Callable[[object], None]:
         """Return the function to call after each episode of a cell."""
-        share = cell.work / cell.config.episodes
+        share = cell.work / cell.episodes
         before, episodes = self._restored, 0
 
         def on_episode(_: object) -> None:
             nonlocal episodes
             episodes += 1
-            done = min(episodes, cell.config.episodes)  # a search may take more episodes than estimated
+            done = min(episodes, cell.episodes)  # a search may take more episodes than estimated
             self._partly_read = share * min(self._restored - before, done)
             self._report(share * done)
 

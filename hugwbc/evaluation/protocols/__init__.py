@@ -9,6 +9,7 @@ from hugwbc.evaluation.protocols.effort import EffortProtocol
 from hugwbc.evaluation.protocols.engines import EnginesProtocol
 from hugwbc.evaluation.protocols.estimation import EstimationProtocol
 from hugwbc.evaluation.protocols.foot_displacement import FootDisplacementProtocol
+from hugwbc.evaluation.protocols.forces import ForcesProtocol
 from hugwbc.evaluation.protocols.hands import HandsProtocol
 from hugwbc.evaluation.protocols.heatmap import HeatmapProtocol
 from hugwbc.evaluation.protocols.intervention import InterventionProtocol
@@ -40,6 +41,7 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         RandomCommandsProtocol(),
         SmallVelocitiesProtocol(),
         HandsProtocol(),
+        ForcesProtocol(),
         EstimationProtocol(),
         EnginesProtocol(),
         TasksProtocol(),

@@ -12,7 +12,7 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.picture_data import GaitDiagram
-from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, SettledJudge
 from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -96,15 +96,8 @@ def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float,
     return float(_OFFSETS[best]), agreement[best]
 
 
-@dataclasses.dataclass(frozen=True)
-class ContactsJudge:
-    """Judge that keeps the contacts of an episode.
-
-    Attributes:
-        settle: start of the episode that is left out [s].
-    """
-
-    settle: float
+class ContactsJudge(SettledJudge):
+    """Judge that keeps the contacts of an episode."""
 
     def __call__(self, index: int, run: Run) -> ContactsEpisode:
         """Return the row of one episode."""

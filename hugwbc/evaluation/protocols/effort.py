@@ -17,7 +17,7 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import Curves
-from hugwbc.evaluation.protocols.episodes import CountedResult, GaitSettings, Run, known
+from hugwbc.evaluation.protocols.episodes import CountedResult, GaitSettings, Run, SettledJudge, known
 from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -133,15 +133,13 @@ class EffortResult(CountedResult[EffortEpisode]):
 
 
 @dataclasses.dataclass(frozen=True)
-class EffortJudge:
-    """Judge that measures the cost of an episode.
+class EffortJudge(SettledJudge):
+    """Judge that measures the cost of an episode, in addition to `SettledJudge`.
 
     Attributes:
-        settle: start of the episode that is left out [s].
         mass: mass of the robot with its payload [kg].
     """
 
-    settle: float
     mass: float
 
     def __call__(self, index: int, run: Run) -> EffortEpisode:
@@ -246,7 +244,7 @@ class EffortProtocol(PlannedProtocol[EffortConfig, EffortEpisode, EffortResult])
 
 
 def _mass(settings: EffortConfig) -> float:
-    return load_robot(settings.conditions.chosen_arena.robot).mass + settings.conditions.payload
+    return load_robot(settings.conditions.chosen.robot).mass + settings.conditions.payload
 
 
 def _three_digits(value: float | bool | None) -> object:

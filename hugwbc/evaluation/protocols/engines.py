@@ -18,7 +18,7 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, bootstrap_ratio
 from hugwbc.evaluation.metrics import tracking_errors
-from hugwbc.evaluation.protocols.episodes import CountedSettings, GroupedResult, Run, known
+from hugwbc.evaluation.protocols.episodes import CountedSettings, GroupedResult, Run, SettledJudge, known
 from hugwbc.evaluation.protocols.protocol import INTERVAL_NOTE, PlannedProtocol, failure_lines, interval_text
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
@@ -99,15 +99,8 @@ class EnginesResult(GroupedResult[EnginesEpisode]):
     ratios: dict[str, dict[str, Estimate]]
 
 
-@dataclasses.dataclass(frozen=True)
-class EnginesJudge:
-    """Judge that measures the errors of an episode.
-
-    Attributes:
-        settle: start of the episode that is left out [s].
-    """
-
-    settle: float
+class EnginesJudge(SettledJudge):
+    """Judge that measures the errors of an episode."""
 
     def __call__(self, index: int, run: Run) -> EnginesEpisode:
         """Return the row of one episode."""

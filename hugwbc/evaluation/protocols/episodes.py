@@ -25,6 +25,7 @@ __all__ = [
     "ProtocolResult",
     "Row",
     "Run",
+    "SettledJudge",
     "known",
     "mean",
     "run_episodes",
@@ -80,6 +81,17 @@ class CountedSettings(GaitSettings):
     def least(self) -> tuple[int, str]:
         """The fewest episodes that give every figure at least one, and the reason in words."""
         return 1, ""
+
+
+@dataclasses.dataclass(frozen=True)
+class SettledJudge:
+    """A judge that leaves out the start of every episode.
+
+    Attributes:
+        settle: how much of it [s].
+    """
+
+    settle: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

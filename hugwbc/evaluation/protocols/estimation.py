@@ -21,7 +21,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import CONFIDENCE, Estimate, bootstrap_mean
-from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, SettledJudge
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -73,7 +73,7 @@ class EstimationConfig(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.conditions.chosen_arena.estimates:
+        if not self.conditions.chosen.estimates:
             raise ConfigError("sensors of this arena tell the whole state; give --arena 2, or --sensing robot")
         if self.speed is not None:
             dataclasses.replace(default_command(self.gait), v_x=self.speed).validate()
@@ -178,15 +178,8 @@ def without_bounces(true: np.ndarray, time: np.ndarray) -> np.ndarray:
     return filled
 
 
-@dataclasses.dataclass(frozen=True)
-class EstimationJudge:
-    """Judge that compares the estimates of a walk with the truth.
-
-    Attributes:
-        settle: start of the episode that is left out [s].
-    """
-
-    settle: float
+class EstimationJudge(SettledJudge):
+    """Judge that compares the estimates of a walk with the truth."""
 
     def __call__(self, index: int, run: Run) -> EstimationEpisode:
         """Return the row of one episode."""

@@ -15,7 +15,7 @@ from hugwbc.evaluation.protocols.episodes import ControllerFactory, CountedSetti
 from hugwbc.evaluation.protocols.protocol import INTERVAL, INTERVAL_NOTE, Protocol, count_text, interval_text
 from hugwbc.evaluation.tables import format_table, hand_rows
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.loop import ArmSource
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
@@ -159,11 +159,10 @@ class _Recording:
         return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
 
 
-def reachable_targets(count: int, rng: np.random.Generator) -> np.ndarray:
+def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
     """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
-    robot = load_robot()
     state = RobotState(robot.nominal, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    ik, pairs = ArmIK(), []
+    ik, pairs = ArmIK(robot=robot), []
     while len(pairs) < count:
         pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])
@@ -185,7 +184,7 @@ def hands_script(config: HandsConfig, rng: np.random.Generator, index: int = 0) 
     """
     gait = config.alternating[index % 2]
     count = math.ceil(config.duration / (LEG_TIME + DWELL)) + 1
-    pairs = reachable_targets(count, rng)
+    pairs = reachable_targets(count, rng, config.conditions.told_arena.known_robot)
     left, right = (Line(tuple(tuple(p.tolist()) for p in pairs[:, hand]), LEG_TIME, DWELL) for hand in range(2))
     hands = HandMotion(left, right)
     if gait is Gait.STANDING:
@@ -194,8 +193,7 @@ def hands_script(config: HandsConfig, rng: np.random.Generator, index: int = 0) 
     return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
 
 
-def _judge(trace: Trace, source: _Recording, period: float, kept: np.ndarray) -> HandsEpisode:
-    robot = load_robot()
+def _judge(trace: Trace, source: _Recording, period: float, kept: np.ndarray, robot: Robot) -> HandsEpisode:
     arms = robot.arms
     wanted, commanded = (source.sampled(rows, period)[: kept.size] for rows in (source.wanted, source.commanded))
     limits = SATURATED * robot.torque_limit[arms]
@@ -226,6 +224,10 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
     fixed = frozenset({"intervention", "motions"})  # the protocol moves the arms itself
     stores_episodes = False
 
+    def total(self, settings: HandsConfig) -> int:
+        """Return the number of episodes."""
+        return settings.episodes
+
     def run(
         self,
         factory: ControllerFactory,
@@ -238,7 +240,7 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
         for index in range(settings.episodes):
             seed = (settings.seed, index)
             script = hands_script(settings, np.random.default_rng(seed), index)
-            source = _Recording(UpperBodySource())
+            source = _Recording(UpperBodySource(robot=settings.conditions.told_arena.known_robot))
             trace = rollout(
                 controller,
                 script,
@@ -250,7 +252,7 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
             kept = trace.time >= settings.settle
             errors.append(trace.hand_error[kept])
             reachable.append(trace.reachable[kept])
-            rows.append(_judge(trace, source, controller.period, kept))
+            rows.append(_judge(trace, source, controller.period, kept, load_robot(settings.conditions.chosen.robot)))
             if on_episode is not None:
                 on_episode(rows[-1])
         return HandsResult.of(

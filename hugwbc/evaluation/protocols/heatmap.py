@@ -19,7 +19,7 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.picture_data import HeatMaps
-from hugwbc.evaluation.protocols.episodes import CountedResult, GaitSettings, Run, known, mean
+from hugwbc.evaluation.protocols.episodes import CountedResult, GaitSettings, Run, SettledJudge, known, mean
 from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.protocols.single_command import episode_error, sampled_commands
 from hugwbc.evaluation.tables import format_table
@@ -225,15 +225,8 @@ def _multiple(line: Sequence[float | None], single: float | None) -> float:
     return error / single
 
 
-@dataclasses.dataclass(frozen=True)
-class HeatmapJudge:
-    """Judge that measures the errors of all commands of the gait.
-
-    Attributes:
-        settle: start of the episode that is left out of the errors [s].
-    """
-
-    settle: float
+class HeatmapJudge(SettledJudge):
+    """Judge that measures the errors of all commands of the gait."""
 
     def __call__(self, index: int, run: Run) -> HeatmapEpisode:
         """Return the row of one episode."""

@@ -17,7 +17,7 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import TRAININGS, intervention_errors
-from hugwbc.evaluation.protocols.episodes import CountedSettings, GaitSettings, GroupedResult, Run, mean
+from hugwbc.evaluation.protocols.episodes import CountedSettings, GaitSettings, GroupedResult, Run, SettledJudge, mean
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -106,15 +106,8 @@ class InterventionResult(GroupedResult[InterventionEpisode]):
     paper: dict[str, dict[str, float]]
 
 
-@dataclasses.dataclass(frozen=True)
-class InterventionJudge:
-    """Judge of an episode by the error of the command that its plan's label names.
-
-    Attributes:
-        settle: start of the episode that is left out of the error [s].
-    """
-
-    settle: float
+class InterventionJudge(SettledJudge):
+    """Judge of an episode by the error of the command that its plan's label names."""
 
     def __call__(self, index: int, run: Run) -> InterventionEpisode:
         """Return the row of one episode."""

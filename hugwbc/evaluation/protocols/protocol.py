@@ -61,6 +61,10 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
     def describe(self, result: Result) -> str:
         """Return the result as text for a terminal."""
 
+    @abc.abstractmethod
+    def total(self, settings: Settings) -> int:
+        """Return the number of episodes in all, for the progress; of a search, about how many there will be."""
+
     def unavailable(self) -> str:
         """Return why this installation cannot run it, as a sentence for a report; empty if it can."""
         return ""
@@ -123,6 +127,10 @@ class PlannedProtocol(Protocol[Settings, Row, Result]):
     @abc.abstractmethod
     def summarise(self, settings: Settings, rows: Sequence[Row]) -> Mapping[str, Any]:
         """Return the fields of the result that follow from the rows of all episodes."""
+
+    def total(self, settings: Settings) -> int:
+        """Return the number of episodes in all; `settings.episodes` may be that of each group."""
+        return len(self.plans(settings))
 
     def run(
         self, factory: ControllerFactory, settings: Settings, on_episode: Callable[[Row], None] | None = None

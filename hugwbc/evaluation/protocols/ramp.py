@@ -18,7 +18,7 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.picture_data import XY, Curves
-from hugwbc.evaluation.protocols.episodes import CountedSettings, GroupedResult, Run, known, mean
+from hugwbc.evaluation.protocols.episodes import CountedSettings, GroupedResult, Run, SettledJudge, known, mean
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -109,15 +109,8 @@ def ramp_schedule(config: RampConfig, name: str) -> Schedule:
     return Schedule((Knot(0.0, start), Knot(_START, at(low), _APPROACH), Knot(config.settle, at(high), ramp)))
 
 
-@dataclasses.dataclass(frozen=True)
-class RampJudge:
-    """Judge of a run by the command that its plan's label names.
-
-    Attributes:
-        settle: start of the ramp [s].
-    """
-
-    settle: float
+class RampJudge(SettledJudge):
+    """Judge of a run by the command that its plan's label names."""
 
     def __call__(self, index: int, run: Run) -> RampEpisode:
         """Return the row of one run."""

@@ -23,6 +23,7 @@ from hugwbc.evaluation.protocols.episodes import (
     CountedResult,
     CountedSettings,
     Run,
+    SettledJudge,
     known,
     run_episodes,
     stored_rows,
@@ -127,15 +128,8 @@ def sample_episodes(config: RandomCommandsConfig) -> list[Command]:
     return [Command.from_array(row, config.alternating[index % 2]) for index, row in enumerate(values)]
 
 
-@dataclasses.dataclass(frozen=True)
-class RandomCommandsJudge:
-    """Judge of the tracking errors.
-
-    Attributes:
-        settle: start of the episode that is left out [s].
-    """
-
-    settle: float
+class RandomCommandsJudge(SettledJudge):
+    """Judge of the tracking errors."""
 
     def __call__(self, index: int, run: Run) -> RandomEpisode:
         """Return the row of one episode."""

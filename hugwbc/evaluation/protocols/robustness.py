@@ -18,7 +18,7 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate, wilson_percentage
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.picture_data import XY, Curves
-from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, Run, mean
+from hugwbc.evaluation.protocols.episodes import GaitSettings, ProtocolResult, Run, SettledJudge, mean
 from hugwbc.evaluation.protocols.protocol import Measured, PlannedProtocol, count_text, failure_lines
 from hugwbc.evaluation.protocols.single_command import Episode, judged, sampled_commands, stratified_samples
 from hugwbc.evaluation.tables import format_table
@@ -140,15 +140,8 @@ def robustness_level(rows: Sequence[RobustnessEpisode], nominal: Sequence[Robust
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class RobustnessJudge:
-    """Judge that reads factor, value and sampled command from the plan's label.
-
-    Attributes:
-        settle: start of the episode that is left out of the error [s].
-    """
-
-    settle: float
+class RobustnessJudge(SettledJudge):
+    """Judge that reads factor, value and sampled command from the plan's label."""
 
     def __call__(self, index: int, run: Run) -> RobustnessEpisode:
         """Return the row of one episode."""

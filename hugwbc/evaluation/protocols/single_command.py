@@ -17,7 +17,15 @@ from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES, ERROR_UNITS, error_name, other_controllers, single_command_errors
-from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, GaitSettings, Run, known, mean
+from hugwbc.evaluation.protocols.episodes import (
+    CountedResult,
+    CountedSettings,
+    GaitSettings,
+    Run,
+    SettledJudge,
+    known,
+    mean,
+)
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -49,9 +57,12 @@ class SingleCommandConfig(CountedSettings):
 
     Attributes:
         episodes: number of episodes in all, split evenly over the commands of the gait.
+        ends: draw each command at the two ends of its range, half of its episodes at each, instead of inside.
     """
 
     episodes: int = 128  # 16 for each of the eight commands of walking
+    _: dataclasses.KW_ONLY
+    ends: bool = False
 
     @property
     def least(self) -> tuple[int, str]:
@@ -75,6 +86,7 @@ class Episode:
         foot_travel: summed path length of both feet after the settling time [m]; standing only.
         foot_creep: part of `foot_travel` that is MuJoCo's creep of firmly standing feet [m].
         held_foot_contact: fraction of the time in which the held leg touched the ground; hopping only.
+        hop_frequency_error: mean difference between hops per second and the clock's frequency [Hz]; hopping only.
         impact: `metrics.Impact` of the episode; None without a touch-down.
         failures: number of exceptions of the controller that the safety filter caught.
     """
@@ -90,6 +102,7 @@ class Episode:
     foot_travel: float | None
     foot_creep: float | None
     held_foot_contact: float | None
+    hop_frequency_error: float | None
     impact: dict[str, float] | None
     failures: int
 
@@ -109,6 +122,7 @@ class SingleCommandResult(CountedResult[Episode]):
         arm_error: mean over the episodes with external control of the arms [rad].
         foot_travel: mean over the episodes without a fall, whose paths would be short [m]; standing only.
         held_foot_contact: mean over the episodes; hopping only.
+        hop_frequency_error: mean over the episodes [Hz]; hopping only. The paper has no such figure.
         paper: the paper's errors under the same intervention, for the names that it reports.
     """
 
@@ -121,6 +135,7 @@ class SingleCommandResult(CountedResult[Episode]):
     arm_error: float | None
     foot_travel: float | None
     held_foot_contact: float | None
+    hop_frequency_error: float | None
     paper: dict[str, float]
 
 
@@ -130,12 +145,13 @@ def sampled_commands(gait: Gait) -> tuple[str, ...]:
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
 
 
-def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, Command]]:
+def stratified_samples(config: GaitSettings, episodes: int, *, ends: bool = False) -> list[tuple[str, Command]]:
     """Sample single commands, stratified over their finishing ranges.
 
     Args:
         config: settings, of which gait and seed are used.
         episodes: number of samples in all, split evenly over the commands of the gait.
+        ends: take the two ends of each range, each half of the times, instead of samples of its inside.
 
     Returns:
         Name of the sampled command and the whole command, for every episode.
@@ -149,6 +165,8 @@ def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, C
         low, high = command_ranges(config.gait)[name].finishing
         # One uniform sample in each of `count` equal parts of the range.
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
+        if ends:
+            values = np.where(np.arange(count) < count / 2, low, high)
         for index, value in enumerate(values):
             samples.append(
                 (name, dataclasses.replace(default_command(config.alternating[index % 2]), **{name: float(value)}))
@@ -156,15 +174,8 @@ def stratified_samples(config: GaitSettings, episodes: int) -> list[tuple[str, C
     return samples
 
 
-@dataclasses.dataclass(frozen=True)
-class SingleCommandJudge:
-    """Judge of an episode by the error of the command that its plan's label names.
-
-    Attributes:
-        settle: start of the episode that is left out of the error [s].
-    """
-
-    settle: float
+class SingleCommandJudge(SettledJudge):
+    """Judge of an episode by the error of the command that its plan's label names."""
 
     def __call__(self, index: int, run: Run) -> Episode:
         """Return the row of one episode."""
@@ -189,6 +200,7 @@ def judged(run: Run, name: str, settle: float) -> Episode:
         foot_travel=known(metrics.foot_travel(trace, settle)) if standing else None,
         foot_creep=known(metrics.foot_creep(trace, settle)) if standing else None,
         held_foot_contact=known(metrics.held_foot_contact(trace, settle)),
+        hop_frequency_error=known(metrics.frequency_error(trace, settle)) if command.gait.hops else None,
         impact=None if impact is None else dataclasses.asdict(impact),
         failures=trace.safety.failures,
     )
@@ -236,7 +248,7 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
 
     def plans(self, settings: SingleCommandConfig) -> list[EpisodePlan]:
         """Return an episode for each stratified sample; its label names the sampled command."""
-        samples = stratified_samples(settings, settings.episodes)
+        samples = stratified_samples(settings, settings.episodes, ends=settings.ends)
         return [EpisodePlan(command, label=name) for name, command in samples]
 
     def judge(self, settings: SingleCommandConfig) -> SingleCommandJudge:
@@ -258,6 +270,7 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
             "arm_error": mean(row.arm_error for row in rows),
             "foot_travel": mean(row.foot_travel for row in rows if not row.fell),
             "held_foot_contact": mean(row.held_foot_contact for row in rows),
+            "hop_frequency_error": mean(row.hop_frequency_error for row in rows),
             "paper": dict(single_command_errors(settings.gait, settings.conditions.intervention)),
         }
 
@@ -284,6 +297,8 @@ class SingleCommandProtocol(PlannedProtocol[SingleCommandConfig, Episode, Single
             lines.append(f"foot travel: {result.foot_travel:.3f} m of both feet in {seconds:g} s")
         if result.held_foot_contact is not None:
             lines.append(f"held foot on the ground: {100 * result.held_foot_contact:.1f} % of the time")
+        if result.hop_frequency_error is not None:
+            lines.append(f"hops per second: {result.hop_frequency_error:.3f} Hz from the clock's frequency")
         if result.arm_error is not None:
             lines.append(f"arm joints: {result.arm_error:.3f} rad from their external targets on average")
         return "\n".join([*lines, INTERVAL_NOTE, *failure_lines(result.rows)])

@@ -15,7 +15,7 @@ from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.engine import EpisodePlan
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
-from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, known, mean
+from hugwbc.evaluation.protocols.episodes import CountedResult, CountedSettings, Run, SettledJudge, known, mean
 from hugwbc.evaluation.protocols.protocol import (
     INTERVAL,
     INTERVAL_NOTE,
@@ -102,15 +102,8 @@ def sample_episodes(config: SmallVelocitiesConfig) -> list[Command]:
     return commands
 
 
-@dataclasses.dataclass(frozen=True)
-class SmallVelocitiesJudge:
-    """Judge of the executed fraction of the commanded velocity.
-
-    Attributes:
-        settle: start of the episode that is left out [s].
-    """
-
-    settle: float
+class SmallVelocitiesJudge(SettledJudge):
+    """Judge of the executed fraction of the commanded velocity."""
 
     def __call__(self, index: int, run: Run) -> SmallVelocityEpisode:
         """Return the row of one episode."""

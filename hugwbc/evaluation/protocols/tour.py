@@ -114,7 +114,7 @@ class TourResult(CountedResult[TourEpisode]):
 
 def strongest_blow(config: TourConfig) -> float:
     """Return the force on this robot that changes its velocity as much as `config.blow` does that of a G1 [N]."""
-    return config.blow * load_robot(config.conditions.chosen_arena.robot).mass / G1_MASS
+    return config.blow * load_robot(config.conditions.chosen.robot).mass / G1_MASS
 
 
 def tour_plan(config: TourConfig, number: int) -> EpisodePlan:

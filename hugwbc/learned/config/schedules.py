@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 from hugwbc.errors import ConfigError
@@ -67,17 +67,42 @@ def scheduled(settings: Settings, schedules: Sequence[Schedule], steps: float) -
     Raises:
         ConfigError: if a schedule names no number of the settings.
     """
+    values: dict[str, float] = {}
     for schedule in schedules:
-        settings = _replaced(settings, schedule.setting.split("."), schedule.at(steps), schedule.setting)
-    return settings
+        old: Any = settings
+        for name in schedule.setting.split("."):
+            old = getattr(old, name, None)
+        if isinstance(old, bool) or not isinstance(old, int | float):
+            valid = ", ".join(SCHEDULED)
+            raise ConfigError(f"schedule of {schedule.setting}: there is no such number; valid: a number of {valid}")
+        value = schedule.at(steps)
+        values[schedule.setting] = round(value) if isinstance(old, int) else value
+    return replaced(settings, values)
 
 
-def _replaced(settings: Any, path: list[str], value: float, name: str) -> Any:  # noqa: ANN401  any dataclass
-    old = getattr(settings, path[0], None)
-    if len(path) > 1:
-        return dataclasses.replace(settings, **{path[0]: _replaced(old, path[1:], value, name)})
-    if isinstance(old, int) and not isinstance(old, bool):
-        return dataclasses.replace(settings, **{path[0]: round(value)})
-    if not isinstance(old, float):
-        raise ConfigError(f"schedule of {name}: there is no such number; valid: a number of {', '.join(SCHEDULED)}")
-    return dataclasses.replace(settings, **{path[0]: value})
+def replaced(settings: Settings, values: Mapping[str, Any]) -> Settings:
+    """Return settings with other values.
+
+    All values of a group are replaced at once, so that a group is checked with all of them.
+
+    Args:
+        settings: a frozen dataclass, which may hold others.
+        values: new values by dotted name, such as ppo.horizon.
+
+    Raises:
+        ConfigError: if a value is out of its range.
+    """
+    own: dict[str, Any] = {}
+    groups: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        head, _, rest = name.partition(".")
+        if rest:
+            groups.setdefault(head, {})[rest] = value
+        else:
+            own[head] = value
+    for head, inner in groups.items():
+        own[head] = replaced(getattr(settings, head), inner)
+    try:
+        return dataclasses.replace(settings, **own)  # type: ignore[type-var]
+    except TypeError as error:
+        raise ConfigError(f"the values of {', '.join(own)} do not fit together: {error}") from error

@@ -1,5 +1,6 @@
 """The training environment: many H1s, their commands, rewards, curricula, disturbances and interventions."""
 
-from hugwbc.learned.env.humanoid_env import HumanoidEnv, StepResult
+from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.readings import StepResult
 
 __all__ = ["HumanoidEnv", "StepResult"]

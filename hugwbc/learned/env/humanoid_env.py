@@ -7,7 +7,6 @@ import torch
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_gains import ArmGains
@@ -16,9 +15,9 @@ from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
-from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, Transition, read, tensor
+from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
 from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
-from hugwbc.learned.env.rough_ground import RoughGround
+from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
@@ -33,28 +32,10 @@ from hugwbc.sim.warp_batch import robots_on
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 _F, _L, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
-_MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _ALL = slice(None)
 # Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
 _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 _START_SIMULATION = ("qpos", "qvel")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class StepResult:
-    """Outcome of a control step.
-
-    Attributes:
-        reward: sum of the weighted terms, shape (n,).
-        done: whether the episode ended for any reason, shape (n,), bool.
-        timed_out: indices of the robots whose episode only ran out of time.
-        final_critic: critic observation of those robots before their reset, for bootstrapping.
-    """
-
-    reward: torch.Tensor
-    done: torch.Tensor
-    timed_out: torch.Tensor
-    final_critic: torch.Tensor
 
 
 class HumanoidEnv:
@@ -207,7 +188,8 @@ class HumanoidEnv:
         timed_out = (done & ~fallen).nonzero().squeeze(1)
         tracking = relative_tracking(rewards, self._weights, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
-        self._note_gates(tracking)
+        active = self.intervention.active
+        self.statistics.note_gates(tracking, self.command, self.gait, active=active, agile=self.agile)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
@@ -303,16 +285,6 @@ class HumanoidEnv:
         over[due] = self.agile[due]
         tracking = self.statistics.tracking[over] * ~fallen[over, None]
         self.curriculum.judge(self.gait[over], self.command[over], tracking)
-
-    def _note_gates(self, tracking: torch.Tensor) -> None:
-        """Note the tracking rewards of the robots on which the gates depend: those that walk somewhere.
-
-        Standing robots track their zero velocity whatever the others do, and would hold a gate open.
-        """
-        asked = self.command[:, :3].abs().amax(1) > _MOVING
-        walking = asked & (self.gait == Gait.WALKING)
-        self.statistics.note_gate("alpha", tracking, walking & self.intervention.active)
-        self.statistics.note_gate("speed", tracking, walking & self.agile)
 
     def update_curriculum(self) -> None:
         """Move the curricula after an iteration, based on the tracking rewards of moving robots of both groups."""
@@ -446,21 +418,9 @@ class HumanoidEnv:
             self.loads.observation(r.heading)[robots],
             self._body_facts[robots],
         )
-        terrain = self._terrain_samples(height, robots)
+        terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
         critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
         return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
-
-    def _terrain_samples(self, height: torch.Tensor, robots: torch.Tensor | slice) -> torch.Tensor:
-        """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled.
-
-        On a plane all samples are equal, and there is one column.
-        """
-        if self.ground is None:
-            return (height * obs.LENGTH_SCALE)[:, None]
-        position = self.readings.position[robots]
-        ground = self.ground.samples(position[:, :2], self.readings.heading[robots])
-        below = position[:, 2:] - self.robot.nominal_height - ground
-        return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 

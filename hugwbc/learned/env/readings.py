@@ -137,6 +137,23 @@ class Transition:
         )
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class StepResult:
+    """Outcome of a control step.
+
+    Attributes:
+        reward: sum of the weighted terms, shape (n,).
+        done: whether the episode ended for any reason, shape (n,), bool.
+        timed_out: indices of the robots whose episode only ran out of time.
+        final_critic: critic observation of those robots before their reset, for bootstrapping.
+    """
+
+    reward: torch.Tensor
+    done: torch.Tensor
+    timed_out: torch.Tensor
+    final_critic: torch.Tensor
+
+
 def _names(kind: type) -> list[str]:
     return [field.name for field in dataclasses.fields(kind)]
 

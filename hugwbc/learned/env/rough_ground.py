@@ -163,6 +163,30 @@ class RoughGround:
             self.level = state["level"].clamp(max=self._config.levels - 1)
 
 
+def terrain_samples(
+    ground: RoughGround | None,
+    position: torch.Tensor,
+    heading: torch.Tensor,
+    height: torch.Tensor,
+    nominal_height: float,
+) -> torch.Tensor:
+    """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled.
+
+    On a plane all samples are equal, and there is one column.
+
+    Args:
+        ground: the ground; None for a plane.
+        position: of the pelvises in the world [m], shape (k, 3).
+        heading: yaw of the pelvises [rad], shape (k,).
+        height: of the pelvises above the ground minus the nominal height [m], shape (k,).
+        nominal_height: [m].
+    """
+    if ground is None:
+        return (height * obs.LENGTH_SCALE)[:, None]
+    below = position[:, 2:] - nominal_height - ground.samples(position[:, :2], heading)
+    return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
+
+
 def _around(xy: torch.Tensor, heading: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     """Transform points (m, 2) from the heading frames of k robots to the world, shape (k, m, 2)."""
     cos, sin = heading.cos()[:, None], heading.sin()[:, None]

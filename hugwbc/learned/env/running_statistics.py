@@ -12,6 +12,7 @@ from hugwbc.learned.env.readings import TRACKED, Transition, tracked
 TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 GATES = ("alpha", "speed")
+_MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _EVENTS = ("episodes", "falls", "diverged")
 
 
@@ -88,6 +89,30 @@ class Statistics:
         if bool(robots.any()):
             present = torch.nan_to_num(tracking[robots]).mean(0)
             self._gates[name] = TRACKING_MEMORY * self._gates[name] + (1.0 - TRACKING_MEMORY) * present
+
+    def note_gates(
+        self,
+        tracking: torch.Tensor,
+        command: torch.Tensor,
+        gait: torch.Tensor,
+        *,
+        active: torch.Tensor,
+        agile: torch.Tensor,
+    ) -> None:
+        """Note the tracking rewards of the robots on which the gates depend: those that walk somewhere.
+
+        Standing robots track their zero velocity whatever the others do, and would hold a gate open.
+
+        Args:
+            tracking: as in `note_gate`.
+            command: commands, shape (n, 8).
+            gait: values of `Gait`, shape (n,).
+            active: whose arms are under external control, shape (n,), bool.
+            agile: which robots are of the agile group, shape (n,), bool.
+        """
+        walking = (command[:, :3].abs().amax(1) > _MOVING) & (gait == Gait.WALKING)
+        self.note_gate("alpha", tracking, walking & active)
+        self.note_gate("speed", tracking, walking & agile)
 
     def gate(self, name: str) -> tuple[float, float]:
         """Return the running means of the linear and angular tracking reward of a gate, over all processes."""

@@ -4,6 +4,7 @@ import dataclasses
 import importlib.metadata
 import json
 import math
+import pathlib
 import platform
 from typing import Any
 
@@ -47,8 +48,17 @@ def versions() -> dict[str, str]:
 
 
 def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
-    """Return settings in a form that JSON can hold, with paths as text, for the record of a policy."""
-    return json.loads(json.dumps(dataclasses.asdict(settings), default=str))
+    """Return settings in a form that JSON can hold, for the record of a policy.
+
+    Folders mean nothing on another machine: of a path only the last two parts are kept, and of `out` nothing.
+    """
+    record = json.loads(json.dumps(dataclasses.asdict(settings), default=_last_parts))
+    record.pop("out", None)
+    return record
+
+
+def _last_parts(value: object) -> str:
+    return "/".join(value.parts[-2:]) if isinstance(value, pathlib.PurePath) else str(value)
 
 
 def policy_contract(

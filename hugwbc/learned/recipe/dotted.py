@@ -10,7 +10,8 @@ from typing import Any
 
 import yaml
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
+from hugwbc.learned.config.schedules import replaced
 from hugwbc.yaml_file import YamlReader
 
 NONE = ("none", "null", "~")
@@ -59,9 +60,7 @@ def unknown_setting(name: str, known: Iterable[str]) -> UnknownNameError:
 
 
 def with_settings(settings: Any, values: Mapping[str, Any]) -> Any:  # noqa: ANN401  any dataclass
-    """Return settings with other values.
-
-    All values of a group are replaced at once, so that a group is checked with all of them.
+    """Return settings with other values; `replaced`, for names that somebody wrote.
 
     Args:
         settings: a frozen dataclass, which may hold others.
@@ -75,24 +74,7 @@ def with_settings(settings: Any, values: Mapping[str, Any]) -> Any:  # noqa: ANN
     for name in values:
         if name not in known:
             raise unknown_setting(name, known)
-    return _replaced(settings, values)
-
-
-def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:  # noqa: ANN401
-    own: dict[str, Any] = {}
-    groups: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        head, _, rest = name.partition(".")
-        if rest:
-            groups.setdefault(head, {})[rest] = value
-        else:
-            own[head] = value
-    for head, inner in groups.items():
-        own[head] = _replaced(getattr(settings, head), inner)
-    try:
-        return dataclasses.replace(settings, **own)
-    except TypeError as error:
-        raise ConfigError(f"the values of {', '.join(own)} do not fit together: {error}") from error
+    return replaced(settings, values)
 
 
 def read_value(reader: YamlReader, node: yaml.Node, kind: Any) -> Any:  # noqa: ANN401  a type, and a value of it

@@ -208,9 +208,7 @@ class RecipeReader(YamlReader):
             return dataclasses.replace(stage, every=every)
         if key in ("keep", "if_given_up"):
             choices = {"keep": ("best", "last"), "if_given_up": ("fail", "skip", "best")}[key]
-            if self.text(node) not in choices:
-                self.fail(node, UnknownNameError(key, self.text(node), choices))
-            return dataclasses.replace(stage, **{key: self.text(node)})
+            return dataclasses.replace(stage, **{key: self.one_of(node, key, choices)})
         if key == "inputs":
             return dataclasses.replace(stage, inputs=dict(self._inputs(stage, node)))
         if key == "tables":

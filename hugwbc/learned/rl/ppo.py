@@ -14,7 +14,7 @@ from torch import nn
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
-from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic, SymmetricCritic
 from hugwbc.learned.policy.observations import Observation

@@ -1,5 +1,6 @@
 """A behaviour as the source of commands of a control loop."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,16 +11,17 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour, Status
 from hugwbc.scripts.behaviours.view import Action, Grip, View, at_rest
 from hugwbc.targets import HandTargets
 
-ACCELERATION = np.array([0.6, 0.4, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
+ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
-STEP_OUT = 0.6  # [s], steps on the spot before a robot that has walked stands still
+SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
+STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
 
 
 class Manners:
     """Soft starts and stops: limits how fast a command changes, whatever a behaviour asks for.
 
-    A robot that walks and is told to stand slows down first, steps on the spot for `STEP_OUT` and then stands: the
+    A robot that walks and is told to stand slows down first, goes on stepping for `STEP_OUT` and then stands: the
     learned policy falls if it is switched to standing at speed.
     """
 
@@ -30,7 +32,7 @@ class Manners:
     def reset(self) -> None:
         """Start again from a standing robot."""
         self.command = Command()
-        self._on_the_spot = math.inf
+        self._slow = math.inf  # time since the commanded speed was last above `SLOW`
 
     def __call__(self, asked: Command, dt: float) -> Command:
         """Return the command for this tick, `dt` [s] after the last one."""
@@ -40,13 +42,13 @@ class Manners:
         most = np.full(wanted.shape, math.inf)
         most[_VELOCITIES], most[_BODY] = ACCELERATION * dt, BODY_SPEED * dt
         values = last + np.clip(wanted - last, -most, most)
+        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES]) > SLOW)) else self._slow + dt
         gait = asked.gait
         if gait is Gait.STANDING and self.command.gait is not Gait.STANDING:
-            moving = bool(np.any(values[_VELOCITIES]))
-            self._on_the_spot = 0.0 if moving else self._on_the_spot + dt
-            gait = Gait.STANDING if self._on_the_spot >= STEP_OUT else self.command.gait
-        elif gait is not Gait.STANDING:
-            self._on_the_spot = 0.0
+            if self._slow < STEP_OUT:
+                gait = self.command.gait
+            else:
+                values[_VELOCITIES] = 0.0
         self.command = Command.from_array(values, gait)
         return self.command
 
@@ -73,7 +75,7 @@ class BehaviourSource:
     def see(self, view: View) -> None:
         """Take what is known at this tick, and decide on the action. Never raises: an error ends the behaviour."""
         first, before = self._view is None, self._view
-        view = View(**{**vars(view), "last": self.action})
+        view = dataclasses.replace(view, last=self.action)
         self._view = view
         dt = 0.0 if before is None else max(view.time - before.time, 0.0)
         action = at_rest(view)
@@ -85,7 +87,10 @@ class BehaviourSource:
                     action = self.behaviour.update(view)
             except Exception as error:  # a mistake in a behaviour must not stop the loop
                 self._problem = f"{self.behaviour.label} raised {type(error).__name__}: {error}"
-        self.action = Action(self._manners(action.command, dt), action.hands, action.grips)
+        hands = action.hands
+        if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
+            hands = dataclasses.replace(hands, stamp=view.state.time, sequence=None)
+        self.action = Action(self._manners(action.command, dt), hands, action.grips)
 
     def command_at(self, t: float) -> Command:
         """Return the command of this tick."""

@@ -91,7 +91,24 @@ class Shelf(Thing):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Wall(Thing):
+class _Block(Thing):
+    """A solid block."""
+
+    longest: ClassVar[float] = 10.0  # [m]
+
+    size: tuple[Number, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_sizes("size", self.size, 3, self.longest)
+
+    def build(self, spec: mujoco.MjSpec, place: Placement) -> None:
+        half = [settled(value) / 2 for value in self.size]
+        self._geom(self._body(spec, place, 0.0), _BOX, half, [0.0, 0.0, half[2]])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wall(_Block):
     """A wall.
 
     Attributes:
@@ -99,21 +116,14 @@ class Wall(Thing):
     """
 
     kind: ClassVar[str] = "wall"
+    longest: ClassVar[float] = 50.0
 
     size: tuple[Number, ...] = (0.1, 3.0, 2.5)
     colour: str = "#d9dce0"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3, 50.0)
-
-    def build(self, spec: mujoco.MjSpec, place: Placement) -> None:  # noqa: D102
-        half = [settled(value) / 2 for value in self.size]
-        self._geom(self._body(spec, place, 0.0), _BOX, half, [0.0, 0.0, half[2]])
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Step(Thing):
+class Step(_Block):
     """A step, stool or platform: a solid block that stands still.
 
     Attributes:
@@ -125,13 +135,5 @@ class Step(Thing):
     size: tuple[Number, ...] = (0.6, 1.0, 0.15)
     colour: str = "#9aa3ad"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3)
-
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))
-
-    def build(self, spec: mujoco.MjSpec, place: Placement) -> None:  # noqa: D102
-        half = [settled(value) / 2 for value in self.size]
-        self._geom(self._body(spec, place, 0.0), _BOX, half, [0.0, 0.0, half[2]])

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import mujoco
 
 from hugwbc.errors import UnknownNameError
-from hugwbc.sim.scenes.movable import LARGEST_MASS, LEAST_MASS
-from hugwbc.sim.scenes.thing import Placement, Thing, darker
+from hugwbc.sim.scenes.thing import Placement, Weighed, darker
 from hugwbc.sim.scenes.varied import Number, settled
 
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
@@ -24,7 +23,7 @@ _FIRM = [0.004, 1.0]  # [s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Jointed(Thing):
+class Jointed(Weighed):
     """A thing with a part that moves by one joint, and a part that stands still.
 
     The moving part is the body NAME. `ObjectState.travel` says how far it is from where it rests.
@@ -32,12 +31,6 @@ class Jointed(Thing):
     Attributes:
         mass: of the moving part [kg].
     """
-
-    mass: Number = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("mass", self.mass, LEAST_MASS, LARGEST_MASS)
 
     def _joint(self, body: Any, kind: mujoco.mjtJoint, axis: list[float], end: float, **fields: Any) -> None:  # noqa: ANN401
         """Add the joint, with firm stops at rest and at the end [rad or m]."""

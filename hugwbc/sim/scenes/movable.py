@@ -5,16 +5,15 @@ from typing import Any, ClassVar
 
 import mujoco
 
-from hugwbc.sim.scenes.thing import Placement, Thing, darker
+from hugwbc.sim.scenes.thing import Placement, Weighed, darker
 from hugwbc.sim.scenes.varied import Number, settled
 
 _BOX, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
-LEAST_MASS, LARGEST_MASS = 0.001, 500.0  # [kg]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Movable(Thing):
+class Movable(Weighed):
     """A thing that moves freely.
 
     Attributes:
@@ -22,12 +21,6 @@ class Movable(Thing):
     """
 
     movable: ClassVar[bool] = True
-
-    mass: Number = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("mass", self.mass, LEAST_MASS, LARGEST_MASS)
 
     def _free(self, spec: mujoco.MjSpec, place: Placement, height: float, name: str | None = None) -> Any:  # noqa: ANN401
         body = self._body(spec, place, height, name)
@@ -166,7 +159,7 @@ class Tray(Movable):
         self._check_sizes("size", self.size, 3)
         self._check_sizes("cup_radius", (self.cup_radius,), 1, 0.2)
         self._check_sizes("cup_height", (self.cup_height,), 1, 0.5)
-        self._check("cup_mass", self.cup_mass, LEAST_MASS, LARGEST_MASS)
+        self._check_mass("cup_mass", self.cup_mass)
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))

@@ -25,7 +25,7 @@ from typing import Any
 
 import yaml
 
-from hugwbc.errors import SceneError, UnknownNameError
+from hugwbc.errors import SceneError
 from hugwbc.robot import robot_names
 from hugwbc.sim.ground import GROUNDS
 from hugwbc.sim.scenes import furniture, jointed, movable
@@ -33,10 +33,10 @@ from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.scenes.varied import Choice, Uniform
-from hugwbc.yaml_file import Read, YamlReader
+from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
 FOLDER = pathlib.Path(__file__).parent
-SCENE_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+SCENE_NAMES = shipped_names(FOLDER)
 KINDS: dict[str, type[Thing]] = {
     cls.kind: cls
     for cls in (
@@ -57,12 +57,7 @@ def load_scene(name: str | pathlib.Path) -> Scene:
         UnknownNameError: if no shipped scene has that name.
         SceneError: if the file cannot be read or is not a valid scene; it names line and column.
     """
-    path = pathlib.Path(name)
-    if path.suffix in (".yaml", ".yml"):
-        return read_scene(path)
-    if str(name) not in SCENE_NAMES:
-        raise UnknownNameError("scene", name, (*SCENE_NAMES, "or a file that ends in .yaml"))
-    return read_scene(FOLDER / f"{name}.yaml")
+    return read_scene(yaml_path("scene", name, FOLDER))
 
 
 def read_scene(path: pathlib.Path) -> Scene:
@@ -128,12 +123,6 @@ class _Reader(YamlReader):
         values = self.fields(node, cls.kind, readers, required=required)
         values.pop("kind", None)
         return self.checked(node, cls, **values)
-
-    def one_of(self, node: yaml.Node, what: str, valid: Any) -> str:  # noqa: ANN401  names
-        name = self.text(node)
-        if name not in valid:
-            self.fail(node, UnknownNameError(what, name, valid))
-        return name
 
     def file(self, node: yaml.Node) -> pathlib.Path:
         path = self.path.parent / self.text(node)

@@ -30,6 +30,7 @@ MOVABLE_TIME_CONSTANT = 0.01  # [s]
 MOVABLE_IMPEDANCE = (0.98, 0.99, 0.001)
 _DRAWN_GROUP = 1  # of MuJoCo's groups of geoms: drawn, and not of a robot's shell
 _TORSION, _ROLLING = 0.005, 0.0001  # [m]
+_LEAST_MASS, _LARGEST_MASS = 0.001, 500.0  # [kg]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,6 +202,24 @@ class Thing:
         geom = body.add_geom(type=kind, size=[*size, *[0.0] * (3 - len(size))], pos=list(pos), **fields)
         geom.friction = [friction, torsion, rolling]
         geom.mass = mass
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Weighed(Thing):
+    """A thing of which something moves.
+
+    Attributes:
+        mass: of what moves [kg].
+    """
+
+    mass: Number = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_mass("mass", self.mass)
+
+    def _check_mass(self, what: str, value: Any) -> None:  # noqa: ANN401
+        self._check(what, value, _LEAST_MASS, _LARGEST_MASS)
 
 
 def rgb_of(colour: str) -> tuple[float, float, float]:

@@ -26,7 +26,7 @@ def cells():
         return SmallVelocitiesProtocol().run(factory, config, on_episode)
 
     counting.__module__ = SmallVelocitiesProtocol.__module__
-    return [Cell("small-velocities", HOLD, config, counting) for config in (WALK, HOP)], runs
+    return [Cell("small-velocities", HOLD, config, counting, config.episodes) for config in (WALK, HOP)], runs
 
 
 def test_finished_cells_are_read_and_the_others_run(tmp_path, cells):

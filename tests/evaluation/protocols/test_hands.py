@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.protocols.hands import HIGH, LOW, HandsConfig, HandsProtocol, hands_script, reachable_targets
 from hugwbc.gait import Gait
 from hugwbc.mbc import WholeBodyController
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 
 
@@ -21,7 +23,7 @@ def test_jitter_by_hand():
 
 
 def test_targets_are_reachable_in_front_of_each_hand_and_the_same_for_a_seed():
-    pairs, again = (reachable_targets(4, np.random.default_rng(1)) for _ in range(2))
+    pairs, again = (reachable_targets(4, np.random.default_rng(1), load_robot()) for _ in range(2))
     assert np.array_equal(pairs, again)
     left, right = pairs[:, 0], pairs[:, 1] * [1.0, -1.0, 1.0]
     assert np.all((left >= LOW) & (left <= HIGH) & (right >= LOW) & (right <= HIGH))
@@ -47,6 +49,25 @@ def test_the_qp_standing_is_within_the_figures_and_a_falling_robot_is_told():
     fallen = HandsProtocol().run(HoldController, config)
     assert fallen.fell == 1
     assert fallen.hand_error_m["mean"] is None and fallen.jitter is None
+
+
+def test_the_hands_are_those_of_the_robot_that_is_asked_for(monkeypatch):
+    from hugwbc.evaluation.conditions import Conditions
+    from hugwbc.evaluation.protocols import hands
+
+    robots = []
+
+    class Source(hands.UpperBodySource):
+        def __init__(self, *, robot):
+            robots.append(robot.name)
+            super().__init__(robot=robot)
+
+    monkeypatch.setattr(hands, "UpperBodySource", Source)
+    conditions = Conditions(robot="h1-2023", told="h1")
+    config = HandsConfig(gait=Gait.STANDING, episodes=1, duration=0.4, settle=0.1, conditions=conditions)
+    HandsProtocol().run(HoldController, config)
+    HandsProtocol().run(HoldController, dataclasses.replace(config, conditions=Conditions(robot="h1-2023")))
+    assert robots == ["h1", "h1-2023"]
 
 
 def test_the_command_writes_the_figures(tmp_path, capsys):

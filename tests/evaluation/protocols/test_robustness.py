@@ -43,7 +43,22 @@ def test_every_value_has_the_same_commands_and_its_own_conditions(monkeypatch):
 
 def episode(error_name: str, error: float | None, fell: bool = False) -> RobustnessEpisode:
     return RobustnessEpisode(
-        "walking", "h", 0.0, error_name, error, fell, 10.0, None, None, None, None, None, 0, factor="gain", level=0.9
+        "walking",
+        "h",
+        0.0,
+        error_name,
+        error,
+        fell,
+        10.0,
+        None,
+        None,
+        None,
+        None,
+        None,
+        None,
+        0,
+        factor="gain",
+        level=0.9,
     )
 
 

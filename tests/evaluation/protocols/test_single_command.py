@@ -57,6 +57,26 @@ def test_hopping_on_both_legs_alternates_over_each_range():
         SingleCommandConfig(Gait.WALKING, both_legs=True)
 
 
+def test_ends_draw_each_end_of_each_range_equally_often_on_both_legs():
+    config = SingleCommandConfig(Gait.HOPPING_LEFT, both_legs=True, episodes=16, seed=3, ends=True)
+    samples = stratified_samples(config, 16, ends=True)
+    assert [plan.command for plan in SingleCommandProtocol().plans(config)] == [command for _, command in samples]
+    for name in sampled_commands(Gait.HOPPING_LEFT):
+        low, high = command_ranges(Gait.HOPPING_LEFT)[name].finishing
+        for gait in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT):
+            values = [getattr(command, name) for n, command in samples if n == name and command.gait is gait]
+            assert sorted(values) == [low, high]
+
+
+def test_a_hop_that_does_not_follow_the_clock_is_seen_in_a_figure_of_its_own():
+    settings = SingleCommandConfig(Gait.HOPPING_LEFT, episodes=4, duration=1.4, execution=Execution(1))
+    result = RUN(HoldController, settings)
+    # A robot that never leaves the ground hops 0 times a second; the clock has 2 Hz.
+    assert [row.hop_frequency_error for row in result.rows] == [2.0] * 4 and result.hop_frequency_error == 2.0
+    walk = RUN(HoldController, dataclasses.replace(settings, gait=Gait.WALKING, episodes=8))
+    assert walk.hop_frequency_error is None
+
+
 class Recorder(HoldController):
     """Stands on stiff legs and remembers the commands of each episode."""
 

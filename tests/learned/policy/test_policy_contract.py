@@ -1,9 +1,13 @@
+import json
+import pathlib
+
 import numpy as np
 import pytest
 
 from hugwbc.errors import PolicyFileError
+from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.policy_contract import complete_contract, policy_contract
+from hugwbc.learned.policy.policy_contract import complete_contract, policy_contract, settings_record
 from hugwbc.robot import load_robot
 
 
@@ -16,6 +20,14 @@ def test_layouts_have_the_sizes_of_the_networks() -> None:
 def test_own_settings_are_carried() -> None:
     contract = complete_contract(policy_contract(period=0.01, action_scale=0.4, waist_rate=0.0), "x")
     assert (contract["period"], contract["action_scale"], contract["waist_rate"]) == (0.01, [0.4] * 19, 0.0)
+
+
+def test_the_record_of_the_settings_holds_no_folder_of_a_machine() -> None:
+    here = pathlib.Path("/home/somebody/runs")
+    config = TrainConfig(out=here / "mine", start_from=here / "first" / "snapshot.safetensors")
+    record = settings_record(config)
+    assert "out" not in record and record["start_from"] == "first/snapshot.safetensors"
+    assert "somebody" not in json.dumps(record)
 
 
 def test_every_joint_may_have_its_own_scale_and_gains() -> None:

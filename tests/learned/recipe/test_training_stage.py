@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import json
 import math
 import pathlib
@@ -11,12 +12,14 @@ import torch
 from hugwbc.errors import RecipeError
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.recipe import training_stage
+from hugwbc.learned.recipe.recipe_file import load_recipe
 from hugwbc.learned.recipe.recipe_records import Recipe
 from hugwbc.learned.recipe.recipe_run import RunOptions, run_recipe
 from hugwbc.learned.recipe.run_folder import RunFolder
 from hugwbc.learned.recipe.training_stage import log_means
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.trainer import Trainer
+from tests.learned.recipe.conftest import FakeServices
 
 ALONE = """
 seed: 2001
@@ -39,29 +42,31 @@ def alone(make_recipe: Callable[..., Recipe], extra: str = "", profile: str | No
     return make_recipe(ALONE, (GAITS, f"{extra}{GAITS}"), profile=profile)
 
 
+def fix_scores(patch: pytest.MonkeyPatch, *values: float) -> None:
+    left, real = iter(values), Evaluator.run
+    patch.setattr(Evaluator, "run", lambda self, actor: real(self, actor) | {"evaluation/score": next(left)})
+
+
+def record_configs(patch: pytest.MonkeyPatch, configs: list[Any]) -> None:
+    class Seen(Trainer):
+        def __init__(self, config: Any) -> None:
+            configs.append(config)
+            super().__init__(config)
+
+    patch.setattr(training_stage, "Trainer", Seen)
+
+
 @pytest.fixture
 def scores(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Return a function that fixes the scores of the measurements; `warm` has the first one."""
-
-    def fix(*values: float) -> None:
-        left = iter(values)
-        real = Evaluator.run
-        monkeypatch.setattr(Evaluator, "run", lambda self, actor: real(self, actor) | {"evaluation/score": next(left)})
-
-    return fix
+    return functools.partial(fix_scores, monkeypatch)
 
 
 @pytest.fixture
 def configs(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the settings of every trainer that is made."""
     seen: list[Any] = []
-
-    class Seen(Trainer):
-        def __init__(self, config: Any) -> None:
-            seen.append(config)
-            super().__init__(config)
-
-    monkeypatch.setattr(training_stage, "Trainer", Seen)
+    record_configs(monkeypatch, seen)
     return seen
 
 
@@ -122,44 +127,52 @@ BACK = """    gates: [{do: back, when: {evaluation/score: above 2 best}, times: 
 """
 
 
-def test_a_return_to_the_best_checkpoint_is_another_branch_and_is_counted(
-    tmp_path: pathlib.Path,
-    make_recipe: Callable[..., Recipe],
-    services: Any,
-    configs: list[Any],
-    scores: Callable[..., None],
-) -> None:
-    # Best after 64 steps, worse at 96 and 128: back to 64; then on to the end.
-    scores(9.0, 2.0, 1.0, 5.0, 6.0, 1.2, 0.9, 0.8, 0.7)
-    lines: list[str] = []
-    run(alone(make_recipe, BACK), tmp_path / "run", services, say=lines.append)
-    record = RunFolder(tmp_path / "run").records()["gaits"]
-    assert record.steps == 192 and record.spent.steps == 192 + 64
-    (discarded,) = record.discarded
-    assert discarded.steps == 64 and "evaluation/score > 2 best in 2 measurements" in discarded.reason
-    assert record.seeds == (2001, 2002)
-    branch = [config for config in configs if "branch-1" in str(config.out)]
-    assert [config.steps - 32 for config in branch] == [96, 128, 160, 192]
-    assert {(config.seed, config.ppo.target_kl, config.ppo.entropy_weight) for config in branch} == {(2002, 0.01, 0.0)}
-    assert any("back to 64 steps" in line for line in lines)
+@dataclasses.dataclass
+class Returned:
+    """A run whose training goes back to its best checkpoint, that after 64 steps, and then on to the end."""
+
+    folder: RunFolder
+    lines: list[str]
+    configs: list[Any]
+    starts: list[tuple[Any, Any]]  # what a branch started from, and as what
 
 
-def test_the_branch_starts_from_the_best_network_with_robots_of_its_own(
-    tmp_path: pathlib.Path, make_recipe: Callable[..., Recipe], services: Any, scores: Callable[..., None],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    scores(9.0, 1.0, 5.0, 6.0, 0.9, 0.9, 0.9, 0.9, 0.9)
-    starts = []
+@pytest.fixture(scope="module")
+def returned(tmp_path_factory: pytest.TempPathFactory) -> Returned:
+    """Return one run for all tests that only read it."""
+    folder = tmp_path_factory.mktemp("returned")
+    (folder / "tiny.yaml").write_text(ALONE.replace(GAITS, f"{BACK}{GAITS}"))
+    out = Returned(RunFolder(folder / "run"), [], [], [])
     write = training_stage._write_start
 
     def seen(source: pathlib.Path, target: pathlib.Path) -> None:
         write(source, target)
-        starts.append((checkpoint.load_file(source, "checkpoint"), checkpoint.load_file(target, "checkpoint")))
+        out.starts.append((checkpoint.load_file(source, "checkpoint"), checkpoint.load_file(target, "checkpoint")))
 
-    monkeypatch.setattr(training_stage, "_write_start", seen)
-    run(alone(make_recipe, BACK), tmp_path / "run", services)
-    ((best, best_record), (start, start_record)) = starts[0]
-    assert best_record == start_record and best_record["steps"] == 64
+    torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        fix_scores(patch, 9.0, 2.0, 1.0, 5.0, 6.0, 1.2, 0.9, 0.8, 0.7)  # worse after 96 and 128 steps
+        record_configs(patch, out.configs)
+        patch.setattr(training_stage, "_write_start", seen)
+        run(load_recipe(folder / "tiny.yaml"), folder / "run", FakeServices(), say=out.lines.append)
+    return out
+
+
+def test_a_return_to_the_best_checkpoint_is_another_branch_and_is_counted(returned: Returned) -> None:
+    record = returned.folder.records()["gaits"]
+    assert record.steps == 192 and record.spent.steps == 192 + 64
+    (discarded,) = record.discarded
+    assert discarded.steps == 64 and "evaluation/score > 2 best in 2 measurements" in discarded.reason
+    assert record.seeds == (2001, 2002)
+    branch = [config for config in returned.configs if "branch-1" in str(config.out)]
+    assert [config.steps - 32 for config in branch] == [96, 128, 160, 192]
+    assert {(config.seed, config.ppo.target_kl, config.ppo.entropy_weight) for config in branch} == {(2002, 0.01, 0.0)}
+    assert any("back to 64 steps" in line for line in returned.lines)
+
+
+def test_the_branch_starts_from_the_best_network_with_robots_of_its_own(returned: Returned) -> None:
+    ((best, best_record), (start, start_record)) = returned.starts[0]
+    assert best_record == start_record and best_record["steps"] == 32 + 64
     assert all(torch.equal(best[name], tensor) for name, tensor in start.items())
     assert any(name.startswith("optimiser.") for name in start)
     assert not any(name.startswith("env.") or name == "generator" for name in start)

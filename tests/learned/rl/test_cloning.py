@@ -5,7 +5,7 @@ import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.config import PPOConfig
-from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.policy.observations import CRITIC_SIZE, Observation

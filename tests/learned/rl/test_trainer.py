@@ -18,7 +18,7 @@ from hugwbc.learned.config import (
     TerrainConfig,
     TrainConfig,
 )
-from hugwbc.learned.env.humanoid_env import StepResult
+from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.run_log import LOG_NAME

@@ -1,0 +1,265 @@
+"""Walking to a place and facing something, by velocity commands from the estimated pose."""
+
+import abc
+import collections
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_time, seen
+from hugwbc.scripts.behaviours.view import Action, View, kept
+
+POSITION_TOLERANCE = 0.03  # [m]
+YAW_TOLERANCE = math.radians(3.0)  # [rad]
+_DEADBAND = 0.5  # share of the tolerances within which the robot may stand
+_GAIN, _TURN_GAIN = 0.7, 1.0  # [1/s], speed per distance, and yaw rate per angle
+_SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
+_FAR = 0.6  # [m], a goal farther away is walked to face first
+_SLOWEST_TURN = 0.6  # [rad/s], of a turn
+_BIAS_TIME = 2.5  # [s], over which the difference of commanded and walked velocity is learnt
+_MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
+_SLOW_TIME = 0.6  # [s] near the goal before the robot stands
+_SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
+_FASTEST = 0.6  # [m/s], what a behaviour may ask for
+
+
+class Goal(NamedTuple):
+    """A place in the world [m] and a heading [rad]."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+class _OverStride:
+    """Mean of a vector over the last stride: a pelvis that sways from foot to foot has no other resting value."""
+
+    def __init__(self, duration: float) -> None:
+        """Take the mean over a duration [s]."""
+        self._duration = duration
+        self._values: collections.deque[tuple[float, np.ndarray]] = collections.deque()
+        self._sum: np.ndarray | float = 0.0
+
+    def __call__(self, time: float, value: np.ndarray) -> np.ndarray:
+        """Add the value of a time [s] and return the mean."""
+        self._values.append((time, value))
+        self._sum = self._sum + value
+        while self._values[0][0] < time - self._duration + 1e-9:
+            self._sum = self._sum - self._values.popleft()[1]
+        return self._sum / len(self._values)
+
+
+class Walk(Behaviour):
+    """Walks to a goal, turns to its heading, and stands.
+
+    The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
+    the estimate knows it, is learnt and added to the command. Standing begins when the mean of a stride is within half
+    of the tolerances. Where the robot then stands outside of them, it walks again.
+    """
+
+    def __init__(
+        self, *, speed: float = 0.4, stand: bool = True, tolerance: float = POSITION_TOLERANCE, timeout: float = 30.0
+    ) -> None:
+        """Set how to walk.
+
+        Args:
+            speed: highest speed [m/s].
+            stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
+            tolerance: distance from the goal at which it has arrived [m].
+            timeout: after which it fails [s].
+
+        Raises:
+            ConfigError: if a number is out of range.
+        """
+        check_time("timeout", timeout)
+        if not 0.05 <= speed <= _FASTEST:
+            raise ConfigError(f"speed is {speed} m/s; give 0.05 to {_FASTEST} m/s")
+        if not 0.01 <= tolerance <= 1.0:
+            raise ConfigError(f"tolerance is {tolerance} m; give 0.01 to 1 m")
+        self.speed, self.stand, self.tolerance, self.timeout = speed, stand, tolerance, timeout
+
+    @abc.abstractmethod
+    def goal(self, view: View, begin: View) -> Goal:
+        """Return the goal as it is known now; `begin` is the view at the start."""
+
+    def course(self, view: View) -> Course:  # noqa: D102
+        if view.state.position is None or view.state.velocity is None:
+            raise Failure("the position of the robot is not known; add an estimator")
+        begin, bias = view, np.zeros(3)
+        while True:
+            view = yield from self._approach(view, begin, bias)
+            if not self.stand:
+                return view
+            view = yield from self._stop(view, begin)
+            if self._arrived(self._error(view, begin), 1.0):
+                return view
+
+    def _error(self, view: View, begin: View) -> np.ndarray:
+        """Return the way to the goal in the heading frame [m] and the angle to its heading [rad], shape (3,)."""
+        goal = self.goal(view, begin)
+        state, position = view.state, view.position
+        ahead = rotations.rotation_z(-state.yaw)[:2, :2] @ (np.array([goal.x, goal.y]) - position[:2])
+        turn = float(rotations.wrap_angle(goal.yaw - state.yaw))
+        self.progress = f"{100 * float(np.hypot(*ahead)):.1f} cm and {abs(math.degrees(turn)):.1f} degrees to go"
+        return np.array([*ahead, turn])
+
+    def _arrived(self, error: np.ndarray, share: float) -> bool:
+        distance = math.hypot(error[0], error[1])
+        return distance <= share * self.tolerance and abs(error[2]) <= share * YAW_TOLERANCE
+
+    def _approach(self, view: View, begin: View, bias: np.ndarray) -> Course:
+        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand.
+
+        Args:
+            view: now.
+            begin: when the walk began.
+            bias: what has been learnt of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
+        """
+        mean, time = _OverStride(1.0 / Command().f), view.time
+        near: float | None = None
+        error = self._error(view, begin)
+        if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
+            return view
+        while True:
+            error = self._error(view, begin)
+            velocity = self._velocity(error) + bias
+            arrived = self._arrived(mean(view.time, error), _DEADBAND)
+            near = None if not arrived else view.time if near is None else near
+            if near is not None and (not self.stand or view.time - near >= _SLOW_TIME):
+                return view
+            command = Command(*map(float, velocity), h=view.last.command.h, p=view.last.command.p, gait=Gait.WALKING)
+            view = yield Action(command, kept(view))
+            share = min((view.time - time) / _BIAS_TIME, 1.0)
+            time = view.time
+            missing = view.last.command.array()[:3] - bias - _walked(view)
+            bias[:] = np.clip(bias + share * missing, -_MOST_BIAS, _MOST_BIAS)
+
+    def _velocity(self, error: np.ndarray) -> np.ndarray:
+        """Return the velocity [m/s, m/s, rad/s] for a way that is left, shape (3,)."""
+        distance = math.hypot(error[0], error[1])
+        speed = min(self.speed, _GAIN * distance, math.sqrt(2.0 * _SLOW_DOWN * distance))
+        turn = error[2]
+        if distance > _FAR:  # walk ahead to it: sideways is slow
+            turn = math.atan2(error[1], error[0])
+            speed *= max(math.cos(turn), 0.0)
+            way = np.array([speed, 0.0])
+        else:
+            way = error[:2] * (speed / max(distance, 1e-6))
+        return np.array([*way, min(max(_TURN_GAIN * turn, -_SLOWEST_TURN), _SLOWEST_TURN)])
+
+    def _stop(self, view: View, begin: View) -> Course:
+        """Stand, and wait until the robot is at rest."""
+        since: float | None = None
+        while since is None or view.time - since < _SETTLE_TIME:
+            last = view.last.command
+            if last.gait is Gait.STANDING and since is None:
+                since = view.time
+            view = yield Action(Command(h=last.h, p=last.p, w=last.w), kept(view))
+            self._error(view, begin)
+        return view
+
+
+def _walked(view: View) -> np.ndarray:
+    """Return the estimated velocity in the heading frame and the yaw rate, shape (3,)."""
+    state = view.state
+    assert state.velocity is not None
+    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
+    rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
+    return np.array([velocity[0], velocity[1], rate])
+
+
+class WalkTo(Walk):
+    """Walks to a place in the world, or to one before an object as it is seen."""
+
+    def __init__(
+        self,
+        position: tuple[float, float] | None = None,
+        yaw: float | None = None,
+        *,
+        before: str | None = None,
+        distance: float = 0.5,
+        aside: float = 0.0,
+        turn: float = 0.0,
+        speed: float = 0.4,
+        stand: bool = True,
+        tolerance: float = POSITION_TOLERANCE,
+        timeout: float = 30.0,
+    ) -> None:
+        """Set the goal: `position`, or `before`.
+
+        Args:
+            position: x and y in the world [m].
+            yaw: heading there [rad]; None for the direction from the start to the position.
+            before: object whose x axis points away from the robot that stands before it. The goal follows the object.
+            distance: from the object's origin, against its x axis [m].
+            aside: along the object's y axis [m].
+            turn: heading there, relative to the object's [rad].
+            speed: highest speed [m/s].
+            stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
+            tolerance: distance from the goal at which it has arrived [m].
+            timeout: after which it fails [s].
+
+        Raises:
+            ConfigError: if both or neither of position and object are given, or a number is out of range.
+        """
+        super().__init__(speed=speed, stand=stand, tolerance=tolerance, timeout=timeout)
+        if (position is None) is (before is None):
+            raise ConfigError("walk_to needs either a position [x, y] or the object to stand before; give one of them")
+        if before is not None and yaw is not None:
+            raise ConfigError("yaw is a heading in the world; give turn, which is relative to the object's")
+        values = (*(position or ()), yaw or 0.0, distance, aside, turn)
+        if (position is not None and len(position) != 2) or not np.all(np.isfinite(values)):
+            raise ConfigError(f"walk_to's numbers are {values}; give finite ones, and a position of two")
+        self.position, self.yaw, self.before = position, yaw, before
+        self.distance, self.aside, self.turn = distance, aside, turn
+
+    def goal(self, view: View, begin: View) -> Goal:  # noqa: D102
+        if self.before is None:
+            assert self.position is not None
+            x, y = self.position
+            yaw = self.yaw
+            if yaw is None:
+                way = np.array([x, y]) - begin.position[:2]
+                yaw = math.atan2(way[1], way[0]) if np.hypot(*way) > 0.1 else begin.state.yaw
+            return Goal(x, y, yaw)
+        thing = seen(view, self.before)
+        offset = rotations.rotation_z(thing.yaw) @ np.array([-self.distance, self.aside, 0.0])
+        return Goal(*(thing.position + offset)[:2].tolist(), thing.yaw + self.turn)
+
+
+class Face(Walk):
+    """Turns on the spot to a heading, or towards an object as it is seen."""
+
+    def __init__(
+        self, object: str | None = None, *, yaw: float | None = None, stand: bool = True, timeout: float = 20.0
+    ) -> None:
+        """Set what to face.
+
+        Args:
+            object: name of an object.
+            yaw: heading in the world, instead [rad].
+            stand: whether it ends standing.
+            timeout: after which it fails [s].
+
+        Raises:
+            ConfigError: if both or neither of object and heading are given, or a number is out of range.
+        """
+        super().__init__(stand=stand, tolerance=0.15, timeout=timeout)
+        if (object is None) is (yaw is None):
+            raise ConfigError("face needs either an object or a yaw; give one of them")
+        if yaw is not None and not math.isfinite(yaw):
+            raise ConfigError(f"yaw is {yaw} rad; give a finite number")
+        self.object, self.yaw = object, yaw
+
+    def goal(self, view: View, begin: View) -> Goal:  # noqa: D102
+        x, y = begin.position[:2].tolist()
+        if self.object is None:
+            assert self.yaw is not None
+            return Goal(x, y, self.yaw)
+        way = seen(view, self.object).position - view.position
+        return Goal(x, y, math.atan2(way[1], way[0]))

@@ -1,0 +1,63 @@
+"""A record that was saved is the same record when it is loaded, and other files are refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc.errors import ConfigError
+from hugwbc.runtime import SafetyReport, Trace
+from hugwbc.runtime.trace_file import scene_text
+from hugwbc.sim.scenes import Box, Scene, Table, load_scene
+from hugwbc.sim.scenes.scene_file import parse_scene
+
+
+def test_a_saved_record_comes_back_whole(make_run, tmp_path):
+    scene = Scene((Table(name="desk", position=(2.0, 0.0)), Box(name="parcel", on="desk", size=(0.2, 0.2, 0.2))))
+    run = make_run(seconds=2.0, fell=True)
+    run = dataclasses.replace(
+        run,
+        scene=scene,
+        object_pose=np.zeros((len(run.time), 2, 7)),
+        hand_force=np.ones((len(run.time), 2, 3)),
+        problems=("parcel left the world",),
+        safety=SafetyReport(ticks=7, commands_guarded={"l": 3}, messages=("command l is high",)),
+    )
+    path = run.save(tmp_path / "deep" / "run")
+    assert path == tmp_path / "deep" / "run.npz"
+    loaded = Trace.load(path)
+    for field in dataclasses.fields(Trace):
+        before, after = getattr(run, field.name), getattr(loaded, field.name)
+        if isinstance(before, np.ndarray):
+            np.testing.assert_array_equal(before, after, err_msg=field.name)
+            assert before.dtype == after.dtype
+        elif isinstance(before, tuple) and len(before) == 2:
+            for one, other in zip(before, after, strict=True):
+                np.testing.assert_array_equal(one, other, err_msg=field.name)
+        else:
+            assert before == after, field.name
+
+
+@pytest.mark.parametrize("name", ["parcel", "workshop"])
+def test_the_text_of_a_scene_is_the_scene(name, tmp_path):
+    scene = load_scene(name).draw(3)
+    assert parse_scene(scene_text(scene), tmp_path / "scene.yaml") == scene
+
+
+def test_the_line_for_people_is_short(make_run):
+    assert repr(make_run(seconds=2.0)) == "Trace('qp', 2.0 s, 100 samples, stayed up, h1)"
+    assert "fell after 1.0 s" in repr(make_run(fell=True))
+
+
+def test_other_files_are_refused(tmp_path, make_run):
+    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
+        Trace.load(tmp_path / "nothing.npz")
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
+        Trace.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", positions=np.zeros(3))
+    with pytest.raises(ConfigError, match="is no record of a run"):
+        Trace.load(tmp_path / "other.npz")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="give a path that can be written"):
+        make_run().save(tmp_path / "file" / "run.npz")
