@@ -9,7 +9,7 @@ from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, View, run, standing
 from hugwbc.targets import HandFrame, HandTargets
 
-ARRIVED = 0.06  # [m], tolerance of a walk after which the hands go to points of the world
+ARRIVED = 0.08  # [m], tolerance of a walk after which the hands go to points of the world
 SPEED = 0.25  # [m/s], mean speed of a gliding hand
 SHORTEST = 0.5  # [s], of a glide
 HOOKED = 0.5  # [s], in which an idealised gripper has to take hold

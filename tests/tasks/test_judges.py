@@ -66,7 +66,7 @@ def test_a_box_that_is_fetched(made_up):
     goal = np.array([bench[0], bench[1] - 0.1, height])
     up = [0.0, 0.0, 0.2]
     assert verdict_of("fetch_box", moved(still, "box", path(start, start + up, goal + up, goal))).success
-    off = goal + [0.15, 0.0, 0.0]
+    off = goal + np.array([0.15, 0.0, 0.0])
     far = moved(still, "box", path(start, start + up, off + up, off))
     assert verdict_of("fetch_box", far).reason == "the box stands more than 10 cm off its place"
     fallen = moved(still, "box", path(start, start + up, [0.5, 1.0, 0.11]))
@@ -89,7 +89,7 @@ def test_a_box_that_is_held_at_the_chest(made_up):
     assert verdict_of("lift_from_stool", moved(still, "box", path(start, [0.4, 0.0, 1.25]))).success
     low = moved(still, "box", path(start, [0.4, 0.0, 0.8]))
     assert verdict_of("lift_from_stool", low).reason == "the box was not brought to the chest"
-    away = path(start, [0.4, 0.0, 1.25], [0.4, 0.0, 1.25], [0.4, 0.0, 0.7])
+    away = path(start, [0.4, 0.0, 1.25], [0.4, 0.0, 0.7])
     assert (
         verdict_of("lift_from_stool", moved(still, "box", away)).reason == "the box was not held at the chest for 5 s"
     )
@@ -184,12 +184,12 @@ def test_a_table_that_is_wiped(made_up):
 def test_a_box_that_is_put_on_another(made_up):
     still = made_up("stack_boxes", touched=touching("upper"))
     start, lower = still.poses["upper"][0, :3], still.poses["lower"][0, :3]
-    top = lower + [0.02, 0.0, 0.16]
+    top = lower + np.array([0.02, 0.0, 0.16])
     up = [0.0, 0.0, 0.3]
     assert verdict_of("stack_boxes", moved(still, "upper", path(start, start + up, lower + up, top))).success
-    beside = moved(still, "upper", path(start, start + up, start + [0.0, 0.1, 0.0]))
+    beside = moved(still, "upper", path(start, start + up, start + np.array([0.0, 0.1, 0.0])))
     assert verdict_of("stack_boxes", beside).reason == "the box does not stand on the other one"
-    edge = moved(still, "upper", path(start, start + up, top + [0.0, 0.1, 0.0]))
+    edge = moved(still, "upper", path(start, start + up, top + np.array([0.0, 0.1, 0.0])))
     assert verdict_of("stack_boxes", edge).reason == "the boxes are not in line"
 
 
@@ -198,12 +198,15 @@ def test_weights_that_are_held(made_up):
     names = still.scene.body_names
     held = np.full((1000, 2), -1)
     held[200:, 0], held[200:, 1] = names.index("left-weight"), names.index("right-weight")
-    lifted = dataclasses.replace(still, held=held, hand_error=np.full((1000, 2), 0.02))
+    way = path([0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 0.1])[:, None] * [1.0, 1.0, 1.0]
+    way[300:] = [0.0, 0.0, 0.1]
+    lifted = dataclasses.replace(still, held=held, hands=still.hands + way)
     for name in ("left-weight", "right-weight"):
-        start = still.poses[name][0, :3]
-        lifted = moved(lifted, name, path(start, start + [0.0, 0.0, 0.1]))
+        lifted = moved(lifted, name, still.poses[name][0, :3] + way[:, 0])
     assert verdict_of("hold_payload", lifted).success
-    sagging = dataclasses.replace(lifted, hand_error=np.full((1000, 2), [0.02, 0.05]))
+    sagging = dataclasses.replace(
+        lifted, hands=lifted.hands - np.where(np.arange(1000) > 500, 0.05, 0.0)[:, None, None]
+    )
     assert verdict_of("hold_payload", sagging).reason == "the hands were not within 3 cm for 10 s"
     one = dataclasses.replace(lifted, held=np.where(np.arange(2) == 0, held, -1))
     assert verdict_of("hold_payload", one).reason == "a weight was not taken"
