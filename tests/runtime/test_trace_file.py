@@ -50,10 +50,10 @@ def test_the_line_for_people_is_short(make_run):
 
 
 def test_other_files_are_refused(tmp_path, make_run):
-    with pytest.raises(ConfigError, match="give a file that Trace.save wrote"):
+    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
         Trace.load(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("no archive")
-    with pytest.raises(ConfigError, match="give a file that Trace.save wrote"):
+    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
         Trace.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", positions=np.zeros(3))
     with pytest.raises(ConfigError, match="is no record of a run"):
