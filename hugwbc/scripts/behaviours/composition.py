@@ -27,15 +27,15 @@ class Composite(Behaviour):
 class Sequence(Composite):
     """Behaviours one after another; the first failure ends it."""
 
-    def __init__(self, *steps: Behaviour, name: str = "sequence") -> None:
-        """Take at least one behaviour.
+    def __init__(self, *steps: Behaviour, name: str = "sequence", about: str = "") -> None:
+        """Take at least one behaviour, a name for files and tables, and a description for people.
 
         Raises:
             ConfigError: if there is none.
         """
         if not steps:
             raise ConfigError("a sequence is empty; give it at least one step")
-        self.steps, self.name = steps, name
+        self.steps, self.name, self.about = steps, name, about
 
     def course(self, view: View) -> Course:  # noqa: D102
         for child in self.steps:

@@ -146,18 +146,11 @@ def kept(view: View) -> HandTargets | None:
     if hands is None or hands.frame != "world":
         return hands
     turn, origin = rotations.rotation_z(view.state.yaw), view.position
-
-    def carried(point: np.ndarray | None) -> np.ndarray | None:
-        return None if point is None else (point - origin) @ turn
-
-    return dataclasses.replace(
-        hands,
-        left=carried(hands.left),
-        right=carried(hands.right),
-        left_direction=None if hands.left_direction is None else hands.left_direction @ turn,
-        right_direction=None if hands.right_direction is None else hands.right_direction @ turn,
-        frame="heading",
-    )
+    points = {name: (getattr(hands, name), origin) for name in ("left", "right")}
+    vectors = ("left_direction", "right_direction", "left_force", "right_force")
+    points |= {name: (getattr(hands, name), np.zeros(3)) for name in vectors}
+    carried = {name: None if value is None else (value - zero) @ turn for name, (value, zero) in points.items()}
+    return dataclasses.replace(hands, frame="heading", **carried)
 
 
 def at_rest(view: View) -> Action:

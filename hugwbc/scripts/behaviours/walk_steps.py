@@ -16,7 +16,8 @@ from hugwbc.scripts.behaviours.view import Action, View, kept
 
 POSITION_TOLERANCE = 0.03  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
-_DEADBAND = 0.5  # share of the tolerances within which the robot may stand
+_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances: of the mean of a stride, and of where the robot will stand
+_COMING = 0.25  # [s], for which a robot that stops goes on with its velocity; sqrt(z / g) of a pendulum is 0.3 s
 _GAIN, _TURN_GAIN = 0.7, 1.0  # [1/s], speed per distance, and yaw rate per angle
 _SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first
@@ -58,8 +59,9 @@ class Walk(Behaviour):
     """Walks to a goal, turns to its heading, and stands.
 
     The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
-    the estimate knows it, is learnt and added to the command. Standing begins when the mean of a stride is within half
-    of the tolerances. Where the robot then stands outside of them, it walks again.
+    the estimate knows it, is learnt and added to the command. A pelvis sways from foot to foot. Standing begins when
+    the mean of a stride is near the goal, at a moment in which the sway carries the robot there. Where it then stands
+    outside of the tolerances, it walks again.
     """
 
     def __init__(
@@ -128,9 +130,11 @@ class Walk(Behaviour):
         while True:
             error = self._error(view, begin)
             velocity = self._velocity(error) + bias
-            arrived = self._arrived(mean(view.time, error), _DEADBAND)
+            arrived = self._arrived(mean(view.time, error), _NEAR)
             near = None if not arrived else view.time if near is None else near
-            if near is not None and (not self.stand or view.time - near >= _SLOW_TIME):
+            if near is not None and not self.stand:
+                return view
+            if near is not None and view.time - near >= _SLOW_TIME and self._arrived(_coming(view, error), _DEADBAND):
                 return view
             command = Command(*map(float, velocity), h=view.last.command.h, p=view.last.command.p, gait=Gait.WALKING)
             view = yield Action(command, kept(view))
@@ -162,6 +166,17 @@ class Walk(Behaviour):
             view = yield Action(Command(h=last.h, p=last.p, w=last.w), kept(view))
             self._error(view, begin)
         return view
+
+
+def _coming(view: View, error: np.ndarray) -> np.ndarray:
+    """Return the error of a robot that stands from now on, shape (3,).
+
+    It comes to rest where its velocity carries it: over the extrapolated centre of mass of Hof, Gazendam and Sinke,
+    "The condition for dynamic stability", Journal of Biomechanics, 2005.
+    """
+    left = error.copy()
+    left[:2] -= _COMING * _walked(view)[:2]
+    return left
 
 
 def _walked(view: View) -> np.ndarray:
@@ -229,7 +244,8 @@ class WalkTo(Walk):
             return Goal(x, y, yaw)
         thing = seen(view, self.before)
         offset = rotations.rotation_z(thing.yaw) @ np.array([-self.distance, self.aside, 0.0])
-        return Goal(*(thing.position + offset)[:2].tolist(), thing.yaw + self.turn)
+        x, y, _ = (thing.position + offset).tolist()
+        return Goal(x, y, thing.yaw + self.turn)
 
 
 class Face(Walk):

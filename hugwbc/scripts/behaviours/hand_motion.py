@@ -1,0 +1,150 @@
+"""Motions of the hands that behaviours are made of: from where the hands are to points of a frame or an object."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.blends import smooth_step
+from hugwbc.errors import ConfigError
+from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, seen
+from hugwbc.scripts.behaviours.view import Action, View, standing
+from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
+
+HAND_SPEED = 0.3  # [m/s], by default
+SHORTEST = 0.4  # [s], of a motion
+ARRIVED = 0.03  # [m]
+HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
+TIP = 0.04  # [m], from the hand's origin to the end of the forearm
+_PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
+
+Point = tuple[float, float, float]
+Aim = Callable[[View], HandTargets]
+
+
+def frame_of(name: str) -> HandFrame:
+    """Return the frame in which targets given in `name` are sent: that of an object is the world."""
+    return name if name in HAND_FRAMES else "world"  # type: ignore[return-value]
+
+
+def placed(view: View, frame: str, point: object) -> np.ndarray | None:
+    """Return a point of a frame or an object in the frame in which it is sent [m], shape (3,); None for None.
+
+    Raises:
+        Failure: if the object is not seen.
+    """
+    if point is None:
+        return None
+    vector = np.asarray(point, dtype=float)
+    return vector if frame in HAND_FRAMES else seen(view, frame).point(vector)
+
+
+def turned(view: View, frame: str, vector: object) -> np.ndarray | None:
+    """Return a vector of a frame or an object in the axes in which it is sent, shape (3,); None for None."""
+    if vector is None:
+        return None
+    given = np.asarray(vector, dtype=float)
+    return given if frame in HAND_FRAMES else seen(view, frame).direction(given)
+
+
+def axes_of(view: View, frame: str) -> np.ndarray:
+    """Return the matrix from a frame of hand targets to the world, shape (3, 3)."""
+    if frame == "world":
+        return np.eye(3)
+    return rotations.rotation_z(view.state.yaw) if frame == "heading" else rotations.to_matrix(view.state.orientation)
+
+
+def points_in(view: View, points: np.ndarray, frame: str) -> np.ndarray:
+    """Return points of the world in a frame of hand targets [m], shape (n, 3)."""
+    return points if frame == "world" else (points - view.position) @ axes_of(view, frame)
+
+
+def points_of(view: View, hands: HandTargets) -> np.ndarray:
+    """Return hand targets in the world [m], shape (2, 3); NaN for a hand without one."""
+    points = hands.array()
+    return points if hands.frame == "world" else view.position + points @ axes_of(view, hands.frame).T
+
+
+def now(view: View) -> np.ndarray:
+    """Return where the hands are asked to be in the world, or else where they are [m], shape (2, 3)."""
+    if view.last.hands is None:
+        return view.hands.copy()
+    asked = points_of(view, view.last.hands)
+    return np.where(np.isnan(asked), view.hands, asked)
+
+
+def move(
+    behaviour: Behaviour, view: View, aim: Aim, *, speed: float = HAND_SPEED, tolerance: float = ARRIVED
+) -> Course:
+    """Move the hands to targets that may move, on a straight line with a minimum-jerk profile, and wait for them.
+
+    Args:
+        behaviour: gets its progress from here.
+        view: now.
+        aim: returns the targets for a view, in one and the same frame.
+        speed: highest speed of a hand [m/s].
+        tolerance: distance of a hand from its target at which it has arrived [m]; infinite not to wait.
+    """
+    goal = aim(view)
+    start = points_in(view, now(view), goal.frame)
+    far = float(np.nanmax(np.linalg.norm(goal.array() - start, axis=1)))
+    duration, begin = max(_PEAK * far / speed, SHORTEST), view.time
+    while True:
+        goal = aim(view)
+        share = smooth_step((view.time - begin) / duration)
+        points = start + share * (goal.array() - start)
+        hands = with_points(goal, points)
+        if view.time - begin >= duration:
+            gap = np.linalg.norm(view.hands - points_of(view, hands), axis=1)
+            gap = np.where(hands.given, gap, 0.0)
+            worst = int(np.argmax(gap))
+            behaviour.progress = f"the {SIDES[worst]} hand is {100 * gap[worst]:.1f} cm from its target"
+            if gap[worst] <= tolerance:
+                return view
+        else:
+            behaviour.progress = "the hands are on their way"
+        view = yield Action(standing(view), hands)
+
+
+def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:
+    """Return targets with other positions for the hands that have one; `points` of shape (2, 3)."""
+    left, right = (points[row] if given else None for row, given in enumerate(hands.given))
+    return dataclasses.replace(hands, left=left, right=right)
+
+
+def held_targets(view: View) -> HandTargets:
+    """Return the last targets of the hands.
+
+    Raises:
+        Failure: if the controller moves the arms.
+    """
+    hands = view.last.hands
+    if hands is None or hands.joints is not None:
+        raise Failure("the hands have no targets; reach or squeeze first")
+    return hands
+
+
+def shifted(hands: HandTargets, by: np.ndarray) -> HandTargets:
+    """Return targets moved by a vector of their frame [m]."""
+    return with_points(hands, hands.array() + by)
+
+
+def wait(behaviour: Behaviour, view: View, seconds: float) -> Course:
+    """Keep the last targets for a time [s]."""
+    begin = view.time
+    while view.time - begin < seconds:
+        view = yield Action(standing(view), view.last.hands)
+    return view
+
+
+def check_above(name: str, value: float, most: float, unit: str = "m") -> None:
+    """Refuse a number that is not above 0 and at most `most`.
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if not 0.0 < value <= most or not math.isfinite(value):
+        raise ConfigError(f"{name} is {value} {unit}; give a number above 0, up to {most:g} {unit}")
