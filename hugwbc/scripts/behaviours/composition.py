@@ -37,6 +37,10 @@ class Sequence(Composite):
             raise ConfigError("a sequence is empty; give it at least one step")
         self.steps, self.name, self.about = steps, name, about
 
+    @property
+    def label(self) -> str:  # noqa: D102
+        return self.name
+
     def course(self, view: View) -> Course:  # noqa: D102
         for child in self.steps:
             view = yield from self.run(child, view)
