@@ -147,7 +147,7 @@ class WaitUntil(Behaviour):
         while True:
             met, self.progress = self.condition(view, begin)
             since = None if not met else view.time if since is None else since
-            if since is not None and view.time - since >= self.hold:
+            if since is not None and view.time - since >= self.hold - 1e-9:  # sums of ticks are rounded
                 return view
             view = yield at_rest(view)
 
