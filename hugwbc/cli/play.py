@@ -1,6 +1,8 @@
-"""`hugwbc play`: watch one controller live in the browser, or drive it."""
+"""`hugwbc play`: drive one controller from a page in the browser, or watch it."""
 
 import dataclasses
+import importlib.util
+import pathlib
 import socket
 import webbrowser
 from collections.abc import Sequence
@@ -14,9 +16,10 @@ from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.moment import Moment
+from hugwbc.scripts.behaviours.behaviour import Behaviour
+from hugwbc.scripts.behaviours.behaviour_file import load_plan
+from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
-from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import load_task, run_task
@@ -26,11 +29,15 @@ from hugwbc.viz.show import at_real_time, open_view, run_live
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
 _COMMANDING = ("gait", "left_hand", "right_hand", *COMMAND_NAMES)
+_DRIVING = ("script", "headless", *_COMMANDING)  # what says what the robot does in place of a person at a page
 
 
 @dataclasses.dataclass(frozen=True)
 class PlayOptions(ArenaChoice):
-    """Watch a controller live in the browser (on this machine only); Ctrl-C stops."""
+    """Drive a controller from a page in the browser (on this machine only); Ctrl-C stops.
+
+    With a command, a script or hand targets, or where no live page can be had, meshcat shows the robot instead.
+    """
 
     controller: str = "learned"
     """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, or the path of a policy or
@@ -38,7 +45,8 @@ class PlayOptions(ArenaChoice):
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
-    """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
+    """Play this script or behaviour instead of one command: name of a shipped one, or a file (.yaml);
+    docs/how-to/add-a-behaviour.md."""
     task: str | None = None
     """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
     scene: str | None = None
@@ -74,7 +82,11 @@ class PlayOptions(ArenaChoice):
     browser: bool = True
     """Open the page in the browser; otherwise only print its address."""
     live: bool = False
-    """Drive the robot from a page: sliders, gait buttons, a push, draggable hands. Needs the extra [live]."""
+    """Insist on the live page: keys, gamepad, sliders, a push, draggable hands. Needs the extra [live]."""
+    meshcat: bool = False
+    """Watch in meshcat, without driving."""
+    out: pathlib.Path = pathlib.Path("out/play")
+    """Folder for what is recorded on the live page: a script and a replay of each record."""
     host: str = "127.0.0.1"
     """Host on which to serve the live page."""
     port: int = 0
@@ -90,7 +102,9 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if options.task is not None:
         return _run_task(options)
-    if options.live:
+    if options.live and options.meshcat:
+        raise ConfigError("--live and --meshcat are both given; give one of them")
+    if options.live or _drives(options):
         return _run_live(options)
     _refuse_options_of_the_page(options)
     source, duration = _source(options)
@@ -102,7 +116,10 @@ def run(words: Sequence[str]) -> int:
     draw = None
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
-    run_live(loop, duration, draw, tell=say)
+    behaviour = source if isinstance(source, BehaviourSource) else None
+    run_live(loop, duration, draw, until=None if behaviour is None else lambda: behaviour.done, tell=say)
+    if behaviour is not None:
+        say(f"{behaviour.behaviour.label}: {behaviour.ending}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
     return 0
@@ -138,8 +155,7 @@ def _refuse_beside(option: str, why: str, options: PlayOptions, others: Sequence
     Raises:
         ConfigError: if there are any; the message names them.
     """
-    # `is not False`, because a command of 0 is given too, and 0 == False.
-    given = [name for name in others if getattr(options, name) is not None and getattr(options, name) is not False]
+    given = _given(options, others)
     if given:
         raise ConfigError(f"{option} and {', '.join(given)} are both given; {why}")
 
@@ -148,13 +164,36 @@ def _scene(options: PlayOptions) -> Scene | None:
     return None if options.scene is None else load_scene(options.scene)
 
 
+def _given(options: PlayOptions, names: Sequence[str]) -> list[str]:
+    # `is not False`, because a command of 0 is given too, and 0 == False.
+    return [name for name in names if getattr(options, name) is not None and getattr(options, name) is not False]
+
+
+def _drives(options: PlayOptions) -> bool:
+    """Return whether to open the live page unasked: a person has to drive, and a page and a browser can be had."""
+    if options.meshcat or not options.browser or _given(options, _DRIVING) or _options_of_the_page(options):
+        return False
+    if importlib.util.find_spec("viser") is None:
+        return False
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        return False
+    return True
+
+
+def _options_of_the_page(options: PlayOptions) -> list[str]:
+    names = ("host", "port", "expose", "out")
+    return [name for name in names if getattr(options, name) != getattr(PlayOptions(), name)]
+
+
 def _refuse_options_of_the_page(options: PlayOptions) -> None:
     """Refuse options of the live page without `--live`, because they would do nothing.
 
     Raises:
         ConfigError: if there are any; the message names them.
     """
-    given = [name for name in ("host", "port", "expose") if getattr(options, name) != getattr(PlayOptions(), name)]
+    given = _options_of_the_page(options)
     if given:
         names = ", ".join(f"--{name}" for name in given)
         raise ConfigError(f"{names} is for the live page; add --live, or leave it out")
@@ -166,12 +205,12 @@ def _run_live(options: PlayOptions) -> int:
     Raises:
         ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
     """
-    others = ("script", "headless", *_COMMANDING)
-    _refuse_beside("--live", "the live page is driven by its own sliders", options, others)
+    _refuse_beside("--live", "the live page is driven by its own sliders", options, _DRIVING)
     if not 0 <= options.port <= LAST_PORT:
         raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
     _check_host(options.host)
     try:
+        from hugwbc.viz.drive import Drive
         from hugwbc.viz.live import LivePage
     except ImportError as error:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
@@ -181,16 +220,12 @@ def _run_live(options: PlayOptions) -> int:
     page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
     estimator = estimator_for(arena)
     loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
-    say(f"drive at {page.address}; Ctrl-C stops")
+    say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)
 
-    def draw(_: Moment) -> None:
-        page.disturb(simulation)
-        page.show(simulation)
-
     try:
-        run_live(loop, options.duration or np.inf, draw, on_reset=page.source.restart, tell=say)
+        Drive(loop, page, folder=options.out, tell=say).run(options.duration or np.inf)
     finally:
         page.close()
     return 0
@@ -223,8 +258,10 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
         ]
         if others:
             raise CommandError(f"a script and {', '.join(others)} are both given; give one or the other")
-        script = load_script(options.script)
-        return script, options.duration or script.duration
+        plan = load_plan(options.script)
+        if isinstance(plan, Behaviour):
+            return BehaviourSource(plan), options.duration or LONGEST
+        return plan, options.duration or plan.duration
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
     command = Command.from_mapping(values, gait).validate()

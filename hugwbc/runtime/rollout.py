@@ -61,7 +61,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = _Recorder(loop, Disturber(simulation.link_names, forces), on_step)
+    recorder = Recorder(loop, Disturber(simulation.link_names, forces), on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -83,7 +83,7 @@ def rollout(
     return recorder.trace(fell=False, survived_s=duration, steps=ticks)
 
 
-class _Recorder:
+class Recorder:
     """A collector of the samples of one run, which watches the feet at every physics step."""
 
     def __init__(

@@ -48,7 +48,8 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
         else:
             about[field.name] = value
     file = io.BytesIO()
-    np.savez_compressed(file, allow_pickle=False, **{_ABOUT: np.array(json.dumps(about))}, **arrays)
+    arrays[_ABOUT] = np.array(json.dumps(about))
+    np.savez_compressed(file, allow_pickle=False, **arrays)
     try:
         write_whole(path, file.getvalue())
     except OSError as error:

@@ -1,183 +1,43 @@
-"""The live page: drive a robot by sliders, gait buttons, a push, and draggable hand targets. Needs viser.
-
-The page's server answers only browsers that ask this machine for it by its own name, and only its own page. A server on
-127.0.0.1 is still within reach of every page that the user's browser has open: a page of another site may open a web
-socket to it (the browser says so in `Origin`, and leaves it to the server to check), or may have its own name point to
-127.0.0.1 and so count as the same site (then `Host` has that name).
-"""
+"""The live page: drive a robot by keys, gamepad, touch, sliders, a push, and draggable hand targets. Needs viser."""
 
 import contextlib
-import functools
-import http
 import io
-import ipaddress
-import threading
-import urllib.parse
-from collections.abc import Callable, Iterator
+import math
+import time
 from typing import Any
 
 import mujoco
 import numpy as np
-import trimesh
 import viser
-import websockets.asyncio.server as server
-from websockets.datastructures import Headers
-from websockets.http11 import Request, Response
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, Command, command_ranges
-from hugwbc.errors import ConfigError
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges
+from hugwbc.files import finite_json
 from hugwbc.gait import Gait
+from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
+from hugwbc.runtime.feasibility import feasible
 from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
+from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
+from hugwbc.viz.live_meshes import link_meshes, object_meshes
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
-from hugwbc.viz.shapes import VISUAL_GROUP, colour_of, drawn_geoms, homogeneous, mesh_of
+from hugwbc.viz.page_guard import HOST, check_host, guarded, page_address
+from hugwbc.viz.shapes import VISUAL_GROUP
 
-HOST = "127.0.0.1"
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
 CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
 SCENE_CAMERA = (-1.0, 2.8, 1.8)  # [m], from the side: what a robot works at is ahead of it
-_NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
-          "w": "waist"}  # fmt: skip
-OWN_NAMES = ("127.0.0.1", "localhost", "::1")
-ProcessRequest = Callable[[server.ServerConnection, Request], Response | None]
-_starting = threading.Lock()
-
-
-def check_host(host: str, *, expose: bool) -> str:
-    """Return the host to listen on, unchanged.
-
-    Args:
-        host: name or address of the host.
-        expose: whether other machines may reach it.
-
-    Raises:
-        ConfigError: if other machines can reach the host and `expose` is not set.
-    """
-    try:
-        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback and not expose:
-        raise ConfigError(
-            f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
-        )
-    return host
-
-
-def refusal(headers: Headers, *, any_host: bool) -> str | None:
-    """Return why a request must not be answered; None if it may be.
-
-    Args:
-        headers: headers of the request.
-        any_host: whether the request may call this machine by any name.
-    """
-    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-    if len(hosts) != 1 or len(origins) > 1:
-        return "one Host and at most one Origin, please"
-    if not any_host and _hostname(f"//{hosts[0]}") not in OWN_NAMES:
-        return f"this page is at {OWN_NAMES[0]}, not at {hosts[0]}"
-    if origins and origins[0] not in (f"http://{hosts[0]}", f"https://{hosts[0]}"):
-        return f"pages of {origins[0]} may not drive this robot"
-    return None
-
-
-def _hostname(url: str) -> str | None:
-    try:
-        return urllib.parse.urlsplit(url).hostname
-    except ValueError:
-        return None
-
-
-@contextlib.contextmanager
-def guarded(*, any_host: bool) -> Iterator[None]:
-    """Make a web socket server that starts within this context refuse what `refusal` refuses.
-
-    viser starts its server in its constructor and offers no hook to check requests, so the function that starts servers
-    is replaced for the time of the context.
-
-    Args:
-        any_host: whether requests may call this machine by any name.
-
-    Raises:
-        ConfigError: if no server was started through the replaced function, because its requests would go unchecked.
-    """
-    original, started = server.serve, []
-
-    @functools.wraps(original)
-    def serve(*arguments: Any, process_request: ProcessRequest | None = None, **options: Any) -> server.serve:  # noqa: ANN401  as websockets'
-        def checked(connection: server.ServerConnection, request: Request) -> Response | None:
-            reason = refusal(request.headers, any_host=any_host)
-            if reason is not None:
-                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
-            return None if process_request is None else process_request(connection, request)
-
-        started.append(True)
-        return original(*arguments, process_request=checked, **options)
-
-    with _starting:
-        server.serve = serve  # type: ignore[assignment,misc]
-        try:
-            yield
-        finally:
-            server.serve = original  # type: ignore[misc]
-    if not started:
-        raise ConfigError("this version of viser starts its server in another way; install the one of constraints.txt")
-
-
-def page_address(host: str, port: int) -> str:
-    """Return the address of a page for a browser, which requires brackets around an IPv6 address."""
-    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-
-
-def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
-    """Return the visual shapes of a link in its frame, as one mesh for each material, by the material's name."""
-    body = model.body(link).id
-    parts: dict[str, list[trimesh.Trimesh]] = {}
-    for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid == body)):
-        part = _primitive(int(model.geom_type[geom]), model.geom_size[geom])
-        part.apply_transform(homogeneous(model.geom_pos[geom], model.geom_quat[geom]))
-        parts.setdefault(model.mat(model.geom_matid[geom]).name, []).append(part)
-    return {material: _joined(shapes) for material, shapes in parts.items()}
-
-
-def object_meshes(model: mujoco.MjModel, body: str) -> list[tuple[tuple[int, int, int], trimesh.Trimesh]]:
-    """Return the shapes of a body of a scene's model in its frame, one mesh for each colour (three numbers to 255)."""
-    parts: dict[tuple[int, int, int], list[trimesh.Trimesh]] = {}
-    for geom in drawn_geoms(model):
-        if model.geom_bodyid[geom] == model.body(body).id:
-            part = _primitive(int(model.geom_type[geom]), model.geom_size[geom])
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                part = trimesh.Trimesh(*mesh_of(model, geom), process=False)
-            part.apply_transform(homogeneous(model.geom_pos[geom], model.geom_quat[geom]))
-            red, green, blue = (round(255 * value) for value in colour_of(model, geom))
-            parts.setdefault((red, green, blue), []).append(part)
-    return [(colour, _joined(shapes)) for colour, shapes in parts.items()]
-
-
-def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    return trimesh.Trimesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + start for part, start in zip(parts, first, strict=True)]),
-        process=False,
-    )
-
-
-def _primitive(kind: int, size: np.ndarray) -> trimesh.Trimesh:
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return trimesh.creation.box(extents=2 * size)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return trimesh.creation.cylinder(radius=size[0], height=2 * size[1], sections=24)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[16, 16])
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
-    ball.apply_scale(size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[0])
-    return ball
+FOLLOW_TIME = 0.3  # [s], time constant with which the camera follows
+NOTICE_TIME = 6.0  # [s] that a notice is shown
+HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
+CAMERA_MODES = ("follows", "turns along", "stays")
+NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
+         "w": "waist"}  # fmt: skip
+WORLD = "/world"  # everything that stands still for the robot; it moves instead of the cameras
 
 
 class LivePage:
@@ -187,6 +47,9 @@ class LivePage:
         source: the command source for the control loop, with what the person asks for.
         server: viser's server.
         pushes: forces that wait to be applied, in the pelvis' heading frame [N], each of shape (3,).
+        link: the line to the driver's part of the page.
+        recording: whether the drive is being recorded; None if nobody records it.
+        can_reset: whether whoever runs the robot asks `take` for resets.
     """
 
     def __init__(self, simulation: Engine, *, name: str, host: str = HOST, port: int = 0, expose: bool = False) -> None:
@@ -203,15 +66,26 @@ class LivePage:
             ConfigError: if other machines can reach the host and `expose` is not set.
         """
         check_host(host, expose=expose)
+        commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]
+        self.link = DriveLink({"name": name, "gaits": [gait.label for gait in Gait], "commands": commands})
         # viser prints the address; what is printed is for the caller to decide.
-        with guarded(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
+        with guarded(any_host=expose, addition=self.link), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
-        self._refused: set[str] = set()  # sliders whose value the gait does not admit
+        self.recording: bool | None = None
+        self.can_reset = False
+        self._asked: set[str] = set()
+        self._moved: set[str] = set()  # sliders that do not show what is wanted
+        self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
+        self._abandoned = False
+        self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
         # The page draws MuJoCo's model of the robot, whichever engine moves it.
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
         self._drawn = mujoco.MjData(self._model)
+        self._kinematics = Kinematics(simulation.robot)
+        self._dark: bool | None = None
+        self._theme(dark=False)
         self._build_scene(self._model)
         self._build_objects(simulation.scene)
         self._build_panel()
@@ -225,26 +99,27 @@ class LivePage:
     def _build_scene(self, model: mujoco.MjModel) -> None:
         scene = self.server.scene
         scene.set_up_direction("+z")
-        scene.add_grid("/floor", 40.0, 40.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=0.5)
+        self._world = scene.add_frame(WORLD, show_axes=False)
+        scene.add_grid(f"{WORLD}/floor", 200.0, 200.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=0.5)
         self.server.initial_camera.position = CAMERA
         self.server.initial_camera.look_at = LOOK_AT
         bodies = [model.body(index).name for index in range(1, model.nbody)]
         drawn = {model.body(int(b)).name for b in model.geom_bodyid[model.geom_group == VISUAL_GROUP]}
         self._links = {}
         for link in (link for link in bodies if link in drawn):
-            self._links[link] = scene.add_frame(f"/robot/{link}", show_axes=False)
+            self._links[link] = scene.add_frame(f"{WORLD}/robot/{link}", show_axes=False)
             for material, mesh in link_meshes(model, link).items():
                 rgb = tuple(np.round(255 * model.mat(material).rgba[:3]).astype(int).tolist())
-                scene.add_mesh_simple(f"/robot/{link}/{material}", mesh.vertices, mesh.faces, color=rgb)
-        self._heading = scene.add_frame("/heading", show_axes=False)
+                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{material}", mesh.vertices, mesh.faces, color=rgb)
+        self._heading = scene.add_frame(f"{WORLD}/heading", show_axes=False)
         self._handles = {}
         for side in SIDES:
             self._handles[side] = scene.add_transform_controls(
-                f"/heading/{side}_hand", 0.25, disable_rotations=True, disable_sliders=True, depth_test=False,
+                f"{WORLD}/heading/{side}_hand", 0.25, disable_rotations=True, disable_sliders=True, depth_test=False,
                 position=HANDS_AT_FIRST[side], visible=False,
             )  # fmt: skip
             self._handles[side].on_update(lambda _: self._take_hands())
-            scene.add_icosphere(f"/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
+            scene.add_icosphere(f"{WORLD}/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
 
     def _build_objects(self, around: Scene | None) -> None:
         """Draw what stands around the robot, and lines for the forces on its hands."""
@@ -253,10 +128,10 @@ class LivePage:
             return
         self.server.initial_camera.position = SCENE_CAMERA
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
-            frame = self.server.scene.add_frame(f"/objects/{number}", show_axes=False)
+            frame = self.server.scene.add_frame(f"{WORLD}/objects/{number}", show_axes=False)
             for part, (colour, mesh) in enumerate(object_meshes(model, body)):
                 self.server.scene.add_mesh_simple(
-                    f"/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour, flat_shading=True
+                    f"{WORLD}/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour, flat_shading=True
                 )
             self._objects.append(frame)
 
@@ -270,19 +145,21 @@ class LivePage:
         for side, pushed in zip(SIDES, force, strict=True):
             hand = drawn.site(f"{side}_hand").xpos
             points = np.stack((hand - HAND_FORCE_SCALE * pushed, hand))[None]
-            self.server.scene.add_line_segments(f"/forces/{side}_hand", points, (209, 56, 75))
+            self.server.scene.add_line_segments(f"{WORLD}/forces/{side}_hand", points, (209, 56, 75))
         return f", hands {np.linalg.norm(force[0]):.0f} and {np.linalg.norm(force[1]):.0f} N"
+
+    def _theme(self, *, dark: bool) -> None:
+        self._dark = dark
+        # viser's share button would open the page to everybody.
+        self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
     def _build_panel(self) -> None:
         gui = self.server.gui
-        self._readings = gui.add_markdown("")
-        self._gaits = gui.add_button_group("gait", [gait.label for gait in Gait])
-        self._gaits.on_click(lambda event: self._choose_gait(Gait.parse(str(event.target.value))))
         self._sliders = {}
         for name in COMMAND_NAMES:
             low, high = _slider_range(name)
             slider = gui.add_slider(
-                f"{_NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
+                f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
             )
             slider.on_update(lambda _, name=name: self._ask(name))
             self._sliders[name] = slider
@@ -295,7 +172,6 @@ class LivePage:
             for label, force in (("push from the left", -PUSH_FORCE), ("push from behind", 0.0)):
                 vector = np.array([0.0, force, 0.0]) if force else np.array([PUSH_FORCE, 0.0, 0.0])
                 gui.add_button(label).on_click(lambda _, vector=vector: self.pushes.append(vector))
-            gui.add_button("stop").on_click(lambda _: self.stop())
 
     def _ask(self, name: str) -> None:
         """Ask for a slider's value; `show` moves the slider back if the gait does not admit that value.
@@ -304,12 +180,17 @@ class LivePage:
         message replaces the one that would move it back.
         """
         asked = float(self._sliders[name].value)
+        if asked == getattr(self.source.wanted, name):
+            return
         self.source.ask(name, asked)
         if getattr(self.source.wanted, name) != asked:
-            self._refused.add(name)
+            self._moved.add(name)
 
     def _choose_gait(self, gait: Gait) -> None:
         self.source.ask_gait(gait)
+        self._show_sliders()
+
+    def _show_sliders(self) -> None:
         for name, slider in self._sliders.items():
             slider.value = getattr(self.source.wanted, name)
 
@@ -321,10 +202,57 @@ class LivePage:
         self.source.hands = HandTargets(left, right, "heading", whole_body=bool(self._body_on.value)) if on else None
 
     def stop(self) -> None:
-        """Ask for zero velocities."""
-        for name in ("v_x", "v_y", "omega"):
-            self._sliders[name].value = 0.0
-            self.source.ask(name, 0.0)
+        """Ask for zero velocities; a robot that a velocity made walk stands again."""
+        self.source.stop()
+        self._show_sliders()
+
+    def take(self, action: str) -> bool:
+        """Return whether the person asked for an action since the last call: "reset" or "record"."""
+        asked = action in self._asked
+        self._asked.discard(action)
+        return asked
+
+    def moved(self) -> None:
+        """Show what is wanted on the sliders, after it was changed elsewhere."""
+        self._moved.update(COMMAND_NAMES)
+
+    def _obey(self, action: str) -> None:
+        """Do what a key or a button asks for."""
+        if action in (gait.label for gait in Gait):
+            self._choose_gait(Gait.parse(action))
+        elif action == "stop":
+            self.stop()
+        elif action == "camera":
+            self._camera = CAMERA_MODES[(CAMERA_MODES.index(self._camera) + 1) % len(CAMERA_MODES)]
+        elif action == "push":
+            self.pushes.append(np.array([0.0, -PUSH_FORCE, 0.0]))
+        elif action in ("lower", "higher"):
+            step = HEIGHT_STEP if action == "higher" else -HEIGHT_STEP
+            self.source.ask("h", round(self.source.wanted.h + step, 2))
+            self._show_sliders()
+        else:
+            self._asked.add(action)
+
+    def _steer(self) -> None:
+        """Do what keys, sticks and buttons ask for, and stop the robot if nobody is there any more."""
+        for action in self.link.take_actions():
+            self._obey(action)
+        driven = self.link.commands()
+        if driven != self._driven:
+            # What was held and is let go returns to rest; sliders that nobody overrides stay.
+            for name, value in {**dict.fromkeys(self._driven, 0.0), **driven}.items():
+                self.source.ask(name, value)
+                self._moved.add(name)
+            self._driven = driven
+            if not driven and all(getattr(self.source.wanted, name) == 0.0 for name in VELOCITY_NAMES):
+                self.source.stop()
+        silence = self.link.silence()
+        gone = silence is not None and silence > SILENT_TIME
+        if gone and not self._abandoned:
+            self.source.halt("the page was silent: the robot was stopped")
+            self._moved.update(VELOCITY_NAMES)
+            self._driven = {}
+        self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
         """Apply the pushes that are waiting."""
@@ -333,7 +261,10 @@ class LivePage:
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
     def show(self, simulation: Engine) -> None:
-        """Draw the robot where it is, and say what it does."""
+        """Draw the robot where it is, say what it does, and take what the person asks for."""
+        self._steer()
+        if self.link.dark is not None and self.link.dark != self._dark:
+            self._theme(dark=self.link.dark)
         drawn, state = self._drawn, simulation.state()
         drawn.qpos[:] = simulation.qpos
         mujoco.mj_kinematics(self._model, drawn)
@@ -344,14 +275,56 @@ class LivePage:
             forces = self._show_objects(simulation, drawn)
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
-        while self._refused:
-            name = self._refused.pop()
+            self._follow(state.position, state.yaw, state.time)
+        while self._moved:
+            name = self._moved.pop()
             self._sliders[name].value = getattr(self.source.wanted, name)
-        velocity = rotations.rotation_z(-state.yaw) @ state.velocity
-        self._readings.content = (
-            f"**{self.source.wanted.gait.label}** at {state.time:.1f} s, "
-            f"pelvis {state.position[2]:.2f} m, forward {velocity[0]:+.2f} m/s{forces}"
-        )
+        self._say(simulation, forces)
+
+    def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
+        """Move the world so that cameras, which stay, keep the robot in view.
+
+        Every person can turn and zoom their own camera meanwhile, and several pages see the same.
+        """
+        share = 1.0 - math.exp(-max(0.0, now - self._shown) / FOLLOW_TIME)
+        if now < self._shown or np.linalg.norm(position[:2] - self._view[:2]) > 3.0:  # a reset, or a camera let go
+            share = 1.0
+        self._shown = now
+        if self._camera != "stays":
+            self._view[:2] += share * (position[:2] - self._view[:2])
+            turn = yaw - self._view[2] if self._camera == "turns along" else 0.0
+            self._view[2] += share * math.remainder(turn, 2.0 * math.pi)
+        self._world.wxyz = rotations.from_yaw_pitch_roll(-self._view[2], 0.0, 0.0)
+        self._world.position = -rotations.rotation_z(-self._view[2]) @ np.array([*self._view[:2], 0.0])
+
+    def _say(self, simulation: Engine, forces: str) -> None:
+        """Tell the pages what to display."""
+        state, wanted, command = simulation.state(), self.source.wanted, self.source.command
+        assert state.position is not None
+        self._kinematics.update(state)
+        measured = self._kinematics.measured(simulation.ground_height(state.position[:2]))
+        allowed, changes = feasible(command.clamp()[0])
+        gait = command.gait.label
+        coming = "" if wanted.gait is command.gait else f", slows down for {wanted.gait.label}"
+        notice = self.source.notice if time.monotonic() - self.source.noticed < NOTICE_TIME else ""
+        status: dict[str, Any] = {
+            "gait": gait,
+            "next": wanted.gait.label,
+            "line": f"{gait.replace('_', ' ')} at {state.time:.1f} s{coming}, pelvis {state.position[2]:.2f} m{forces}",
+            "notes": [note for note in (notice, *(f"guard: {change}" for change in changes)) if note],
+            "asked": {name: getattr(wanted, name) for name in COMMAND_NAMES},
+            "commanded": {name: getattr(allowed, name) for name in COMMAND_NAMES},
+            "changed": [change.name for change in changes],
+            "measured": {name: float(getattr(measured, name)) for name in MEASURED_NAMES},
+            "camera": self._camera,
+            "follows": self._camera != "stays",
+            "recording": bool(self.recording),
+            "missing": [
+                *([] if self.can_reset else ["reset"]),
+                *(["record"] if self.recording is None else []),
+            ],
+        }
+        self.link.say(**finite_json(status))
 
     def close(self) -> None:
         """Stop listening."""

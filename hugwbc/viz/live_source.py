@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import time
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from hugwbc.targets import HandTargets
 # How fast commands follow the sliders, in the command's unit per second, in the order of COMMAND_NAMES.
 RATES = np.array([0.5, 0.5, 1.0, 1.0, 0.3, 0.2, 0.4, 0.8])
 SLOW = 0.02  # [m/s, rad/s]; a robot with slower commands may change its gait
+BRAKE_TIME = 0.1  # [s] in which the commanded velocity goes to 0 when nobody drives any more
 
 
 class LiveSource:
@@ -22,29 +24,83 @@ class LiveSource:
     Attributes:
         wanted: the command that the person asks for, with its gait.
         hands: the hand targets; None leaves the arms to the controller.
+        notice: what was done with the last request that could not be taken as it was, for people; empty at first.
+        noticed: when that was, by `time.monotonic` [s].
     """
 
     def __init__(self, wanted: Command | None = None) -> None:
         self.wanted = wanted or Command()
         self.hands: HandTargets | None = None
+        self.notice, self.noticed = "", -np.inf
+        self._braking = 0.0  # [1/s] for each command's unit; above 0 until the robot is told to be at rest
+        self._walks_by_itself = False
         self._command = default_command(self.wanted.gait)
         self._t = 0.0
         self._asking = threading.Lock()
 
+    def stand(self) -> None:
+        """Ask for nothing but standing."""
+        with self._asking:
+            self.wanted, self._walks_by_itself = Command(), False
+
     def restart(self) -> None:
         """Set the time back to 0 and start from rest in the wanted gait."""
         self._command = default_command(self.wanted.gait)
-        self._t = 0.0
+        self._t, self._braking = 0.0, 0.0
+
+    @property
+    def command(self) -> Command:
+        """The command as far as the ramps have come."""
+        return self._command
+
+    def tell(self, notice: str) -> None:
+        """Say something to the person."""
+        self.notice, self.noticed = notice, time.monotonic()
 
     def ask(self, name: str, value: float) -> None:
-        """Ask for a value of one command; a value outside the range of the gait is clamped."""
+        """Ask for a value of one command; a value outside the range of the gait is clamped.
+
+        A velocity makes a standing robot walk, because standing admits none.
+        """
         with self._asking:
-            self.wanted = dataclasses.replace(self.wanted, **{name: value}).clamp()[0]
+            gait = self.wanted.gait
+            if name in VELOCITY_NAMES and value:
+                self._braking = 0.0
+            if gait is Gait.STANDING and name in VELOCITY_NAMES and abs(value) > 0.0:
+                gait, self._walks_by_itself = Gait.WALKING, True
+                self.tell("standing allows no velocity: the robot starts walking")
+            self.wanted, changes = dataclasses.replace(self.wanted, **{name: value}, gait=gait).clamp()
+            if changes:
+                self.tell(f"{gait.label}: {changes[0]}")
 
     def ask_gait(self, gait: Gait) -> None:
         """Ask for a gait; values outside its ranges are clamped."""
         with self._asking:
-            self.wanted = dataclasses.replace(self.wanted, gait=gait).clamp()[0]
+            self._braking, self._walks_by_itself = 0.0, False
+            self.wanted, changes = dataclasses.replace(self.wanted, gait=gait).clamp()
+            if changes:
+                self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
+
+    def stop(self) -> None:
+        """Ask for rest; a robot that began to walk because it was asked for a velocity stands again."""
+        with self._asking:
+            gait = Gait.STANDING if self._walks_by_itself else self.wanted.gait
+            self.wanted = dataclasses.replace(self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
+            self._walks_by_itself = False
+
+    def halt(self, reason: str) -> None:
+        """Brake at once and stand, because nobody drives any more.
+
+        Args:
+            reason: what has happened, for people.
+        """
+        with self._asking:
+            self.wanted = dataclasses.replace(
+                self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
+            ).clamp()[0]
+            fastest = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
+            self._braking, self._walks_by_itself = fastest / BRAKE_TIME, False
+            self.tell(reason)
 
     def command_at(self, t: float) -> Command:
         """Return the command at time t [s], as far as the ramps have come."""
@@ -54,13 +110,14 @@ class LiveSource:
         if wanted.gait is not gait:
             moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
             if moving <= SLOW:
-                gait = wanted.gait
+                gait, self._braking = wanted.gait, 0.0
             else:
                 goal[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
         # The ranges are those of the present gait: the wanted one may admit velocities that this one does not.
         low, high = np.array([command_ranges(gait)[name].finishing for name in COMMAND_NAMES]).T
         value = np.clip(self._command.array(), low, high)
         step = RATES * dt
+        step[: len(VELOCITY_NAMES)] = np.maximum(step[: len(VELOCITY_NAMES)], self._braking * dt)
         self._command = Command.from_array(value + np.clip(np.clip(goal, low, high) - value, -step, step), gait)
         return self._command
 

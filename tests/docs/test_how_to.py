@@ -39,6 +39,10 @@ def test_add_a_task(folder: pathlib.Path) -> None:
     assert figures["success"] == 1.0 and figures["reasons"] == {}
 
 
+def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-behaviour.md", folder, package)
+
+
 def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-protocol.md", folder, package)
 

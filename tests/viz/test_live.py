@@ -12,24 +12,17 @@ pytest.importorskip("viser")
 
 from websockets.datastructures import Headers
 
-from hugwbc import Gait
+from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
+from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
-from hugwbc.viz.live import (
-    CAMERA,
-    HANDS_AT_FIRST,
-    LOOK_AT,
-    LivePage,
-    check_host,
-    guarded,
-    link_meshes,
-    object_meshes,
-    page_address,
-    refusal,
-)
+from hugwbc.viz.drive import Drive
+from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
+from hugwbc.viz.live_meshes import link_meshes, object_meshes
+from hugwbc.viz.page_guard import check_host, guarded, page_address, refusal
 
 BROWSER = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -64,16 +57,72 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     simulation = Simulation()
     page = LivePage(simulation, name="test")
     forward, height = page._sliders["v_x"], page._sliders["h"]
-    forward.value, height.value = 0.4, -0.1
+    height.value = -0.1
+    page._choose_gait(Gait.HOPPING_LEFT)
+    forward.value = 1.0
     page.show(simulation)
-    assert forward.value == page.source.wanted.v_x == 0.0, "nobody walks while standing"
+    assert forward.value == page.source.wanted.v_x == 0.6, "nobody hops faster"
     assert height.value == page.source.wanted.h == -0.1
-    page._choose_gait(Gait.WALKING)
+    assert "is outside -0.6 to 0.6" in page.source.notice
+    page._choose_gait(Gait.STANDING)
+    page.show(simulation)
+    assert forward.value == 0.0 and height.value == -0.1
+    page.close()
+
+
+def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
+    simulation = Simulation()
+    page = LivePage(simulation, name="test")
+    forward = page._sliders["v_x"]
     forward.value = 0.4
     page.show(simulation)
-    assert forward.value == page.source.wanted.v_x == 0.4
-    page._choose_gait(Gait.STANDING)
-    assert forward.value == 0.0 and height.value == -0.1
+    assert page.source.wanted == Command(v_x=0.4, gait=Gait.WALKING) and forward.value == 0.4
+    assert "starts walking" in " ".join(page.link._status["notes"])
+    assert page.link._status["gait"] == "standing" and page.link._status["next"] == "walking"
+    page.stop()
+    assert page.source.wanted == Command() and forward.value == 0.0
+    page.close()
+
+
+def test_the_camera_follows_turns_along_and_lets_go():
+    simulation = Simulation()
+    page = LivePage(simulation, name="test")
+    offsets = []
+    for turn in range(4):  # follows, turns along, stays, follows
+        simulation.reset()
+        page.show(simulation)
+        simulation.data.qpos[:2] += (2.0 + turn, 1.0)
+        simulation.data.qpos[3:7] = [np.cos(0.5), 0.0, 0.0, np.sin(0.5)]
+        for _ in range(3):
+            simulation.data.time += 1.0
+            page.show(simulation)
+        seen = rotations.to_matrix(np.array(page._world.wxyz)) @ simulation.data.qpos[:3] + page._world.position
+        offsets.append((np.linalg.norm(seen[:2]), rotations.yaw_of(np.array(page._world.wxyz))))
+        page._obey("camera")
+    assert [offset < 0.1 for offset, _ in offsets] == [True, True, False, True]
+    assert [round(float(turn), 1) for _, turn in offsets] == [0.0, -1.0, -1.0, -1.0]
+    page.close()
+
+
+def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
+    simulation, now = Simulation(), [100.0]
+    page = LivePage(simulation, name="test")
+    page.link.clock = lambda: now[0]
+    page.link._hear(1, '{"held": ["KeyW"]}')
+    t = 0.0
+    for _ in range(150):  # 3 s of a held key
+        t, now[0] = t + 0.02, now[0] + 0.02
+        page.link._hear(1, '{"held": ["KeyW"]}')
+        page.show(simulation)
+        command = page.source.command_at(t)
+    assert command.v_x == pytest.approx(0.6) and page._sliders["v_x"].value == 0.6
+    while command.v_x > 0.0 and now[0] < 105.0:
+        t, now[0] = t + 0.02, now[0] + 0.02
+        page.show(simulation)
+        command = page.source.command_at(t)
+    assert now[0] - 103.0 <= 0.5
+    assert page.source.wanted.gait is Gait.STANDING and page._sliders["v_x"].value == 0.0
+    assert "the page was silent" in page.source.notice
     page.close()
 
 
@@ -89,25 +138,15 @@ def test_meshes_have_the_size_of_the_shapes():
 class Driven:
     """A robot that runs in real time in a thread, with its page."""
 
-    def __init__(self):
+    def __init__(self, folder):
         self.simulation = Simulation()
-        controller = WholeBodyController()
         self.page = LivePage(self.simulation, name="qp")
-        self.loop = ControlLoop(controller, self.page.source, self.simulation, UpperBodySource())
+        self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
+        self.told = []
+        self.drive = Drive(self.loop, self.page, folder=folder, tell=self.told.append)
         self._running = True
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = threading.Thread(target=self.drive.run, args=(np.inf, lambda: not self._running), daemon=True)
         self._thread.start()
-
-    def _run(self):
-        self.loop.reset()
-        tick, begin = 0, time.monotonic()
-        while self._running:
-            self.loop.step(self.loop.decide(tick * self.loop.period), self.loop.period)
-            tick += 1
-            if tick % 20 == 0:
-                self.page.disturb(self.simulation)
-                self.page.show(self.simulation)
-                time.sleep(max(0.0, begin + tick * self.loop.period - time.monotonic()))
 
     def close(self):
         self._running = False
@@ -119,28 +158,29 @@ class Driven:
         while time.monotonic() < end:
             if condition():
                 return True
-            time.sleep(0.1)
+            time.sleep(0.02)
         return False
 
 
 @pytest.fixture
-def driven():
-    robot = Driven()
+def driven(tmp_path):
+    robot = Driven(tmp_path)
     yield robot
     robot.close()
 
 
 @pytest.fixture
 def browser_page(driven):
-    playwright = pytest.importorskip("playwright.sync_api")
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install 'hugwbc[dev]' brings playwright")
     if BROWSER is None:
-        pytest.skip("no chromium on this machine")
+        pytest.skip("no chromium on this machine; install it (Debian: apt install chromium) to drive the page")
     with playwright.sync_playwright() as api:
         browser = api.chromium.launch(executable_path=BROWSER, args=FLAGS)
         page = browser.new_page(viewport=SIZE)
         page.set_default_timeout(60_000)
         page.goto(driven.page.address)
         page.get_by_role("button", name="walking").wait_for()
+        page.get_by_role("slider").first.wait_for()
         yield page
         browser.close()
 
@@ -160,13 +200,10 @@ def on_screen(point):
 @pytest.mark.slow
 def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, browser_page):
     page, simulation = browser_page, driven.simulation
-    # Standing takes no velocity: the slider goes back to 0.
-    page.get_by_role("slider").first.press("ArrowRight")
-    page.wait_for_timeout(500)
-    page.wait_for_function("document.querySelector('[role=slider]').ariaValueNow == '0'")
     # A gait button and a slider: the robot walks ahead.
     page.get_by_role("button", name="walking").click()
     assert driven.until(lambda: driven.loop.safe.command.gait is Gait.WALKING)
+    page.wait_for_function("document.querySelector('[data-action=walking]').ariaPressed == 'true'")
     slider = page.get_by_role("slider").first
     slider.focus()
     for _ in range(40):
@@ -182,16 +219,53 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
 
 
 @pytest.mark.slow
+def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser_page):
+    page, simulation, source = browser_page, driven.simulation, driven.page.source
+    page.get_by_role("button", name="record").click()
+    # From standing, W walks and says so.
+    page.keyboard.down("w")
+    page.wait_for_function("document.body.innerText.includes('starts walking')")
+    assert driven.until(lambda: simulation.data.qpos[0] > 0.4), "it walks"
+    # A turns as well.
+    page.keyboard.down("a")
+    assert driven.until(lambda: driven.loop.safe.command.omega > 0.5)
+    assert driven.until(lambda: simulation.state().yaw > 0.3), "it turns"
+    page.keyboard.up("a")
+    page.keyboard.up("w")
+    assert driven.until(lambda: source.wanted == Command()), "nothing is held: it stands"
+    assert not simulation.fallen
+    # Reset stands it up at the origin, and writes what was recorded: a script that walks and turns.
+    page.keyboard.press("r")
+    assert driven.until(lambda: np.linalg.norm(simulation.data.qpos[:2]) < 0.05 and simulation.time < 2.0)
+    assert driven.until(lambda: len(driven.drive.written) == 2)
+    script = load_script(driven.drive.written[0])
+    commands = [script.command_at(t) for t in np.arange(0.0, script.duration, 0.1)]
+    assert max(command.v_x for command in commands) > 0.4 and max(command.omega for command in commands) > 0.4
+    assert "set_animation" in driven.drive.written[1].read_text(encoding="utf-8")
+    # A page that is closed while a key is held: the command is 0 within half a second, and the robot stays up.
+    page.keyboard.down("w")
+    assert driven.until(lambda: source.command.v_x > 0.4)
+    page.close()
+    closed = time.monotonic()
+    assert driven.until(lambda: source.command.v_x == 0.0, 10.0)
+    assert time.monotonic() - closed < 0.5 + 0.15, "0.15 s for the browser to close the page, and for this loop"
+    assert driven.until(lambda: source.command.gait is Gait.STANDING)
+    assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
+    assert not simulation.fallen
+
+
+@pytest.mark.slow
 def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
     page, simulation = browser_page, driven.simulation
     page.get_by_role("checkbox").first.check(force=True)
     assert driven.until(lambda: driven.page.source.hands is not None)
     pelvis = simulation.data.qpos[:3].copy()
     target = pelvis + HANDS_AT_FIRST["left"]
+    shown = np.array([*driven.page._view[:2], 0.0])  # the point of the ground in the middle of the picture
     assert driven.until(lambda: np.linalg.norm(simulation.hand_position("left") - target) < 0.03)
     before = np.array(driven.page.source.hands.left)
     for offset in (0.1, 0.15, 0.2, 0.05):  # along the upward arrow
-        start, end = (on_screen(target + np.array([0, 0, z])) for z in (offset, offset + 0.2))
+        start, end = (on_screen(target - shown + np.array([0, 0, z])) for z in (offset, offset + 0.2))
         page.mouse.move(*start)
         page.wait_for_timeout(500)
         page.mouse.down()
@@ -246,6 +320,24 @@ def test_several_hosts_or_none_are_refused():
     assert refusal(Headers(), any_host=True) is not None
 
 
+def test_the_page_of_viser_has_our_part_in_it_and_our_files_are_served(port):
+    def page(path, **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        found = answer.read().decode()
+        connection.close()
+        return answer.status, found
+
+    status, index = page("/", **{"Accept-Encoding": "gzip"})
+    assert status == 200 and '<head><link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>' in index
+    assert '<meta name="viewport" content="width=device-width' in index, "phones"
+    status, script = page("/drive.js")
+    assert status == 200 and '"KeyW"' in script and '"hopping_left"' in script and "@" not in script
+    assert page("/drive.css")[0] == 200 and page("/nothing.js")[0] == 404
+    assert page("/drive.js", Host="evil.example")[0] == 403
+
+
 def test_a_server_that_the_guard_does_not_see_is_refused():
     with pytest.raises(ConfigError, match="another way"), guarded(any_host=False):
         pass
@@ -264,10 +356,10 @@ SOCKET = {
 }  # fmt: skip
 
 
-def status(port, **headers):
+def status(port, path="/", **headers):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     try:
-        connection.putrequest("GET", "/", skip_host=True)
+        connection.putrequest("GET", path, skip_host=True)
         for name, value in headers.items():
             connection.putheader(name.replace("_", "-"), value)
         connection.endheaders()
@@ -283,6 +375,9 @@ def test_the_running_server_refuses_other_names_and_other_pages(port):
     assert status(port, Host=own, Origin=f"http://{own}", **SOCKET) == 101
     assert status(port, Host=own, Origin="http://evil.example", **SOCKET) == 403
     assert status(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET) == 403
+    ours = {name: value for name, value in SOCKET.items() if name != "Sec-WebSocket-Protocol"}
+    assert status(port, path="/drive", Host=own, Origin=f"http://{own}", **ours) == 101
+    assert status(port, path="/drive", Host=own, Origin="http://evil.example", **ours) == 403
 
 
 def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
@@ -293,7 +388,7 @@ def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
         page.show(simulation)
         shown = [frame.position for frame in page._objects[1:]]
         np.testing.assert_allclose(shown, simulation.objects.poses[:, :3])
-        assert page._readings.content.endswith("hands 0 and 0 N")
+        assert page.link._status["line"].endswith("hands 0 and 0 N")
     finally:
         page.close()
 

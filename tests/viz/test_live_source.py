@@ -77,3 +77,33 @@ def test_what_is_asked_for_at_one_time_is_all_kept():
     for thread in threads:
         thread.join()
     assert lost == 0
+
+
+def test_a_velocity_makes_a_standing_robot_walk_and_a_stop_makes_it_stand_again():
+    source = LiveSource()
+    source.ask("h", -0.1)
+    assert source.wanted.gait is Gait.STANDING and source.notice == ""
+    source.ask("omega", 0.3)
+    assert source.wanted == Command(omega=0.3, h=-0.1, gait=Gait.WALKING) and "starts walking" in source.notice
+    source.stop()
+    assert source.wanted == Command(h=-0.1)
+    source.ask_gait(Gait.WALKING)
+    source.ask("v_x", 0.3)
+    source.stop()
+    assert source.wanted == Command(h=-0.1, gait=Gait.WALKING), "the gait was chosen"
+
+
+def test_a_halt_brakes_at_once_and_stands():
+    source = LiveSource()
+    source.ask_gait(Gait.WALKING)
+    source.ask("v_x", 2.0)
+    source.ask("omega", 1.0)
+    play(source, 5.0)
+    source.halt("the page is gone")
+    commands = play(source, 0.2, start=5.0)
+    rest = next(index for index, command in enumerate(commands) if command.v_x == command.omega == 0.0)
+    assert (rest + 1) * DT <= 0.121 and commands[-1].gait is Gait.STANDING
+    assert source.notice == "the page is gone"
+    # A new request is ramped as always.
+    source.ask("v_x", 1.0)
+    assert play(source, 0.1, start=5.2)[-1].v_x == pytest.approx(0.05)

@@ -1,6 +1,7 @@
 """Behaviours: steps that end by what happens, and what is made of them (`docs/how-to/add-a-behaviour.md`)."""
 
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, run, seen
+from hugwbc.scripts.behaviours.behaviour_file import BEHAVIOUR_NAMES, load_behaviour, load_plan
 from hugwbc.scripts.behaviours.behaviour_source import BehaviourSource
 from hugwbc.scripts.behaviours.composition import OnFailure, Parallel, Retry, Sequence, WaitUntil
 from hugwbc.scripts.behaviours.conditions import Arrived, Condition, Contact, Elapsed, ForceAbove, Lifted, Moved
@@ -11,6 +12,7 @@ from hugwbc.scripts.behaviours.view import Action, Grip, SeenObject, SeenObjects
 from hugwbc.scripts.behaviours.walk_steps import Face, Goal, Walk, WalkTo
 
 __all__ = [
+    "BEHAVIOUR_NAMES",
     "Action",
     "Arrived",
     "Attach",
@@ -53,6 +55,8 @@ __all__ = [
     "Wipe",
     "at_rest",
     "kept",
+    "load_behaviour",
+    "load_plan",
     "run",
     "seen",
     "standing",

@@ -27,15 +27,19 @@ class Composite(Behaviour):
 class Sequence(Composite):
     """Behaviours one after another; the first failure ends it."""
 
-    def __init__(self, *steps: Behaviour, name: str = "sequence") -> None:
-        """Take at least one behaviour.
+    def __init__(self, *steps: Behaviour, name: str = "sequence", about: str = "") -> None:
+        """Take at least one behaviour, a name for files and tables, and a description for people.
 
         Raises:
             ConfigError: if there is none.
         """
         if not steps:
             raise ConfigError("a sequence is empty; give it at least one step")
-        self.steps, self.name = steps, name
+        self.steps, self.name, self.about = steps, name, about
+
+    @property
+    def label(self) -> str:  # noqa: D102
+        return self.name
 
     def course(self, view: View) -> Course:  # noqa: D102
         for child in self.steps:
@@ -143,7 +147,7 @@ class WaitUntil(Behaviour):
         while True:
             met, self.progress = self.condition(view, begin)
             since = None if not met else view.time if since is None else since
-            if since is not None and view.time - since >= self.hold:
+            if since is not None and view.time - since >= self.hold - 1e-9:  # sums of ticks are rounded
                 return view
             view = yield at_rest(view)
 

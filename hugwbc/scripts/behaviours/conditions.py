@@ -39,6 +39,11 @@ def rows_of(hand: str) -> list[int]:
     return [row for row, side in enumerate(SIDES) if hand in (side, "both")]
 
 
+def _check(name: str, value: float, unit: str = "m") -> None:
+    if not 0.0 < value < math.inf:
+        raise ConfigError(f"{name} is {value} {unit}; give a finite number above 0 {unit}")
+
+
 @dataclasses.dataclass(frozen=True)
 class ForceAbove:
     """The force on a hand, or on each of both, is above a limit [N]."""
@@ -48,8 +53,7 @@ class ForceAbove:
 
     def __post_init__(self) -> None:
         rows_of(self.hand)
-        if not 0.0 < self.force < math.inf:
-            raise ConfigError(f"force is {self.force} N; give a finite force above 0 N")
+        _check("force", self.force, "N")
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds; never where nothing tells the force."""
@@ -74,6 +78,9 @@ class Lifted:
     object: str
     height: float = 0.03
 
+    def __post_init__(self) -> None:
+        _check("height", self.height)
+
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
         rise = float(seen(view, self.object).position[2] - seen(begin, self.object).position[2])
@@ -86,6 +93,9 @@ class Moved:
 
     object: str
     distance: float
+
+    def __post_init__(self) -> None:
+        _check("distance", self.distance)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -101,6 +111,11 @@ class Arrived:
     position: tuple[float, float]
     tolerance: float = 0.03
 
+    def __post_init__(self) -> None:
+        _check("tolerance", self.tolerance)
+        if len(self.position) != 2 or not np.all(np.isfinite(self.position)):
+            raise ConfigError(f"position is {self.position}; give two finite numbers, x and y")
+
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
         distance = float(np.linalg.norm(view.position[:2] - self.position))
@@ -114,8 +129,7 @@ class Elapsed:
     seconds: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.seconds < math.inf:
-            raise ConfigError(f"seconds is {self.seconds}; give a finite number of seconds above 0")
+        _check("seconds", self.seconds, "s")
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""

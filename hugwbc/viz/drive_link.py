@@ -1,0 +1,159 @@
+"""The driver's line to the live page: keys, gamepad and a heartbeat come in, what to display goes out.
+
+viser's page has no keyboard for robots, and says that a browser is gone only when its connection ends. Our part of the
+page therefore has its own web socket on the same port, behind the same checks (`page_guard`). Every 50 ms it says what
+is held; the answer is what to display. A page that falls silent is gone (`DriveLink.silence`).
+"""
+
+import dataclasses
+import http
+import json
+import pathlib
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import websockets.asyncio.server as server
+import websockets.exceptions
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from hugwbc.viz.drive_keys import HELP, KEY_CODES, Touched, actions
+from hugwbc.viz.page_guard import Handler
+
+SOCKET = "/drive"
+SILENT_TIME = 0.35  # [s]; a page that says nothing for longer is gone
+LONGEST_MESSAGE = 4096  # characters
+_FOLDER = pathlib.Path(__file__).parent
+_FILES = {"/drive.js": "text/javascript; charset=utf-8", "/drive.css": "text/css; charset=utf-8"}
+_TAGS = '<link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>'
+
+
+@dataclasses.dataclass
+class _Page:
+    heard: float
+    touched: Touched = dataclasses.field(default_factory=Touched)
+
+
+class DriveLink:
+    """What the open pages say, for the control loop, and what the loop has to say, for the pages.
+
+    The server's thread and the control loop's thread use it at any time.
+
+    Attributes:
+        dark: whether the last page that said so has a dark theme; None if none did.
+        clock: returns the time [s].
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        """Set up without a page.
+
+        Args:
+            about: what a page displays that never changes, as JSON.
+        """
+        self._about = about
+        self._status: dict[str, Any] = {}
+        self._pages: dict[int, _Page] = {}
+        self._pressed: list[str] = []
+        self._last: float | None = None  # when a page that is gone now was heard last [s]
+        self._using = threading.Lock()
+        self.dark: bool | None = None
+        self.clock = time.monotonic
+
+    def say(self, **status: Any) -> None:  # noqa: ANN401  JSON
+        """Replace what the pages display, as JSON."""
+        self._status = status
+
+    def take_actions(self) -> list[str]:
+        """Return the actions that were asked for since the last call."""
+        with self._using:
+            pressed, self._pressed = self._pressed, []
+        return pressed
+
+    def commands(self) -> dict[str, float]:
+        """Return the values that held keys and sticks of all pages ask for; empty if nothing is touched.
+
+        A page that has fallen silent asks for nothing: what it held last may have been let go.
+        """
+        now = self.clock()
+        with self._using:
+            asked = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
+        return {name: value for values in asked for name, value in values.items()}
+
+    def silence(self) -> float | None:
+        """Return the time since any page was heard [s]; None if none ever was."""
+        with self._using:
+            heard = [page.heard for page in self._pages.values()]
+            heard += [self._last] if self._last is not None else []
+        return self.clock() - max(heard) if heard else None
+
+    def answer(self, request: Request, viser: Callable[[Request], Response | None]) -> Response | None:
+        """Return the answer to a request: our own files, viser's page with our part in it, or viser's answer."""
+        path = request.path.partition("?")[0]
+        if request.headers.get("Upgrade") == "websocket":
+            return None if path == SOCKET else viser(request)
+        if path in _FILES:
+            return _response(self._file(path), _FILES[path])
+        if path not in ("/", "/index.html"):
+            return viser(request)
+        # Without the header that allows compression, viser's page comes as text.
+        plain = Headers((name, value) for name, value in request.headers.raw_items() if name != "Accept-Encoding")
+        found = viser(dataclasses.replace(request, headers=plain))
+        if found is None or found.status_code != http.HTTPStatus.OK or found.body is None:
+            return found
+        # At the very beginning, so that our listeners for keys come before viser's.
+        page = bytes(found.body).decode("utf-8").replace("<head>", f"<head>{_TAGS}", 1)
+        return _response(page.replace("<title>Viser</title>", "<title>hugwbc</title>", 1), "text/html; charset=utf-8")
+
+    def _file(self, path: str) -> str:
+        text = (_FOLDER / path.removeprefix("/")).read_text(encoding="utf-8")
+        facts = {"@KEYS@": KEY_CODES, "@HELP@": HELP, "@ABOUT@": self._about}
+        for mark, content in facts.items():
+            text = text.replace(mark, json.dumps(content).replace("<", "\\u003c"))
+        return text
+
+    def handler(self, viser: Handler) -> Handler:
+        """Return what talks to web sockets: ours at `SOCKET`, the others by viser's handler."""
+
+        async def talk(connection: server.ServerConnection) -> None:
+            request = connection.request
+            if request is None or request.path.partition("?")[0] != SOCKET:
+                await viser(connection)
+                return
+            number = id(connection)
+            try:
+                async for message in connection:
+                    self._hear(number, message)
+                    await connection.send(json.dumps(self._status))
+            except websockets.exceptions.ConnectionClosed:
+                pass
+            finally:
+                with self._using:
+                    page = self._pages.pop(number, None)
+                    if page is not None:
+                        self._last = max(page.heard, self._last or 0.0)
+
+        return talk
+
+    def _hear(self, number: int, message: str | bytes) -> None:
+        """Take a page's message; one that makes no sense is only a sign of life."""
+        said: Any = {}
+        if len(message) <= LONGEST_MESSAGE:
+            try:
+                said = json.loads(message)
+            except ValueError:
+                said = {}
+        if not isinstance(said, dict):
+            said = {}
+        with self._using:
+            self._pages[number] = _Page(self.clock(), Touched.parse(said))
+            self._pressed += actions(said.get("presses"))
+        if isinstance(said.get("dark"), bool):
+            self.dark = said["dark"]
+
+
+def _response(text: str, kind: str) -> Response:
+    body = text.encode("utf-8")
+    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"})
+    return Response(http.HTTPStatus.OK, "OK", headers, body)
