@@ -6,7 +6,7 @@ from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours import Course, Grip, View, seen
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, rise
-from hugwbc.tasks.moves import Moves
+from hugwbc.tasks.moves import Moves, up
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, longest
@@ -30,16 +30,18 @@ class HoldPayload(Moves):
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "reach for the weights"
-        at = np.array([seen(view, name).position for name in WEIGHTS]) + [-0.02, 0.0, self._half + _ABOVE]
-        view = yield from self.glide(view, at + [0.0, 0.0, 0.06], frame="world")
+        weights = np.array([seen(view, name).position for name in WEIGHTS])
+        at = weights + up(self._half + _ABOVE) - np.array([0.02, 0.0, 0.0])
+        view = yield from self.glide(view, at + up(0.06), frame="world")
         view = yield from self.glide(view, at, frame="world", speed=0.1)
         self.doing = "grip the weights"
         grips = [Grip(side, name) for side, name in zip(SIDES, WEIGHTS, strict=True)]
         view = yield from self.grip(view, *grips)
         self.doing = "lift the weights"
-        view = yield from self.glide(view, at + [0.0, 0.0, LIFT], frame="world", speed=0.05)
+        taken = view.hands
+        view = yield from self.glide(view, taken + up(LIFT), frame="world", speed=0.05)
         self.doing = "hold the weights"
-        return (yield from self.wait(view, HELD + 2.0))
+        return (yield from self.carry(view, taken + up(LIFT), HELD + 5.0))
 
 
 def both_up(record: TaskRecord) -> np.ndarray:

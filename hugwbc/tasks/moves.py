@@ -1,16 +1,25 @@
-"""What the behaviours of the tasks are made of: gliding hands, waiting, squeezing by the positions of the hands."""
+"""What the behaviours of the tasks are made of: gliding hands, holding them against a load, waiting, gripping."""
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, View, standing
+from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, View, run, standing
 from hugwbc.targets import HandFrame, HandTargets
 
+ARRIVED = 0.08  # [m], tolerance of a walk after which the hands go to points of the world
 SPEED = 0.25  # [m/s], mean speed of a gliding hand
 SHORTEST = 0.5  # [s], of a glide
 HOOKED = 0.5  # [s], in which an idealised gripper has to take hold
+LOAD_GAIN = 1.0  # [1/s], at which targets move against the sag of hands that carry a load
+LARGEST_SAG = 0.15  # [m]
+COMFORTABLE = 1.05  # [m], height at which hands work while the robot stands upright
+LOWEST = -0.25  # [m], of the commanded h
+NO_FORCE = np.zeros((2, 3))
+NO_HAND = np.full(3, np.nan)
+Directions = tuple[np.ndarray | None, np.ndarray | None]
 
 
 class Moves(Behaviour):
@@ -28,6 +37,10 @@ class Moves(Behaviour):
     def step(self) -> str:  # noqa: D102
         return self.doing or self.label
 
+    def walk(self, view: View, walk: Behaviour) -> Course:
+        """Walk; the hands stay where they are in the heading frame."""
+        return run(walk, view)
+
     def glide(
         self,
         view: View,
@@ -35,38 +48,46 @@ class Moves(Behaviour):
         *,
         frame: HandFrame = "heading",
         speed: float = SPEED,
-        seconds: float | None = None,
         together: bool = False,
-        whole_body: bool = False,
-        directions: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
+        directions: Directions = (None, None),
+        forces: np.ndarray = NO_FORCE,
         posture: Command | None = None,
         settle: float = 0.3,
     ) -> Course:
-        """Move both hands along straight lines, softly, while the robot stands.
+        """Move both hands along straight lines, softly, while the robot stands; forces change as softly.
 
         Args:
             view: now.
             points: where the left and the right hand go [m], shape (2, 3); a row of NaN for an arm that rests.
             frame: "heading" or "world".
             speed: mean speed of the hand with the longer way [m/s].
-            seconds: duration instead of a speed [s].
             together: whether the hands hold one object.
-            whole_body: whether h, p and w may help.
             directions: along which the forearms should point.
+            forces: of the hands on what they touch, at the end [N], shape (2, 3).
             posture: standing command with h, p and w; None for that of the last tick.
             settle: time afterwards in which the targets stay [s].
         """
-        start = hands_in(view, frame)
+        start, before = hands_in(view, frame), forces_in(view, frame)
         start = np.where(np.isfinite(points), start, np.nan)
-        length = float(np.nanmax(np.linalg.norm(points - start, axis=1)))
-        duration = max(length / speed, SHORTEST) if seconds is None else seconds
+        length = float(np.nanmax(np.linalg.norm(points - start, axis=1), initial=0.0))
+        duration = max(length / speed, SHORTEST)
         begin, command = view.time, posture or standing(view)
-        while True:
+        while view.time - begin < duration + settle:
             blend = smooth_step((view.time - begin) / duration)
-            at = start + blend * (points - start)
-            if view.time - begin >= duration + settle:
-                return view
-            view = yield Action(command, targets(at, frame, together, whole_body, directions))
+            at, force = start + blend * (points - start), before + blend * (forces - before)
+            view = yield Action(command, targets(at, frame, together, directions, force))
+        return view
+
+    def carry(self, view: View, goal: np.ndarray, seconds: float, directions: Directions = (None, None)) -> Course:
+        """Hold loaded hands at points of the world for a time [s]: the targets move against the sag of the arms."""
+        begin = last = view.time
+        shift = np.zeros((2, 3))
+        while view.time - begin < seconds:
+            shift += LOAD_GAIN * (view.time - last) * (goal - view.hands)
+            shift = np.clip(shift, -LARGEST_SAG, LARGEST_SAG)
+            last = view.time
+            view = yield Action(standing(view), targets(goal + shift, "world", directions=directions))
+        return view
 
     def wait(self, view: View, seconds: float) -> Course:
         """Keep hands and posture for a time [s]."""
@@ -82,25 +103,30 @@ class Moves(Behaviour):
             Failure: if one does not take hold.
         """
         begin = view.time
+        rows = [SIDES.index(grip.side) for grip in grips]
         while view.time - begin < HOOKED:
-            rows = [("left", "right").index(grip.side) for grip in grips]
-            if view.time > begin and all(view.held[row] == grip.name for row, grip in zip(rows, grips, strict=True)):
-                return view
             view = yield Action(standing(view), view.last.hands, grips)
+            if all(view.held[row] == grip.name for row, grip in zip(rows, grips, strict=True)):
+                return view
         names = ", ".join(str(grip.name) for grip in grips)
-        raise Failure(f"the gripper did not take hold of {names}: out of its reach")
+        raise Failure(f"{self.doing}: the gripper did not take hold of {names}: out of its reach")
 
 
 def targets(
     points: np.ndarray,
     frame: HandFrame,
     together: bool = False,
-    whole_body: bool = False,
-    directions: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
+    directions: Directions = (None, None),
+    forces: np.ndarray = NO_FORCE,
 ) -> HandTargets:
-    """Return hand targets from points, shape (2, 3); a row of NaN is a hand without one."""
+    """Return hand targets from points and forces, shapes (2, 3); a row of NaN is a hand without one."""
     left, right = (None if np.isnan(point).any() else point for point in points)
-    return HandTargets(left, right, frame, *directions, together=together, whole_body=whole_body)
+    pressing = [
+        force if point is not None and force.any() else None for point, force in zip((left, right), forces, strict=True)
+    ]
+    return HandTargets(
+        left, right, frame, *directions, together=together, left_force=pressing[0], right_force=pressing[1]
+    )
 
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:
@@ -115,6 +141,17 @@ def hands_in(view: View, frame: HandFrame) -> np.ndarray:
     return np.where(np.isfinite(points), points, measured)
 
 
+def forces_in(view: View, frame: HandFrame) -> np.ndarray:
+    """Return the forces that the hands were last asked for, in the axes of a frame [N], shape (2, 3)."""
+    last = view.last.hands
+    if last is None:
+        return NO_FORCE
+    turn = rotations.rotation_z(view.state.yaw)
+    if last.frame == frame:
+        return last.forces()
+    return last.forces() @ turn if frame == "heading" else last.forces() @ turn.T
+
+
 def in_heading(view: View, points: np.ndarray) -> np.ndarray:
     """Return points of the world in the level frame at the pelvis [m], shape (..., 3)."""
     return (points - view.position) @ rotations.rotation_z(view.state.yaw)
@@ -123,3 +160,14 @@ def in_heading(view: View, points: np.ndarray) -> np.ndarray:
 def in_world(view: View, points: np.ndarray) -> np.ndarray:
     """Return points of the level frame at the pelvis in the world [m], shape (..., 3)."""
     return view.position + points @ rotations.rotation_z(view.state.yaw).T
+
+
+def up(height: float) -> np.ndarray:
+    """Return a vector of a length upwards [m]."""
+    return np.array([0.0, 0.0, height])
+
+
+def crouch(height: float) -> Command:
+    """Return the standing command with which hands work comfortably at a height [m]: lower and leaning for low ones."""
+    h = float(np.clip(height - COMFORTABLE, LOWEST, 0.0))
+    return Command(h=h, p=float(np.clip(-h, 0.0, 0.25)))

@@ -10,7 +10,18 @@ import importlib.util
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.tasks.task import Task
 
-TASK_NAMES = ("hold_payload",)
+TASK_NAMES = (
+    "press_button",
+    "fetch_box",
+    "lift_from_stool",
+    "push_cart",
+    "open_door",
+    "open_drawer",
+    "carry_tray",
+    "wipe_table",
+    "stack_boxes",
+    "hold_payload",
+)
 
 
 def module_of(name: str) -> str:

@@ -1,0 +1,142 @@
+"""Handle a box between both hands by friction: grasp, lift, bring to the chest, put down, let go."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.scripts.behaviours import Course, Failure, View, seen
+from hugwbc.tasks.moves import Moves, crouch, hands_in, up
+
+HALF_HAND = 0.03  # [m], half the thickness of a forearm
+BESIDE = 0.07  # [m], between a hand and the box before the grasp
+SQUEEZE = 45.0  # [N]: twice the weight of 3 kg for a coefficient of friction of 0.65
+INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
+DISTANCE = 0.43  # [m], from the pelvis to the middle of a box in front of it
+CHEST = np.array([0.37, 0.0, 0.14])  # [m], where a box is carried, in the heading frame
+RISEN = 0.03  # [m], of a box that is lifted
+_LET_GO = 0.10  # [m], how far the hands open
+
+
+class BoxMoves(Moves):
+    """Moves with a box whose width is known.
+
+    Attributes:
+        width: of the box along its y axis [m].
+        at: where on the box the hands press, in its axes from its middle: x and z [m].
+        squeeze: force of each hand [N].
+    """
+
+    def __init__(self, width: float, at: tuple[float, float] = (-0.02, 0.0), squeeze: float = SQUEEZE) -> None:
+        """Take the width [m] and where and how hard to press."""
+        self.width, self.at, self.squeeze = width, at, squeeze
+
+    def sides(self, gap: float) -> np.ndarray:
+        """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
+        y = self.width / 2 + HALF_HAND + gap
+        x, z = self.at
+        return np.array([[x, y, z], [x, -y, z]])
+
+    def wide(self, view: View, name: str) -> Course:
+        """Hold the hands apart and high enough to come near with."""
+        height = float(seen(view, name).position[2]) + self.at[1] - 0.98
+        points = self.sides(BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
+        return (yield from self.glide(view, points))
+
+    def grasp(self, view: View, name: str, posture: Command | None = None) -> Course:
+        """Crouch, put the hands beside the box, and squeeze it."""
+        self.doing = f"grasp '{name}'"
+        box = seen(view, name)
+        posture = posture or crouch(float(box.position[2]) + self.at[1])
+        ahead = rotations.rotation_z(box.yaw)
+        way = (ahead[:, 0], ahead[:, 0])
+        for gap, speed in ((BESIDE, 0.2), (0.01, 0.1)):
+            points = box.position + self.sides(gap) @ ahead.T
+            view = yield from self.glide(
+                view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
+            )
+        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]]) @ ahead.T
+        points = box.position + self.sides(-INTO) @ ahead.T
+        return (
+            yield from self.glide(
+                view, points, frame="world", together=True, directions=way, forces=inwards, posture=posture, settle=0.7
+            )
+        )
+
+    def raised(self, view: View, name: str, height: float = 0.10, speed: float = 0.08) -> Course:
+        """Lift the box straight up by a height [m].
+
+        Raises:
+            Failure: if it stays where it is.
+        """
+        self.doing = f"lift '{name}'"
+        last = view.last.hands
+        before = seen(view, name).position[2]
+        assert last is not None
+        view = yield from self.glide(
+            view,
+            hands_in(view, "world") + up(height),
+            frame="world",
+            speed=speed,
+            together=True,
+            directions=(last.left_direction, last.right_direction),
+            forces=last.forces(),
+        )
+        rise = float(seen(view, name).position[2] - before)
+        if rise < RISEN:
+            raise Failure(
+                f"lift: the box rose by {100 * rise:.1f} of {100 * height:.0f} cm: it slipped out of the hands"
+            )
+        return view
+
+    def to_chest(self, view: View, goal: np.ndarray = CHEST, posture: Command | None = None) -> Course:
+        """Bring the box to the chest and stand upright; from then on it goes with the robot."""
+        self.doing = "bring the box to the chest"
+        points = self.sides(-INTO) - [self.at[0], 0.0, self.at[1]] + goal
+        ahead = np.array([1.0, 0.0, 0.0])
+        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]])
+        return (
+            yield from self.glide(
+                view,
+                points,
+                together=True,
+                speed=0.12,
+                directions=(ahead, ahead),
+                forces=inwards,
+                posture=posture or Command(),
+                settle=0.5,
+            )
+        )
+
+    def put(self, view: View, name: str, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
+        """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
+        self.doing = f"put '{name}' down"
+        posture = crouch(float(goal[2]) + self.at[1])
+        ahead = rotations.rotation_z(yaw)
+        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]]) @ ahead.T
+        way = (ahead[:, 0], ahead[:, 0])
+        for height, speed in ((above, 0.12), (-0.005, 0.05)):
+            box = seen(view, name)
+            # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
+            slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
+            points = goal + up(height) + (self.sides(-INTO) * [0.0, 1.0, 0.0] + slipped * [1.0, 1.0, 1.0]) @ ahead.T
+            view = yield from self.glide(
+                view,
+                points,
+                frame="world",
+                together=True,
+                speed=speed,
+                directions=way,
+                forces=inwards,
+                posture=posture,
+                settle=0.8,
+            )
+        return view
+
+    def let_go(self, view: View) -> Course:
+        """Open the hands sideways, and raise them."""
+        self.doing = "let go"
+        points = hands_in(view, "heading")
+        view = yield from self.glide(view, points, speed=0.1, settle=0.2)
+        out = np.array([[0.0, _LET_GO, 0.0], [0.0, -_LET_GO, 0.0]])
+        view = yield from self.glide(view, points + out, speed=0.1, settle=0.2)
+        return (yield from self.glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=Command()))

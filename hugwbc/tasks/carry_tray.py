@@ -1,0 +1,111 @@
+"""Carry a tray with a cup, which stands on it freely, 3 m and round a corner."""
+
+import math
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.scripts.behaviours import Course, Grip, View, seen
+from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.sim.scenes.varied import settled
+from hugwbc.tasks.judges import happened, lifted
+from hugwbc.tasks.moves import ARRIVED, Moves, crouch, hands_in, up
+from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.task import Shapes, Task, scene_of
+from hugwbc.tasks.verdict import Milestone, at_end
+
+WAY = 3.0  # [m]
+TURN = math.radians(80.0)
+STANDS = 0.3  # [rad], lean of a cup that still stands; it tips over at 0.45
+
+
+def way(record: TaskRecord) -> float:
+    """Return the length of the way of the tray, in straight pieces of a second [m]."""
+    path = record.poses["tray"][::50, :2]
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def turn(record: TaskRecord) -> float:
+    """Return by how much the robot's heading differs at most from that at the start [rad]."""
+    yaw = np.unwrap(np.asarray(rotations.yaw_of(record.pelvis[:, 3:])))
+    return float(np.abs(yaw - yaw[0]).max())
+
+
+def cup_stands(record: TaskRecord) -> bool:
+    """Return whether the cup never leaned far, and is on the tray at the end."""
+    above = record.poses["tray/cup"][:, :3] - record.poses["tray"][:, :3]
+    on_tray = np.linalg.norm(above[-1, :2]) < 0.25 and 0.0 < above[-1, 2] < 0.15
+    return bool(record.tilt("tray/cup").max() < STANDS and on_tray)
+
+
+MILESTONES = (
+    happened(lambda record: bool((record.held >= 0).all(axis=1).any()), "the hands did not get hold of the tray"),
+    lifted("tray", "the tray was not lifted", 0.03),
+    happened(cup_stands, "the cup fell over"),
+    Milestone("the tray was not carried 3 m", lambda record: way(record) / WAY),
+    Milestone("the robot did not turn the corner", lambda record: turn(record) / TURN),
+    happened(lambda record: at_end(record.poses["tray"][:, 2]) > 0.6, "the tray was dropped"),
+)
+
+
+_DISTANCE = 0.40  # [m], from the pelvis to the middle of the tray
+_BESIDE = 0.045  # [m], of a hand from the edge of the tray
+_ABOVE = 0.05  # [m], of a hand above the plate
+_BACK, _AHEAD = 0.45, 2.5  # [m], before and after the corner
+
+
+class CarryTray(Moves):
+    """Take the tray at its sides, step back from the table, turn left, and walk on."""
+
+    timeout = 80.0
+
+    def __init__(self, shapes: Shapes) -> None:
+        """Take the width of the tray."""
+        self._half = settled(shapes["tray"]["size"][1]) / 2  # type: ignore[index]
+
+    def course(self, view: View) -> Course:  # noqa: D102
+        self.doing = "walk to the tray"
+        y = self._half + _BESIDE + 0.08
+        view = yield from self.glide(view, np.array([[0.22, y, 0.1], [0.22, -y, 0.1]]))
+        view = yield from self.walk(view, WalkTo(before="tray", distance=_DISTANCE, tolerance=ARRIVED))
+        self.doing = "reach for the tray"
+        tray = seen(view, "tray")
+        axes = rotations.rotation_z(tray.yaw)
+        way = (axes[:, 0], axes[:, 0])
+        posture = crouch(float(tray.position[2]) + 0.1)
+        for gap in (0.06, 0.0):
+            y = self._half + _BESIDE + gap
+            points = tray.position + np.array([[-0.02, y, _ABOVE], [-0.02, -y, _ABOVE]]) @ axes.T
+            view = yield from self.glide(
+                view, points, frame="world", speed=0.12, directions=way, posture=posture, settle=0.6
+            )
+        self.doing = "grip the tray"
+        view = yield from self.grip(view, Grip("left", "tray"), Grip("right", "tray", hook=True))
+        self.doing = "lift the tray"
+        view = yield from self.glide(
+            view, hands_in(view, "world") + up(0.06), frame="world", speed=0.05, together=True, directions=way
+        )
+        ahead = np.array([1.0, 0.0, 0.0])
+        view = yield from self.glide(
+            view, hands_in(view, "heading"), together=True, directions=(ahead, ahead), posture=Command(), settle=1.0
+        )
+        self.doing = "carry the tray"
+        yaw = view.state.yaw
+        back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
+        walk = WalkTo((float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
+        view = yield from self.walk(view, walk)
+        goal = view.position + _AHEAD * rotations.rotation_z(yaw)[:, 1]
+        walk = WalkTo((float(goal[0]), float(goal[1])), yaw + math.pi / 2, speed=0.3, tolerance=0.1)
+        return (yield from self.walk(view, walk))
+
+
+TASK = Task(
+    name="carry_tray",
+    about="Carry a tray with a cup that stands on it freely over 3 m and round a corner; the cup stays upright.",
+    scene=scene_of("carry_tray"),
+    behaviour=CarryTray,
+    limit=90.0,
+    milestones=MILESTONES,
+    idealised=("attach",),
+)

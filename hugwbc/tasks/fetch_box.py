@@ -1,0 +1,101 @@
+"""Take a box from a table between both hands, turn, carry it to another table, and set it down upright."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.scripts.behaviours import Course, View, seen
+from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.sim.scenes.varied import settled
+from hugwbc.tasks.boxes import DISTANCE, BoxMoves
+from hugwbc.tasks.judges import (
+    apart,
+    at_rest,
+    hands_off,
+    happened,
+    lifted,
+    stands_on,
+    touched,
+    upright,
+)
+from hugwbc.tasks.moves import ARRIVED
+from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.task import Shapes, Task, scene_of
+from hugwbc.tasks.verdict import Milestone, within
+
+GOAL = (-0.1, 0.0)  # [m], where to set it down, in the axes of the other table from its middle
+NEAR = 0.10  # [m]
+ON_THE_FLOOR = 0.3  # [m], height of the box's centre
+_CARRIED = 0.5  # [m] from the goal
+
+
+def goal_of(record: TaskRecord) -> np.ndarray:
+    """Return where the box should stand, x and y in the world [m]."""
+    bench = record.poses["bench"][0]
+    yaw = record.yaw("bench")[0]
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    return bench[:2] + turn @ np.array(GOAL)
+
+
+MILESTONES = (
+    touched("box", "no hand touched the box"),
+    lifted("box", "the box was not lifted"),
+    happened(lambda record: record.poses["box"][:, 2].min() > ON_THE_FLOOR, "the box was dropped"),
+    Milestone(
+        "the box was not carried to the other table",
+        lambda record: within(apart(record, "box", goal_of(record)), _CARRIED),
+    ),
+    happened(lambda record: stands_on(record, "box", "bench"), "the box does not stand on the other table"),
+    upright("box", "the box is not upright"),
+    Milestone(
+        "the box stands more than 10 cm off its place",
+        lambda record: within(apart(record, "box", goal_of(record)), NEAR),
+    ),
+    hands_off("a hand still held the box at the end"),
+    at_rest("box", "the box still moved at the end"),
+)
+
+
+_BACK = 0.35  # [m], step back with the box before the turn
+
+
+class FetchBox(BoxMoves):
+    """Grasp the box, step back, turn, walk to the other table, and put the box down."""
+
+    timeout = 100.0
+
+    def __init__(self, shapes: Shapes) -> None:
+        """Take the size of the box and the height of the other table."""
+        size = shapes["box"]["size"]
+        super().__init__(width=settled(size[1]))  # type: ignore[index]
+        self._half = settled(size[2]) / 2  # type: ignore[index]
+        self._top = settled(shapes["bench"]["height"])  # type: ignore[arg-type]
+
+    def course(self, view: View) -> Course:  # noqa: D102
+        self.doing = "walk to the box"
+        view = yield from self.wide(view, "box")
+        view = yield from self.walk(view, WalkTo(before="box", distance=DISTANCE, tolerance=ARRIVED))
+        view = yield from self.grasp(view, "box")
+        view = yield from self.raised(view, "box")
+        view = yield from self.to_chest(view)
+        self.doing = "carry the box"
+        yaw = view.state.yaw
+        back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
+        view = yield from self.walk(view, WalkTo((float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1))
+        view = yield from self.walk(
+            view, WalkTo(before="bench", distance=DISTANCE - GOAL[0], speed=0.35, tolerance=ARRIVED)
+        )
+        bench = seen(view, "bench")
+        goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
+        goal[2] = self._top + self._half
+        view = yield from self.put(view, "box", goal, bench.yaw)
+        return (yield from self.let_go(view))
+
+
+TASK = Task(
+    name="fetch_box",
+    about="Take a box of 0.5 to 3 kg from a table between both hands, turn, walk 2 m, and set it on another table.",
+    scene=scene_of("fetch_box"),
+    behaviour=FetchBox,
+    limit=110.0,
+    milestones=MILESTONES,
+)

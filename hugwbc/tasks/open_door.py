@@ -1,0 +1,72 @@
+"""Push a door with a closer open and walk through, without touching its frame with the trunk."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.scripts.behaviours import Course, View, seen
+from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.tasks.judges import in_axes_of, touched, trunk_clear
+from hugwbc.tasks.moves import ARRIVED, Moves
+from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.task import Shapes, Task, scene_of
+from hugwbc.tasks.verdict import Milestone
+
+THROUGH = 0.6  # [m], of the pelvis behind the doorway
+OPEN = 0.5  # [rad]
+
+
+def passed(record: TaskRecord) -> np.ndarray:
+    """Return how far the pelvis is behind the doorway [m], shape (T,); negative before it."""
+    return in_axes_of(record, "door/frame", record.pelvis[:, :3])[:, 0]
+
+
+MILESTONES = (
+    touched("door", "no hand touched the door"),
+    Milestone("the door was not pushed open", lambda record: record.travel["door"].max() / OPEN),
+    Milestone(
+        "the robot did not get through the door",
+        lambda record: (passed(record).max() - passed(record)[0]) / (THROUGH - passed(record)[0]),
+    ),
+    trunk_clear("door/frame", "the trunk touched the frame"),
+)
+
+
+_BEFORE, _BEHIND = 0.65, 1.2  # [m], of the pelvis from the doorway
+_ASIDE = -0.08  # [m], away from the hinge: the leaf comes to rest on the robot's left
+
+
+class OpenDoor(Moves):
+    """Hold both forearms ahead and walk through: the hands push the leaf, and the left arm keeps it away."""
+
+    timeout = 45.0
+
+    def __init__(self, shapes: Shapes) -> None:
+        """Need no dimensions."""
+
+    def course(self, view: View) -> Course:  # noqa: D102
+        self.doing = "walk to the door"
+        view = yield from self.walk(
+            view, WalkTo(before="door/frame", distance=_BEFORE, aside=_ASIDE, tolerance=ARRIVED)
+        )
+        self.doing = "raise the hands"
+        ahead = np.array([1.0, 0.0, 0.0])
+        points = np.array([[0.40, 0.17, 0.14], [0.40, -0.14, 0.14]])
+        view = yield from self.glide(view, points, directions=(ahead, ahead))
+        self.doing = "push the door and walk through"
+        frame = seen(view, "door/frame")
+        goal = frame.position + rotations.rotation_z(frame.yaw) @ np.array([_BEHIND, _ASIDE, 0.0])
+        return (
+            yield from self.walk(
+                view, WalkTo((float(goal[0]), float(goal[1])), frame.yaw, speed=0.3, tolerance=0.15, timeout=25.0)
+            )
+        )
+
+
+TASK = Task(
+    name="open_door",
+    about="Push a door with a closer of 5 to 15 N m open, and walk through without touching the frame with the trunk.",
+    scene=scene_of("open_door"),
+    behaviour=OpenDoor,
+    limit=60.0,
+    milestones=MILESTONES,
+)

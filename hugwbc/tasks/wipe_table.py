@@ -1,0 +1,106 @@
+"""Wipe a table with a hand along a path of 1 m, with a force of 15 N."""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.scripts.behaviours import Action, Course, View, seen, standing
+from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.sim.scenes.varied import settled
+from hugwbc.tasks.judges import touched
+from hugwbc.tasks.moves import ARRIVED, NO_FORCE, NO_HAND, Moves, crouch, targets, up
+from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.task import Shapes, Task, scene_of
+from hugwbc.tasks.verdict import Milestone
+
+# Corners of the path on the table, in its axes from the middle of its edge on the robot's side [m]: 1 m in all.
+CORNERS = np.array([[0.10, -0.05], [0.10, -0.35], [0.15, -0.35], [0.15, -0.05], [0.20, -0.05], [0.20, -0.35]])
+FORCE = (5.0, 25.0)  # [N]
+WIDTH = 0.04  # [m], half of what a hand wipes at once
+COVERED = 0.9
+_STEP = 0.01  # [m]
+
+
+def path_points(step: float = _STEP) -> np.ndarray:
+    """Return points of the path at equal distances [m], shape (n, 2)."""
+    legs = np.linalg.norm(np.diff(CORNERS, axis=0), axis=1)
+    at = np.concatenate(([0.0], np.cumsum(legs)))
+    along = np.arange(0.0, at[-1] + step / 2, step)
+    return np.stack([np.interp(along, at, CORNERS[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def covered(record: TaskRecord) -> float:
+    """Return the share of the path over which a hand pressed on the table with a force within `FORCE`."""
+    table = record.thing("table")
+    pose, yaw = record.poses["table"][0], record.yaw("table")[0]
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    edge = np.array([settled(table.size[0]) / 2, 0.0])  # type: ignore[attr-defined]
+    done = np.zeros(len(path_points()), dtype=bool)
+    for hand in range(2):
+        pressing = (record.hand_force[:, hand, 2] >= FORCE[0]) & (record.hand_force[:, hand, 2] <= FORCE[1])
+        at = (record.hands[pressing, hand, :2] - pose[:2]) @ turn.T + edge
+        for point in at:
+            done |= np.linalg.norm(path_points() - point, axis=1) <= WIDTH
+    return float(done.mean())
+
+
+MILESTONES = (
+    touched("table", "no hand touched the table"),
+    Milestone("less than 90 % of the path was wiped with 5 to 25 N", lambda record: covered(record) / COVERED),
+)
+
+
+WIPING = 15.0  # [N]
+_EDGE = 0.27  # [m], from the pelvis to the edge of the table
+_ON_TOP = 0.035  # [m], of the hand frame above the table when the hand lies on it
+_SPEED = 0.08  # [m/s]
+
+
+class WipeTable(Moves):
+    """Lean over the table, press the right hand on it, and follow the path."""
+
+    timeout = 60.0
+
+    def __init__(self, shapes: Shapes) -> None:
+        """Take size and height of the table."""
+        table = shapes["table"]
+        self._half = settled(table["size"][0]) / 2  # type: ignore[index]
+        self._top = settled(table["height"])  # type: ignore[arg-type]
+
+    def course(self, view: View) -> Course:  # noqa: D102
+        self.doing = "walk to the table"
+        view = yield from self.walk(view, WalkTo(before="table", distance=self._half + _EDGE, tolerance=ARRIVED))
+        self.doing = "lean over the table"
+        table = seen(view, "table")
+        axes = rotations.rotation_z(table.yaw)
+        points = np.column_stack([path_points() - [self._half, 0.0], np.full(len(path_points()), 0.0)])
+        path = table.position * [1.0, 1.0, 0.0] + up(self._top + _ON_TOP) + points @ axes.T
+        posture = crouch(self._top + 0.05)
+        for height in (0.12, 0.03):
+            at = np.stack([NO_HAND, path[0] + up(height)])
+            view = yield from self.glide(view, at, frame="world", posture=posture, speed=0.2, settle=0.5)
+        self.doing = "press on the table"
+        press = NO_FORCE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, WIPING]])
+        view = yield from self.glide(
+            view, np.stack([NO_HAND, path[0]]), frame="world", speed=0.04, forces=press, posture=posture, settle=1.0
+        )
+        self.doing = "wipe the table"
+        begin, along = view.time, np.arange(len(path)) * _STEP
+        while (view.time - begin) * _SPEED < along[-1] + 0.05:
+            way = (view.time - begin) * _SPEED
+            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
+            view = yield Action(standing(view), targets(np.stack([NO_HAND, at]), "world", forces=press))
+        self.doing = "raise the hand"
+        at = np.stack([NO_HAND, path[-1] + up(0.12)])
+        view = yield from self.glide(view, at, frame="world", speed=0.15)
+        return (yield from self.glide(view, at, frame="world", posture=Command()))
+
+
+TASK = Task(
+    name="wipe_table",
+    about="Wipe a table along a path of 1 m with 15 N (5 to 25 N), and cover 90 % of it.",
+    scene=scene_of("wipe_table"),
+    behaviour=WipeTable,
+    limit=70.0,
+    milestones=MILESTONES,
+)

@@ -1,0 +1,212 @@
+"""The milestones of each task, on made-up records: what is a success, and what is missing otherwise."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.tasks import (
+    TASK_NAMES,
+    load_task,
+)
+from hugwbc.tasks.wipe_table import CORNERS, path_points
+
+LEFT, RIGHT, BOTH = (("left_elbow_link",), ("right_elbow_link",), ("left_elbow_link", "right_elbow_link"))
+
+
+def verdict_of(name, record):
+    return load_task(name).judge(record)
+
+
+def touching(*bodies, links=BOTH):
+    return {(link, body): 1.0 for link in links for body in bodies}
+
+
+def path(start, *legs):
+    """Positions that stay, then go through points, each at a fifth of the time, shape (1000, 3)."""
+    points = np.array([start, start, *legs])
+    at = np.linspace(0.0, 0.8, len(points))
+    return np.stack([np.interp(np.linspace(0, 1, 1000), at, points[:, axis]) for axis in range(3)], axis=1)
+
+
+def moved(record, body, positions, turn=None):
+    poses = dict(record.poses)
+    changed = poses[body].copy()
+    changed[:, :3] = positions
+    if turn is not None:
+        changed[len(changed) // 2 :, 3:] = rotations.multiply(changed[0, 3:], turn)
+    poses[body] = changed
+    return dataclasses.replace(record, poses=poses)
+
+
+@pytest.mark.parametrize("name", TASK_NAMES)
+def test_nothing_is_no_success(name, made_up):
+    verdict = verdict_of(name, made_up(name))
+    assert not verdict.success and verdict.reason and 0.0 <= verdict.score < 0.5
+
+
+def test_a_button_that_is_pressed_and_let_go(made_up):
+    travel = 0.02 * np.sin(np.linspace(0.0, math.pi, 1000))
+    pressed = made_up("press_button", travel={"button": travel}, touched=touching("button", links=RIGHT))
+    assert verdict_of("press_button", pressed).success
+    half = dataclasses.replace(pressed, travel={"button": 0.5 * travel})
+    assert verdict_of("press_button", half).reason == "the button was not pressed all the way"
+    kept = dataclasses.replace(pressed, travel={"button": np.full(1000, 0.02)})
+    assert verdict_of("press_button", kept).reason == "the button was not released"
+    bumped = dataclasses.replace(pressed, touched={**pressed.touched, ("torso_link", "button/panel"): 3.0})
+    assert verdict_of("press_button", bumped).reason == "the trunk ran into the panel"
+
+
+def test_a_box_that_is_fetched(made_up):
+    still = made_up("fetch_box", touched=touching("box"))
+    start, bench = still.poses["box"][0, :3], still.poses["bench"][0, :3]
+    height = still.thing("bench").height + 0.11
+    goal = np.array([bench[0], bench[1] - 0.1, height])
+    up = [0.0, 0.0, 0.2]
+    assert verdict_of("fetch_box", moved(still, "box", path(start, start + up, goal + up, goal))).success
+    off = goal + np.array([0.15, 0.0, 0.0])
+    far = moved(still, "box", path(start, start + up, off + up, off))
+    assert verdict_of("fetch_box", far).reason == "the box stands more than 10 cm off its place"
+    fallen = moved(still, "box", path(start, start + up, [0.5, 1.0, 0.11]))
+    assert verdict_of("fetch_box", fallen).reason == "the box was dropped"
+    held = moved(still, "box", path(start, start + up, goal + up))
+    assert verdict_of("fetch_box", held).reason == "the box does not stand on the other table"
+    on_its_side = moved(
+        still, "box", path(start, start + up, goal + up, goal), rotations.from_yaw_pitch_roll(0, 0, math.pi / 2)
+    )
+    assert verdict_of("fetch_box", on_its_side).reason == "the box is not upright"
+    pressing = np.zeros((1000, 2, 3))
+    pressing[-1, 0, 1] = 20.0
+    grasped = dataclasses.replace(moved(still, "box", path(start, start + up, goal + up, goal)), hand_force=pressing)
+    assert verdict_of("fetch_box", grasped).reason == "a hand still held the box at the end"
+
+
+def test_a_box_that_is_held_at_the_chest(made_up):
+    still = made_up("lift_from_stool", touched=touching("box"))
+    start = still.poses["box"][0, :3]
+    assert verdict_of("lift_from_stool", moved(still, "box", path(start, [0.4, 0.0, 1.25]))).success
+    low = moved(still, "box", path(start, [0.4, 0.0, 0.8]))
+    assert verdict_of("lift_from_stool", low).reason == "the box was not brought to the chest"
+    away = path(start, [0.4, 0.0, 1.25], [0.4, 0.0, 0.7])
+    assert (
+        verdict_of("lift_from_stool", moved(still, "box", away)).reason == "the box was not held at the chest for 5 s"
+    )
+    one = dataclasses.replace(moved(still, "box", path(start, [0.4, 0.0, 1.25])), touched=touching("box", links=LEFT))
+    assert verdict_of("lift_from_stool", one).reason == "a hand did not touch the box"
+
+
+def test_a_cart_that_is_pushed(made_up):
+    still = made_up("push_cart", touched=touching("cart"))
+    start = still.poses["cart"][0]
+    ahead = rotations.to_matrix(start[3:])[:, 0]
+    assert verdict_of("push_cart", moved(still, "cart", path(start[:3], start[:3] + 2.1 * ahead))).success
+    short = moved(still, "cart", path(start[:3], start[:3] + 1.5 * ahead))
+    assert verdict_of("push_cart", short).reason == "the cart was not pushed 2 m"
+    far = moved(still, "cart", path(start[:3], start[:3] + 2.5 * ahead))
+    assert verdict_of("push_cart", far).reason == "the cart stands more than 20 cm off its goal"
+    turn = rotations.from_yaw_pitch_roll(math.radians(15.0), 0.0, 0.0)
+    askew = moved(still, "cart", path(start[:3], start[:3] + 2.0 * ahead), turn)
+    assert verdict_of("push_cart", askew).reason == "the cart has turned by more than 10 degrees"
+
+
+def test_a_door_that_is_walked_through(made_up):
+    still = made_up("open_door", touched=touching("door"), travel={"door": np.full(1000, 1.2)})
+    walk = still.pelvis.copy()
+    walk[:, 0] = np.linspace(0.0, 2.5, 1000)
+    through = dataclasses.replace(still, pelvis=walk)
+    assert verdict_of("open_door", through).success
+    assert verdict_of("open_door", still).reason == "the robot did not get through the door"
+    bumped = dataclasses.replace(through, touched={**still.touched, ("torso_link", "door/frame"): 3.0})
+    assert verdict_of("open_door", bumped).reason == "the trunk touched the frame"
+    shut = dataclasses.replace(through, travel={"door": np.full(1000, 0.1)})
+    assert verdict_of("open_door", shut).reason == "the door was not pushed open"
+
+
+def test_a_drawer_that_is_pulled_open(made_up):
+    held = np.full((1000, 2), -1)
+    held[300:700, 1] = 0
+    opened = made_up("open_drawer", held=held, travel={"drawer": np.linspace(0.0, 0.26, 1000)})
+    assert verdict_of("open_drawer", opened).success
+    assert opened.gripped == ("drawer",)
+    less = dataclasses.replace(opened, travel={"drawer": np.linspace(0.0, 0.2, 1000)})
+    assert verdict_of("open_drawer", less).reason == "the drawer was not pulled open by 25 cm"
+    alone = dataclasses.replace(opened, held=np.full((1000, 2), -1))
+    assert verdict_of("open_drawer", alone).reason == "no hand got hold of the handle"
+
+
+def test_a_tray_that_is_carried(made_up):
+    still = made_up("carry_tray")
+    names = still.scene.body_names
+    held = np.full((1000, 2), names.index("tray"))
+    start = still.poses["tray"][0, :3]
+    up = np.array([0.0, 0.0, 0.05])
+    way = path(start, start + up, start + up + [-1.0, 0.0, 0.0], start + up + [-1.0, 2.2, 0.0])
+    cup = way + still.poses["tray/cup"][0, :3] - start
+    pelvis = still.pelvis.copy()
+    pelvis[700:, 3:] = rotations.from_yaw_pitch_roll(1.5, 0.0, 0.0)
+    carried = moved(moved(dataclasses.replace(still, held=held, pelvis=pelvis), "tray", way), "tray/cup", cup)
+    assert verdict_of("carry_tray", carried).success
+    straight = dataclasses.replace(carried, pelvis=still.pelvis)
+    assert verdict_of("carry_tray", straight).reason == "the robot did not turn the corner"
+    tipped = moved(carried, "tray/cup", cup, rotations.from_yaw_pitch_roll(0.0, 0.5, 0.0))
+    assert verdict_of("carry_tray", tipped).reason == "the cup fell over"
+    lost = moved(carried, "tray/cup", still.poses["tray/cup"][0, :3])
+    assert verdict_of("carry_tray", lost).reason == "the cup fell over"
+
+
+def test_the_path_on_the_table_is_one_metre():
+    assert np.linalg.norm(np.diff(CORNERS, axis=0), axis=1).sum() == pytest.approx(1.0)
+    assert np.linalg.norm(np.diff(path_points(), axis=0), axis=1).max() <= 0.0101
+
+
+def test_a_table_that_is_wiped(made_up):
+    still = made_up("wipe_table", touched=touching("table", links=RIGHT))
+    pose, yaw = still.poses["table"][0], still.yaw("table")[0]
+    points = path_points()[np.linspace(0, len(path_points()) - 1, 1000).round().astype(int)]
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    hands, force = still.hands.copy(), np.zeros((1000, 2, 3))
+    hands[:, 1, :2] = pose[:2] + (points - [0.3, 0.0]) @ turn.T
+    force[:, 1, 2] = 15.0
+    wiped = dataclasses.replace(still, hands=hands, hand_force=force)
+    assert verdict_of("wipe_table", wiped).success
+    for newton in (2.0, 40.0):
+        force = np.zeros((1000, 2, 3))
+        force[:, 1, 2] = newton
+        wrong = verdict_of("wipe_table", dataclasses.replace(wiped, hand_force=force))
+        assert wrong.reason == "less than 90 % of the path was wiped with 5 to 25 N"
+    gap = np.zeros((1000, 2, 3))
+    gap[:700, 1, 2] = 15.0
+    assert not verdict_of("wipe_table", dataclasses.replace(wiped, hand_force=gap)).success
+
+
+def test_a_box_that_is_put_on_another(made_up):
+    still = made_up("stack_boxes", touched=touching("upper"))
+    start, lower = still.poses["upper"][0, :3], still.poses["lower"][0, :3]
+    top = lower + np.array([0.02, 0.0, 0.16])
+    up = [0.0, 0.0, 0.3]
+    assert verdict_of("stack_boxes", moved(still, "upper", path(start, start + up, lower + up, top))).success
+    beside = moved(still, "upper", path(start, start + up, start + np.array([0.0, 0.1, 0.0])))
+    assert verdict_of("stack_boxes", beside).reason == "the box does not stand on the other one"
+    edge = moved(still, "upper", path(start, start + up, top + np.array([0.0, 0.1, 0.0])))
+    assert verdict_of("stack_boxes", edge).reason == "the boxes are not in line"
+
+
+def test_weights_that_are_held(made_up):
+    still = made_up("hold_payload")
+    names = still.scene.body_names
+    held = np.full((1000, 2), -1)
+    held[200:, 0], held[200:, 1] = names.index("left-weight"), names.index("right-weight")
+    way = path([0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 0.1])[:, None] * [1.0, 1.0, 1.0]
+    way[300:] = [0.0, 0.0, 0.1]
+    lifted = dataclasses.replace(still, held=held, hands=still.hands + way)
+    for name in ("left-weight", "right-weight"):
+        lifted = moved(lifted, name, still.poses[name][0, :3] + way[:, 0])
+    assert verdict_of("hold_payload", lifted).success
+    sagging = dataclasses.replace(
+        lifted, hands=lifted.hands - np.where(np.arange(1000) > 500, 0.05, 0.0)[:, None, None]
+    )
+    assert verdict_of("hold_payload", sagging).reason == "the hands were not within 3 cm for 10 s"
+    one = dataclasses.replace(lifted, held=np.where(np.arange(2) == 0, held, -1))
+    assert verdict_of("hold_payload", one).reason == "a weight was not taken"
