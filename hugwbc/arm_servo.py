@@ -130,13 +130,14 @@ class ArmServo:
         if not upper_body.indicator:
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
-        kp = self.kp
+        kp, released = self.kp, 0.0
         carried = hand_loads(upper_body)
         if carried.any() or upper_body.stiffness is not None:
-            loads, kp = self._loads(upper_body, state, carried)
+            loads, released, kp = self._loads(upper_body, state, carried)
             tau = tau + loads
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
-        q = upper_body.q + 0.5 * dt * upper_body.dq
+        # The springs' own torques are taken away at their targets: as torques they might exceed the limits.
+        q = upper_body.q + 0.5 * dt * upper_body.dq + released / kp
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
             # Targets of an absurd size overflow: hold the gains and leave out the torque.
             q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.kp
@@ -159,8 +160,10 @@ class ArmServo:
             ]
         )
 
-    def _loads(self, upper_body: UpperBody, state: RobotState, carried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the torques of payloads, forces and springs at the hands, and the drives' stiffness, shapes (8,).
+    def _loads(
+        self, upper_body: UpperBody, state: RobotState, carried: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the torques of payloads and forces, those that free pressing hands, and the drives' stiffness, (8,).
 
         Args:
             upper_body: targets with a wanted force or stiffness.
@@ -175,10 +178,11 @@ class ArmServo:
         kp = springs.diagonal().copy()
         tau = np.einsum("hij,hi->j", jacobians, carried) + (springs - np.diag(kp)) @ error
         free = _free_directions(upper_body.hand_force)
+        released = np.zeros(self._arms.size)
         if free.size:
             both = jacobians.reshape(-1, self._arms.size)
-            tau = tau + both.T @ self._released(both, springs, error, free)
-        return tau, kp
+            released = both.T @ self._released(both, springs, error, free)
+        return tau, released, kp
 
     def _released(self, jacobian: np.ndarray, springs: np.ndarray, error: np.ndarray, free: np.ndarray) -> np.ndarray:
         r"""Return the forces at both hands that take the springs away along the free directions [N], shape (6,).
