@@ -175,7 +175,7 @@ class _Source:
             return HandTargets.of(*HANDS)
         pressing = t >= BEGIN
         return HandTargets.of(
-            (WALL - (0.02 if pressing else 0.1), HANDS[0][1], HEIGHT),
+            (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT),
             None,
             "world",
             left_force=(self.settings.force, 0.0, 0.0) if pressing else None,
