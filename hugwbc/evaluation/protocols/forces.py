@@ -302,6 +302,12 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
     fixed = frozenset({"intervention", "motions", "hand_payload"})
     stores_episodes = False
 
+    def total(self, settings: ForcesConfig) -> int:
+        """Return the number of episodes; of pushes the most that a search may take."""
+        directions = len(DIRECTIONS) if settings.part in ("pull", "push") else 1
+        steps = round(PUSH_MOST / PUSH_STEP) if settings.part == "push" else 1
+        return settings.episodes * directions * steps
+
     def run(
         self,
         factory: ControllerFactory,

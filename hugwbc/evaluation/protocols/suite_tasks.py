@@ -226,6 +226,10 @@ class TasksProtocol(Protocol[TasksConfig, TaskEpisode, TasksResult]):
         {"gait", "both_legs", "duration", "settle", "engine", "terrain_roughness", "slope", "intervention", "motions"}
     )
 
+    def total(self, settings: TasksConfig) -> int:
+        """Return the number of episodes of all tasks."""
+        return settings.episodes * len(settings.task)
+
     def run(
         self, factory: ControllerFactory, settings: TasksConfig, on_episode: Callable[[TaskEpisode], None] | None = None
     ) -> TasksResult:
