@@ -225,7 +225,7 @@ def _simulation(settings: ForcesConfig, seed: tuple[int, int], duration: float) 
     if settings.part != "press":
         return conditions.simulation(duration, seed)
     wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
-    return conditions.chosen_arena.simulation(
+    return conditions.chosen.simulation(
         timestep=conditions.timestep,
         variation=conditions.variation(),
         latency=conditions.latency,
@@ -301,6 +301,13 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
     settings = ForcesConfig
     fixed = frozenset({"intervention", "motions", "hand_payload"})
     stores_episodes = False
+
+    def total(self, settings: ForcesConfig) -> int:
+        """Return the number of episodes; of pushes at most this number, since a fall ends a series."""
+        if settings.part not in ("pull", "push"):
+            return settings.episodes
+        steps = round(PUSH_MOST / PUSH_STEP) if settings.part == "push" else 1
+        return settings.episodes * len(DIRECTIONS) * steps
 
     def run(
         self,

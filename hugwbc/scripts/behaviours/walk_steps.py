@@ -229,7 +229,8 @@ class WalkTo(Walk):
             return Goal(x, y, yaw)
         thing = seen(view, self.before)
         offset = rotations.rotation_z(thing.yaw) @ np.array([-self.distance, self.aside, 0.0])
-        return Goal(*(thing.position + offset)[:2].tolist(), thing.yaw + self.turn)
+        x, y = (thing.position + offset)[:2].tolist()
+        return Goal(x, y, thing.yaw + self.turn)
 
 
 class Face(Walk):
