@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import importlib.util
 import math
+import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -148,7 +149,7 @@ class TaskStage:
     def play(self, controller: Controller, conditions: Conditions, seed: tuple[int, int]) -> tuple[Trace, TaskRun]:
         """Run the episode; the scene is drawn with the sum of the seed and the episode's number."""
         task, number = load_task(self.name), sum(seed)
-        simulation = conditions.chosen_arena.simulation(
+        simulation = conditions.chosen.simulation(
             timestep=conditions.timestep,
             latency=conditions.latency,
             seed=number,
@@ -179,7 +180,7 @@ class TaskJudge:
     def identity(self) -> dict[str, Any]:
         """Return what distinguishes judges: the task, its scene, and the file of a task from outside this package."""
         own = importlib.util.find_spec(module_of(self.name)) if self.name not in TASK_NAMES else None
-        code = None if own is None or own.origin is None else file_digest(own.origin)
+        code = None if own is None or own.origin is None else file_digest(pathlib.Path(own.origin))
         return {"task": self.name, "seed": self.seed, "scene": load_task(self.name).scene, "module": code}
 
     def __call__(self, index: int, run: Run) -> TaskEpisode:
