@@ -33,6 +33,8 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import GRAVITY, RobotState
 
 _JOINTS = 4  # of an arm
+_STIFFEST = 1e-4  # [m/N], added to the compliance of pressing hands across their forces
+_SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm can be inverted
 _BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
 
 
@@ -147,13 +149,14 @@ class ArmServo(ServoOfArms):
         if not upper_body.indicator:
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
-        kp = self.kp
+        kp, released = self.kp, 0.0
         carried = hand_loads(upper_body)
         if carried.any() or upper_body.stiffness is not None:
-            loads, kp = self._loads(upper_body, state, carried)
+            loads, released, kp = self._loads(upper_body, state, carried)
             tau = tau + loads
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
-        q = upper_body.q + 0.5 * dt * upper_body.dq
+        # The springs' own torques are taken away at their targets: as torques they might exceed the limits.
+        q = upper_body.q + 0.5 * dt * upper_body.dq + released / kp
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
             # Targets of an absurd size overflow: hold the gains and leave out the torque.
             q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.kp
@@ -176,8 +179,10 @@ class ArmServo(ServoOfArms):
             ]
         )
 
-    def _loads(self, upper_body: UpperBody, state: RobotState, carried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the torques of payloads, forces and springs at the hands, and the drives' stiffness, shapes (8,).
+    def _loads(
+        self, upper_body: UpperBody, state: RobotState, carried: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the torques of payloads and forces, those that free pressing hands, and the drives' stiffness, (8,).
 
         Args:
             upper_body: targets with a wanted force or stiffness.
@@ -191,14 +196,38 @@ class ArmServo(ServoOfArms):
             springs = self._springs(jacobians, upper_body.stiffness)
         kp = springs.diagonal().copy()
         tau = np.einsum("hij,hi->j", jacobians, carried) + (springs - np.diag(kp)) @ error
-        for along in _free_directions(upper_body.hand_force, jacobians):
-            # The smallest change of the joints that closes the gap along the force, weighed by the springs.
-            pliant = np.linalg.solve(springs, along)
-            length = float(along @ pliant)
-            if length > 1e-9:
-                gap = min(max(float(along @ error), -self.config.give), self.config.give)
-                tau = tau - along * (gap / length)
-        return tau, kp
+        free = _free_directions(upper_body.hand_force)
+        released = np.zeros(self._arms.size)
+        if free.size:
+            both = jacobians.reshape(-1, self._arms.size)
+            released = both.T @ self._released(both, springs, error, free)
+        return tau, released, kp
+
+    def _released(self, jacobian: np.ndarray, springs: np.ndarray, error: np.ndarray, free: np.ndarray) -> np.ndarray:
+        r"""Return the forces at both hands that take the springs away along the free directions [N], shape (6,).
+
+        With the hands' stiffness :math:`S = (J K^{-1} J^T)^{-1}`, their distance x from the targets and the projector
+        P across the free directions, the springs pull by S x, and they should pull by P S P x.
+
+        Args:
+            jacobian: of both hands, shape (6, 8).
+            springs: stiffness of the joints [N*m/rad], shape (8, 8).
+            error: distance of the joints to their targets [rad], shape (8,).
+            free: directions in which the hands give way, orthonormal, shape (k, 6).
+        """
+        compliance, unit = jacobian @ np.linalg.solve(springs, jacobian.T), np.eye(len(jacobian))
+        away = jacobian @ error
+        # What the springs do is taken away exactly. What takes its place must stay small for a stretched arm, whose
+        # hand is nearly rigid along it.
+        pulled = np.linalg.solve(compliance + _SOLVABLE * unit, away)
+        stiffness = np.linalg.inv(compliance + _STIFFEST * unit)
+        along = free @ away
+        across = away - along @ free
+        held = stiffness @ across
+        held -= (free @ held) @ free
+        beyond = along - np.minimum(np.maximum(along, -self.config.give), self.config.give)
+        returning = np.einsum("ki,ij,kj,k->k", free, stiffness, free, beyond)
+        return held + returning @ free - pulled
 
     def _springs(self, jacobians: np.ndarray, stiffness: float) -> np.ndarray:
         """Return the joints' stiffness that makes both hands springs, at most the servo's own [N*m/rad], (8, 8)."""
@@ -251,20 +280,21 @@ def hand_loads(upper_body: UpperBody) -> np.ndarray:
     return force
 
 
-def _free_directions(force: np.ndarray, jacobians: np.ndarray) -> list[np.ndarray]:
-    """Return the directions in which hands give way, as gradients over the eight joints, of shape (8,) each [m/rad].
+def _free_directions(force: np.ndarray) -> np.ndarray:
+    """Return the directions in which hands give way: unit vectors for the left and the right hand, shape (k, 6).
 
     Each hand with a force gives way along it. Two hands whose forces balance each other give way against each other
     only: their middle is held, or what they squeeze would drift off.
 
     Args:
         force: wanted force of each hand, world axes [N], shape (2, 3).
-        jacobians: of both hands, shape (2, 3, 8).
     """
     lengths = np.sqrt((force * force).sum(axis=1))
     pressing = [hand for hand in range(len(SIDES)) if lengths[hand] > 0.0]
-    directions = [force[hand] / lengths[hand] @ jacobians[hand] for hand in pressing]
+    directions = np.zeros((len(pressing), len(SIDES), 3))
+    for row, hand in enumerate(pressing):
+        directions[row, hand] = force[hand] / lengths[hand]
     total = force.sum(axis=0)
     if len(pressing) == len(SIDES) and math.sqrt(total @ total) < _BALANCED * lengths.sum():
-        return [directions[0] + directions[1]]
-    return directions
+        directions = directions.sum(axis=0, keepdims=True) / math.sqrt(2.0)
+    return directions.reshape(-1, 3 * len(SIDES))

@@ -8,8 +8,10 @@ from hugwbc import rotations
 from hugwbc.arm_servo import ArmServo, ArmServoConfig
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
 from hugwbc.sim import Actuators
+from hugwbc.sim.hand_pull import HandPull
 from tests.upper_ik.conftest import Hanging, make_state
 
 # Both arms forward, elbows slightly bent.
@@ -167,3 +169,116 @@ def test_arms_follow_a_sine_alike_at_every_control_period(robot, period):
     worst = np.max(errors[len(errors) // 2 :])
     print(f"period {period} s: largest error {worst:.4f} rad")  # docs/upper_ik.md
     assert worst < 0.02
+
+
+def hand_points(robot, q):
+    """Both hands in the pelvis frame [m], shape (2, 3), of the nominal body with these arms."""
+    kinematics, body = Kinematics(robot), robot.nominal.copy()
+    body[robot.arms] = q
+    kinematics.update(make_state(body))
+    return np.array([kinematics.position(f"{side}_hand") for side in ("left", "right")])
+
+
+def test_payload_and_force_do_the_work_of_the_hands(robot, nominal_state):
+    """Virtual work: the torques of a small motion are worth the force times the way of the hand."""
+    servo, force, masses = ArmServo(), np.array([[5.0, -3.0, 2.0], [0.0, 7.0, -4.0]]), np.array([3.0, 1.0])
+    at = dataclasses.replace(nominal_state, q=nominal_state.q.copy())
+    at.q[robot.arms] = REACHING  # no gap, so that nothing is released
+    plain = servo(UpperBody.targets(REACHING), at, DT)
+    loaded = servo(dataclasses.replace(UpperBody.targets(REACHING), hand_force=force, payload=masses), at, DT)
+    step = 1e-5
+    for joint in range(8):
+        moved = [hand_points(robot, REACHING + sign * step * np.eye(8)[joint]) for sign in (1, -1)]
+        way = (moved[0] - moved[1]) / (2.0 * step)
+        work = np.sum(way * (force + np.outer(masses, [0.0, 0.0, 9.81])))
+        assert loaded.tau[joint] - plain.tau[joint] == pytest.approx(work, abs=1e-5)
+
+
+def hand_forces(servo, robot, state, body):
+    """What the servo's torques, without those that carry the arms, make both hands exert on a rigid world [N]."""
+    driven_body = servo(body, state, DT)
+    stiffness = np.diag(servo.kp)
+    gap = driven_body.q - state.q[robot.arms]
+    torque = driven_body.kp * gap + driven_body.tau - servo.torque(body.q, state)
+    jacobian = servo.jacobians(body.q, state).reshape(6, 8)
+    pliant = np.linalg.solve(stiffness, jacobian.T)
+    return np.linalg.solve(jacobian @ pliant, pliant.T @ torque).reshape(2, 3)
+
+
+def off_target(robot, servo, state, away):
+    """The state with arms whose hands are `away` (2, 3) [m] from those at REACHING, to first order."""
+    jacobian = servo.jacobians(REACHING, state).reshape(6, 8)
+    q = state.q.copy()
+    q[robot.arms] = REACHING + np.linalg.pinv(jacobian) @ np.ravel(away)
+    return dataclasses.replace(state, q=q)
+
+
+@pytest.mark.parametrize("gap", [-0.03, 0.0, 0.03])
+def test_a_hand_presses_with_the_wanted_force_wherever_it_meets_the_wall(robot, nominal_state, gap):
+    servo, wanted = ArmServo(robot=robot.with_ideal_drives()), np.array([[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    state = off_target(robot, servo, nominal_state, [[gap, 0.01, 0.0], [0.0, 0.0, 0.0]])
+    force = hand_forces(servo, robot, state, dataclasses.replace(UpperBody.targets(REACHING), hand_force=wanted))
+    assert force[0, 0] == pytest.approx(15.0, abs=0.2)
+    assert force[0, 1] < -3.0, "across the force the hand is held"
+    assert force[1] == pytest.approx(np.zeros(3), abs=0.2)
+
+
+def test_hands_that_squeeze_give_way_against_each_other_only(robot, nominal_state):
+    servo, wanted = ArmServo(robot=robot.with_ideal_drives()), np.array([[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]])
+    body = dataclasses.replace(UpperBody.targets(REACHING), hand_force=wanted)
+    for away, inner, outer in (((0.02, -0.02), 30.0, 0.0), ((0.02, 0.02), 30.0, -10.0)):
+        state = off_target(robot, servo, nominal_state, [[0.0, away[0], 0.0], [0.0, away[1], 0.0]])
+        force = hand_forces(servo, robot, state, body)[:, 1]
+        assert 0.5 * (force[1] - force[0]) == pytest.approx(inner, abs=1.0), "internal force"
+        assert force.sum() == pytest.approx(0.0, abs=0.5) if outer == 0.0 else force.sum() < outer
+
+
+def test_a_pressing_hand_that_meets_nothing_stops(robot):
+    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=robot.with_ideal_drives())
+    rig.step(driven(servo, robot, REACHING, rig.state), 1.0)
+    before, yaw = rig.hands(), rotations.rotation_z(rig.state.yaw)
+    along = yaw @ [1.0, 0.0, 0.0]
+    body = dataclasses.replace(UpperBody.targets(REACHING), hand_force=np.stack((20.0 * along, np.zeros(3))))
+    for _ in range(200):
+        rig.step(override_arms(JointCommand.position(robot, robot.nominal), servo(body, rig.state, DT), robot), DT)
+    moved = rig.hands() - before
+    assert 0.5 * servo.config.give < moved[0] @ along < 2.0 * servo.config.give
+    assert np.abs(rig.state.dq[robot.arms]).max() < 0.05
+    assert np.linalg.norm(moved[1]) < 0.005
+
+
+@pytest.mark.parametrize("stiffness", [150.0, 400.0])
+def test_a_soft_hand_is_a_spring_of_its_stiffness(robot, stiffness):
+    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=robot.with_ideal_drives())
+    body = dataclasses.replace(UpperBody.targets(REACHING), stiffness=stiffness)
+    pull, places = HandPull(rig.simulation, np.array([0.0, 0.0, -12.0]), 1.5, 0.5), []
+    for tick in range(250):
+        pull.update(rig.state)
+        rig.step(override_arms(JointCommand.position(robot, robot.nominal), servo(body, rig.state, DT), robot), DT)
+        if tick in (70, 249):
+            places.append(rig.hands())
+    sunk = places[0] - places[1]
+    assert sunk[:, 2] == pytest.approx([6.0 / stiffness] * 2, rel=0.2)
+
+
+def test_more_stiffness_than_the_servo_has_is_the_servos(robot, nominal_state):
+    body = dataclasses.replace(UpperBody.targets(REACHING), stiffness=1e5)
+    command = ArmServo()(body, nominal_state, DT)
+    assert command.kp is not None and command.kp.max() <= 140.0 + 1e-9
+
+
+def test_random_loads_give_finite_torques_within_the_limits(robot, nominal_state):
+    rng, servo = np.random.default_rng(1), ArmServo()
+    limit = robot.torque_limit[robot.arms]
+    for _ in range(300):
+        q = rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms])
+        state = dataclasses.replace(nominal_state, q=rng.uniform(robot.lower, robot.upper))
+        body = dataclasses.replace(
+            UpperBody.targets(q),
+            hand_force=rng.normal(0.0, 10.0 ** rng.uniform(0.0, 6.0), (2, 3)) * rng.integers(0, 2, (2, 1)),
+            payload=rng.uniform(0.0, 20.0, 2),
+            stiffness=None if rng.random() < 0.5 else float(rng.uniform(50.0, 5000.0)),
+        )
+        command = servo(body, state, DT)
+        assert np.isfinite(command.tau).all() and np.all(np.abs(command.tau) <= limit)
+        assert command.kp is not None and np.all((command.kp > 0.0) & (command.kp <= 140.0 + 1e-9))

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -85,3 +86,17 @@ def test_position_targets_hold_stretched_arms_of_a_batch(robot):
         batch.qvel[:, :6] = 0.0
         batch.forward(np.arange(2))
     assert np.abs(batch.qpos[:, 7:][:, arms] - goal).max() < 0.005
+
+
+def test_payloads_and_forces_of_the_hands_are_those_of_one_robot(robot):
+    q, dq, ddq, qpos, qvel = draw(robot)
+    q, qpos[:, 7:][:, robot.arms] = 0.3 * q, 0.3 * q  # the arms are where they should be, so that none gives way
+    rng = np.random.default_rng(3)
+    force, payload = rng.normal(0.0, 5.0, (COUNT, 2, 3)), rng.uniform(0.0, 1.0, (COUNT, 2))
+    servo, rows = ArmServo(robot=robot), ArmServoRows(robot=robot)
+    for hands in (None, force):
+        _, tau = rows(q, dq, qpos, qvel, DT, ddq, hands, payload)
+        for i, state in enumerate(states(qpos, qvel)):
+            body = dataclasses.replace(UpperBody.targets(q[i], dq[i], ddq[i]), payload=payload[i])
+            body = body if hands is None else dataclasses.replace(body, hand_force=hands[i])
+            assert tau[i] == pytest.approx(servo(body, state, DT).tau, abs=1e-7)

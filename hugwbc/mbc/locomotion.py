@@ -101,7 +101,6 @@ class Locomotion:
         """
         plan, standing = self.plan, self._standing
         self.footholds[:] = np.nan
-        self._follow_jumps(dynamics, dt)
         standing.catching = max(standing.catching - dt, 0.0)
         catching = standing.catching > 0.0
         # Leaps take the ground to be level, and judge their feet by height: they land at once or not at all.
@@ -136,11 +135,16 @@ class Locomotion:
                 stance.settle = self._settle_speed(dynamics, foot)
                 stance.slope = float(self.ground.slopes[foot])
 
-    def _follow_jumps(self, dynamics: Dynamics, dt: float) -> None:
-        """Move all that is remembered in the world along when the position jumps, as an estimator's may."""
-        pelvis = dynamics.frame("pelvis")
-        offset = pelvis.position - self._position - pelvis.velocity[:3] * dt
-        self._position = pelvis.position
+    def follow_jumps(self, position: np.ndarray, velocity: np.ndarray, dt: float) -> None:
+        """Move all that is remembered in the world along when the position jumps, as an estimator's may.
+
+        Args:
+            position: of the pelvis as it was read, not predicted, world [m], shape (3,).
+            velocity: likewise [m/s], shape (3,).
+            dt: time since the last tick [s].
+        """
+        offset = position - self._position - velocity * dt
+        self._position = position
         if offset.dot(offset) < _POSITION_JUMP**2:
             return
         self.references.ground += float(offset[2])

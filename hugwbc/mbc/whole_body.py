@@ -228,6 +228,8 @@ class WholeBodyController:
         if not self._started:
             self._start(state)
         state = self._odometry.complete(state, self._locomotion.contact, self.period)
+        assert state.position is not None and state.velocity is not None
+        self._locomotion.follow_jumps(state.position, state.velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
         self._hand_load.update(state, upper_body, self.period)

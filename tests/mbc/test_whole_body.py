@@ -196,9 +196,9 @@ def test_bad_commands_and_arm_targets_are_reported_and_harmless(standing_state):
 
 def test_arm_targets_beyond_the_joints_are_clamped_and_reported(standing_state):
     controller = WholeBodyController()
-    controller.reset(standing_state)
     upper = ROBOT.upper[ROBOT.arms]
     for q, words in ((upper, ()), (upper + 0.1, ("arm targets beyond the joints' ranges are clamped",))):
+        controller.reset(standing_state)  # the error is that of the state, which no command has moved yet
         controller.act(standing_state, Command(), UpperBody.targets(q))
         assert controller.diagnostics.report == words
         error = controller.diagnostics.task_errors["arms"].value

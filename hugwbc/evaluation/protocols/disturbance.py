@@ -168,10 +168,6 @@ class DisturbanceProtocol(Protocol[DisturbanceConfig, DisturbanceEpisode, Distur
         "no numbers."
     )
 
-    def total(self, settings: DisturbanceConfig) -> int:
-        """Return about how many rollouts the searches take."""
-        return settings.episodes
-
     def run(
         self,
         factory: ControllerFactory,

@@ -175,7 +175,7 @@ class _Source:
             return HandTargets.of(*HANDS)
         pressing = t >= BEGIN
         return HandTargets.of(
-            (WALL - (0.02 if pressing else 0.1), HANDS[0][1], HEIGHT),
+            (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT),
             None,
             "world",
             left_force=(self.settings.force, 0.0, 0.0) if pressing else None,
@@ -301,6 +301,12 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
     settings = ForcesConfig
     fixed = frozenset({"intervention", "motions", "hand_payload"})
     stores_episodes = False
+
+    def total(self, settings: ForcesConfig) -> int:
+        """Return the number of episodes; of pushes the most that a search may take."""
+        directions = len(DIRECTIONS) if settings.part in ("pull", "push") else 1
+        steps = round(PUSH_MOST / PUSH_STEP) if settings.part == "push" else 1
+        return settings.episodes * directions * steps
 
     def run(
         self,

@@ -224,10 +224,6 @@ class HandsProtocol(Protocol[HandsConfig, HandsEpisode, HandsResult]):
     fixed = frozenset({"intervention", "motions"})  # the protocol moves the arms itself
     stores_episodes = False
 
-    def total(self, settings: HandsConfig) -> int:
-        """Return the number of episodes."""
-        return settings.episodes
-
     def run(
         self,
         factory: ControllerFactory,

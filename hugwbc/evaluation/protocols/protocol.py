@@ -61,9 +61,9 @@ class Protocol(abc.ABC, Generic[Settings, Row, Result]):
     def describe(self, result: Result) -> str:
         """Return the result as text for a terminal."""
 
-    @abc.abstractmethod
     def total(self, settings: Settings) -> int:
         """Return the number of episodes in all, for the progress; of a search, about how many there will be."""
+        return int(getattr(settings, "episodes", 1))
 
     def unavailable(self) -> str:
         """Return why this installation cannot run it, as a sentence for a report; empty if it can."""

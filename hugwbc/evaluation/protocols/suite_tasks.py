@@ -148,7 +148,7 @@ class TaskStage:
     def play(self, controller: Controller, conditions: Conditions, seed: tuple[int, int]) -> tuple[Trace, TaskRun]:
         """Run the episode; the scene is drawn with the sum of the seed and the episode's number."""
         task, number = load_task(self.name), sum(seed)
-        simulation = conditions.chosen_arena.simulation(
+        simulation = conditions.chosen.simulation(
             timestep=conditions.timestep,
             latency=conditions.latency,
             seed=number,
@@ -224,6 +224,10 @@ class TasksProtocol(Protocol[TasksConfig, TaskEpisode, TasksResult]):
     fixed = frozenset(
         {"gait", "both_legs", "duration", "settle", "engine", "terrain_roughness", "slope", "intervention", "motions"}
     )
+
+    def total(self, settings: TasksConfig) -> int:
+        """Return the number of episodes of all tasks."""
+        return settings.episodes * len(settings.task)
 
     def run(
         self, factory: ControllerFactory, settings: TasksConfig, on_episode: Callable[[TaskEpisode], None] | None = None
