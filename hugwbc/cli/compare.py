@@ -26,7 +26,9 @@ class CompareOptions(ArenaChoice):
     """Play one command script with each controller, hand targets solved by IK, and compare the results."""
 
     script: str = "loco_manipulation"
-    """Name of a shipped script, or path of a script file (.yaml)."""
+    """Name of a shipped script or behaviour, or path of a file (.yaml)."""
+    scene: str | None = None
+    """Objects around the robot: name of a shipped scene, or a file (.yaml)."""
     task: str | None = None
     """Do this task of the suite instead of a script (docs/tasks.md), such as fetch_box."""
     walk: float | None = None
@@ -76,17 +78,25 @@ def run(words: Sequence[str]) -> int:
 
 
 def _script(options: CompareOptions) -> "Play":
-    """Return what plays the script with each controller."""
-    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
-    from hugwbc.scripts.script import while_walking
-    from hugwbc.scripts.script_file import load_script
+    """Return what plays the script with each controller.
 
-    script = load_script(options.script)
+    Raises:
+        ConfigError: if a walk is asked of a behaviour.
+    """
+    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
+    from hugwbc.scripts.behaviours.behaviour_file import load_plan
+    from hugwbc.scripts.script import Script, while_walking
+    from hugwbc.sim import load_scene
+
+    script = load_plan(options.script)
     if options.walk is not None:
+        if not isinstance(script, Script):
+            raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
         script = while_walking(script, options.walk)
+    scene = None if options.scene is None else load_scene(options.scene)
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, on_progress=advance)
+        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, scene=scene, on_progress=advance)
         outcomes = {trace.name: summarise(trace) for trace in traces}
         summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.chosen)
         return traces, figure_table(outcomes), summary
@@ -103,8 +113,8 @@ def _task(options: CompareOptions) -> "Play":
     from hugwbc.evaluation.comparison import compare_task, task_summary, task_table
     from hugwbc.tasks import load_task
 
-    if options.script != CompareOptions.script or options.walk is not None:
-        raise ConfigError("a task and a script or a walk are both given; give one or the other")
+    if options.script != CompareOptions.script or options.walk is not None or options.scene is not None:
+        raise ConfigError("a task and a script, a walk or a scene are both given; give one or the other")
     task = load_task(str(options.task))
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":

@@ -32,6 +32,10 @@ def test_add_an_object(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-an-object.md", folder)
 
 
+def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-behaviour.md", folder, package)
+
+
 def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-protocol.md", folder, package)
 

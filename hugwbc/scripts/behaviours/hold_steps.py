@@ -12,6 +12,7 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Stat
 from hugwbc.scripts.behaviours.conditions import TOUCH, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     HALF_WIDTH,
+    TIP,
     Point,
     check_above,
     held_targets,
@@ -30,6 +31,9 @@ _LAG = 0.012  # [m], distance of a hand from its target at which it has met some
 _ROOM = 0.06  # [m], between hands and object before they close
 _LOST = 0.12  # [m], by which an object has moved in the hands that have lost it
 _STRONGEST = 150.0  # [N]
+# Slope with which the forearms point inwards, so that their ends press. Forearms that point outwards take a box by its
+# rear edges, and it tips over forwards as soon as it is lifted.
+_TOE_IN = 0.3
 
 
 class Squeeze(Behaviour):
@@ -45,7 +49,7 @@ class Squeeze(Behaviour):
         *,
         force: float = 30.0,
         width: float = 0.4,
-        at: Point = (0.0, 0.0, 0.0),
+        at: Point = (0.0, 0.0, 0.03),
         whole_body: bool = False,
         speed: float = 0.1,
         timeout: float = 20.0,
@@ -56,7 +60,8 @@ class Squeeze(Behaviour):
             object: its name.
             force: of each hand [N]; twice the weight or more, or the object slips.
             width: the most that the object may measure between the hands [m].
-            at: middle of the hands, in the object's frame [m].
+            at: where the ends of the forearms press, in the object's frame [m]; above its centre of mass it hangs
+                between them.
             whole_body: whether h, p and w may help.
             speed: with which the hands close [m/s].
             timeout: after which it fails [s].
@@ -95,13 +100,13 @@ class Squeeze(Behaviour):
         """Return targets at a distance of each hand from the middle [m], and ahead of it, with a force [N]."""
         middle, ahead, aside = self._place(view)
         left, right = np.broadcast_to(half, 2)
-        point = middle + away * ahead
+        point = middle + (away - TIP) * ahead
         return HandTargets(
             point + left * aside,
             point - right * aside,
             "world",
-            ahead,
-            ahead,
+            ahead - _TOE_IN * aside,
+            ahead + _TOE_IN * aside,
             together=force > 0.0,
             whole_body=self.whole_body,
             left_force=-force * aside if force else None,
