@@ -67,10 +67,11 @@ class LivePage:
         """
         check_host(host, expose=expose)
         commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]
-        self.link = DriveLink({"name": name, "gaits": [gait.label for gait in Gait], "commands": commands})
+        title = f"hugwbc: {name}"
+        self.link = DriveLink({"title": title, "gaits": [gait.label for gait in Gait], "commands": commands})
         # viser prints the address; what is printed is for the caller to decide.
         with guarded(any_host=expose, addition=self.link), contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
+            self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
         self.recording: bool | None = None
