@@ -69,9 +69,9 @@ def run(words: Sequence[str]) -> int:
         for message in outcome.safety["messages"]:
             say(f"safety filter of {name}: {message}", options.json)
     write_json(options.json, summary)
-    written = write_comparison(options.out, summary, figures, traces)
-    if options.video:
-        written += _write_video(options, traces)
+    film = _write_video(options, traces) if options.video else []
+    video = film[0].name if film else None
+    written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
     say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
 

@@ -119,6 +119,7 @@ _TEMPLATE = """<!DOCTYPE html>
   td.worse { background: var(--worse); font-weight: 600; }
   td.unclear { background: var(--unclear); }
   td.published { font-style: italic; opacity: 0.85; }
+  .lead { font-size: 1.15em; max-width: 80ch; }
   .note { font-size: 0.9em; opacity: 0.85; max-width: 80ch; }
   .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 8px; }
   .legend i { display: inline-block; width: 22px; height: 0; border-top: 3px solid transparent; margin-right: 8px;

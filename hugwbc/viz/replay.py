@@ -1,7 +1,6 @@
 """A self-contained page that replays runs in three dimensions: play, pause, scrub, and choose which marks to show."""
 
 import base64
-import dataclasses
 import html
 import itertools
 import pathlib
@@ -18,7 +17,16 @@ from meshcat.servers.zmqserver import VIEWER_ROOT
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, lanes, moment
+from hugwbc.viz.framing import (
+    LABEL_COLOURS,
+    Chapter,
+    camera_path,
+    chapter_spans,
+    check_traces,
+    frame_samples,
+    lanes,
+    moment,
+)
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
 
@@ -43,14 +51,6 @@ class _Recorder:
     def send(self, command: _Command) -> None:
         # Single precision halves the size of the page; positions are still exact to a micrometre.
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
-
-
-@dataclasses.dataclass(frozen=True)
-class Chapter:
-    """A stretch of time with a name, such as a segment of a script; it begins at a time [s] and ends with the next."""
-
-    begin: float
-    name: str
 
 
 def replay_html(
@@ -117,16 +117,12 @@ def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
         begin: time at the left end [s].
         end: time at the right end [s].
     """
-    shown = [chapter for chapter in chapters if chapter.begin < end]
-    if not shown:
-        return ""
-    ends = [*(chapter.begin for chapter in shown[1:]), end]
     names = "".join(
-        f'<button type="button" data-time="{max(chapter.begin - begin, 0.0):.3f}" title="{html.escape(chapter.name)}"'
-        f' style="flex-grow:{1000.0 * (stop - max(chapter.begin, begin)):.0f}">{html.escape(chapter.name)}</button>'
-        for chapter, stop in zip(shown, ends, strict=True)
+        f'<button type="button" data-time="{start - begin:.3f}" title="{html.escape(name)}"'
+        f' style="flex-grow:{1000.0 * (stop - start):.0f}">{html.escape(name)}</button>'
+        for name, start, stop in chapter_spans(chapters, begin, end)
     )
-    return f'<div id="chapters">{names}</div>'
+    return f'<div id="chapters">{names}</div>' if names else ""
 
 
 Tracks = list[tuple[str, str, list]]
