@@ -14,6 +14,7 @@ from hugwbc.sim import ArenaChoice
 if TYPE_CHECKING:
     from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.runtime.trace import Trace
+    from hugwbc.scripts.script import Script
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +70,7 @@ def run(words: Sequence[str]) -> int:
         for message in outcome.safety["messages"]:
             say(f"safety filter of {name}: {message}", options.json)
     write_json(options.json, summary)
-    film = _write_video(options, traces) if options.video else []
+    film = _write_video(options, traces, script) if options.video else []
     video = film[0].name if film else None
     written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
     say("\nwrote " + ", ".join(str(path) for path in written), options.json)
@@ -95,13 +96,16 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence["Trace"]) -> list[pathlib.Path]:
+def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script") -> list[pathlib.Path]:
     """Write the video and return its path; where the machine cannot render, print why and return nothing."""
+    from hugwbc.evaluation.segment_figures import segment_spans
+    from hugwbc.viz.framing import Chapter
     from hugwbc.viz.video import write_video
 
+    chapters = [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
     path = options.out / "compare.mp4"
     with progress("video") as advance:
-        obstacle = write_video(path, traces, hide=options.hide, on_progress=advance)
+        obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
     if obstacle is None:
         return [path]
     say(obstacle, options.json)
