@@ -44,7 +44,7 @@ def test_names_clock_and_segment_are_written_into_the_picture(make_run: Callable
     blank = np.full((720, 1280, 3), 128, dtype=np.uint8)
     picture = video.write_captions(blank, texts[30])
     changed = np.any(picture != blank, axis=2)
-    corners = [changed[:90, :250], changed[:90, 1100:], changed[650:, 500:780]]
+    corners = [changed[:120, :400], changed[:120, 1000:], changed[640:, 400:880]]
     assert all(corner.sum() > 200 for corner in corners)
     assert changed.sum() == sum(corner.sum() for corner in corners), "and nothing elsewhere"
     assert np.any(np.all(picture == (0x2F, 0x7F, 0xD6), axis=2)), "in the robot's colour"
