@@ -8,7 +8,7 @@ import pytest
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.robot import load_robot
-from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.sight import SeenRobot, carry_out
@@ -91,15 +91,16 @@ def _scene(**place: object) -> Scene:
 def test_a_view_is_near_the_truth_in_a_scene_of_arena_2() -> None:
     arena, watcher = ARENAS[2], Watcher()
     simulation = arena.simulation(scene=_scene(position=(1.0, 0.5)), seed=4)
-    loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource(), estimator_for(arena))
+    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource(), estimator_for(arena))
     loop.reset()
-    for tick in range(20):
+    truth = simulation.state()
+    for tick in range(50):
         truth = simulation.state()
         command = loop.decide(tick * loop.period)
-        if tick < 19:
+        if tick < 49:
             loop.step(command, loop.period)
     view = watcher.views[-1]
-    assert len(watcher.views) == 20
+    assert len(watcher.views) == 50
     assert truth.position is not None and view.state.position is not None
     assert np.linalg.norm(view.position - truth.position) < 0.01
     assert np.linalg.norm(view.objects["cube"].position - simulation.objects["cube"].position) < 0.006

@@ -29,6 +29,7 @@ from hugwbc.targets import HandTargets, position
 
 _LAG = 0.012  # [m], distance of a hand from its target at which it has met something
 _ROOM = 0.06  # [m], between hands and object before they close
+_SHIFTED = 0.08  # [m], by which an object has moved that does not stand where it was put
 _LOST = 0.12  # [m], by which an object has moved in the hands that have lost it
 _STRONGEST = 150.0  # [N]
 # Slope with which the forearms point inwards, so that their ends press. Forearms that point outwards take a box by its
@@ -320,7 +321,12 @@ class Place(Behaviour):
             if down > self.lower:
                 raise Failure(f"'{self.object}' stands on nothing after {100 * sunk:.0f} cm")
             view = yield Action(standing(view), shifted(hands, np.array([0.0, 0.0, -down])))
-        return (yield from run(Release(), view))
+        stood = seen(view, self.object).position
+        view = yield from run(Release(), view)
+        moved = float(np.linalg.norm(seen(view, self.object).position - stood))
+        if moved > _SHIFTED:
+            raise Failure(f"'{self.object}' moved by {100 * moved:.0f} cm when the hands let go")
+        return view
 
 
 class Release(Behaviour):
