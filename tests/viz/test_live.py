@@ -121,8 +121,17 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
         page.show(simulation)
         command = page.source.command_at(t)
     assert now[0] - 103.0 <= 0.5
-    assert page.source.wanted.gait is Gait.STANDING and page._sliders["v_x"].value == 0.0
-    assert "the page was silent" in page.source.notice
+    # It speaks again: the robot goes on. It is given up: the robot stands, and stays so when it comes back.
+    page.link._hear(1, '{"held": ["KeyW"]}')
+    page.show(simulation)
+    assert page.source.command_at(t + 1.0).v_x == pytest.approx(0.5)
+    now[0] += 2.1
+    page.show(simulation)
+    assert page.source.wanted == Command() and page._sliders["v_x"].value == 0.0
+    assert "the page is gone" in page.source.notice
+    page.link._hear(1, "{}")
+    page.show(simulation)
+    assert page.source.wanted == Command()
     page.close()
 
 

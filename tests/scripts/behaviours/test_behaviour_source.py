@@ -57,7 +57,7 @@ def test_at_the_end_the_hands_stay_with_the_robot() -> None:
     source = BehaviourSource(March())
     _played(source)
     hands = source.hands_at(5.0)
-    assert hands is not None and hands.frame == "heading"
+    assert hands is not None and hands.left is not None and hands.frame == "heading"
     np.testing.assert_allclose(hands.left, [0.3, 0.2, 0.02], atol=1e-9)
 
 

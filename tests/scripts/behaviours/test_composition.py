@@ -78,7 +78,7 @@ def test_a_behaviour_can_begin_again() -> None:
 def test_legs_and_hands_at_the_same_time() -> None:
     actions = _run(Parallel(Count(3, v_x=0.1), Count(1, v_x=0.5)))
     assert [action.command.v_x for action in actions[:3]] == [0.1, 0.1, 0.1]
-    assert actions[0].hands is not None
+    assert actions[0].hands is not None and actions[0].hands.left is not None
     np.testing.assert_allclose(actions[0].hands.left, [0.5, 0, 0])
     failing = Parallel(Count(3), Count(1, fails=True))
     assert len(_run(failing)) == 2
