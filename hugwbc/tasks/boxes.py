@@ -26,8 +26,12 @@ class BoxMoves(Moves):
         squeeze: force of each hand [N].
     """
 
-    def __init__(self, width: float, at: tuple[float, float] = (0.015, 0.05), squeeze: float = SQUEEZE) -> None:
-        """Take the width [m] and where and how hard to press."""
+    def __init__(self, width: float, at: tuple[float, float] = (-0.025, 0.07), squeeze: float = SQUEEZE) -> None:
+        """Take the width [m] and where and how hard to press.
+
+        The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they
+        are not above its middle.
+        """
         self.width, self.at, self.squeeze = width, at, squeeze
 
     def sides(self, gap: float) -> np.ndarray:
