@@ -59,7 +59,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers), "controllers")
-    play = _task(options) if options.task is not None else _script(options)
+    play, script = (_task(options), None) if options.task is not None else _script(options)
     controllers = [spec.told(options.chosen).build() for spec in _specs(options)]
     check_names(controllers)
     check_folder(options.out)
@@ -78,8 +78,8 @@ def run(words: Sequence[str]) -> int:
     return 0
 
 
-def _script(options: CompareOptions) -> "Play":
-    """Return what plays the script with each controller.
+def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
+    """Return what plays the script with each controller, and the script if it has segments of given times.
 
     Raises:
         ConfigError: if a walk is asked of a behaviour.
@@ -102,7 +102,7 @@ def _script(options: CompareOptions) -> "Play":
         summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.chosen)
         return traces, figure_table(outcomes), summary
 
-    return play
+    return play, script if isinstance(script, Script) else None
 
 
 def _task(options: CompareOptions) -> "Play":
@@ -145,13 +145,13 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script") -> list[pathlib.Path]:
+def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> list[pathlib.Path]:
     """Write the video and return its path; where the machine cannot render, print why and return nothing."""
     from hugwbc.evaluation.segment_figures import segment_spans
     from hugwbc.viz.framing import Chapter
     from hugwbc.viz.video import write_video
 
-    chapters = [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
+    chapters = [] if script is None else [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
     path = options.out / "compare.mp4"
     with progress("video") as advance:
         obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
