@@ -129,7 +129,7 @@ def test_every_protocol_explains_its_own_options(name, capsys):
     fields = {field.name for field in dataclasses.fields(PROTOCOLS[name].settings)}
     for option in ("episodes", "points", "rollouts", "samples", "blow", "training", "speeds", "v_x"):
         assert (f"--{option.replace('_', '-')} " in text) == (option in fields)
-    assert ("--workers" in text) == (name != "hands")
+    assert ("--workers" in text) == (name not in ("hands", "forces"))
     assert all(option.help.endswith(".") for option in evaluate._options(PROTOCOLS[name]))
 
 

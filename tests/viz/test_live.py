@@ -255,9 +255,9 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     page.keyboard.down("w")
     assert driven.until(lambda: source.command.v_x > 0.4)
     page.close()
-    closed = time.monotonic()
+    closed = simulation.time  # the robot's time: on a busy computer it runs slower than the clock on the wall
     assert driven.until(lambda: source.command.v_x == 0.0, 10.0)
-    assert time.monotonic() - closed < 0.5 + 0.15, "0.15 s for the browser to close the page, and for this loop"
+    assert simulation.time - closed < 0.5 + 0.1, "0.1 s for the loop of this test"
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
     assert not simulation.fallen
@@ -278,7 +278,9 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
         page.mouse.move(*start)
         page.wait_for_timeout(500)
         page.mouse.down()
-        page.mouse.move(*end, steps=10)
+        for share in np.linspace(0.1, 1.0, 10):  # a frame may take long where the browser draws without a graphics card
+            page.mouse.move(*(start + share * np.subtract(end, start)))
+            page.wait_for_timeout(100)
         page.mouse.up()
         if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
             break
