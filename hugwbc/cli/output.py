@@ -49,26 +49,47 @@ def check_writable(path: pathlib.Path | None) -> None:
     if path is None or path == STDOUT:
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = not path.exists()
-        path.open("a").close()
-        if new:  # what fails later must not leave an empty file
-            path.unlink()
+        with _removed_if_empty(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            new = not path.exists()
+            path.open("a").close()
+            if new:  # what fails later must not leave an empty file
+                path.unlink()
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
 
 
-def check_folder(path: pathlib.Path) -> None:
+@contextlib.contextmanager
+def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     """Make a folder and check that files can be written to it, before the work whose results it will hold.
 
+    At the end, folders that were made here and are still empty are removed: work that was refused leaves no trace.
+
+    Args:
+        path: path of the folder; missing folders above it are made as well.
+
     Raises:
-        ConfigError: if they cannot.
+        ConfigError: if files cannot be written to it.
     """
+    with _removed_if_empty(path):
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=path).close()
+        except OSError as error:
+            raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
+        yield path
+
+
+@contextlib.contextmanager
+def _removed_if_empty(path: pathlib.Path) -> Iterator[None]:
+    """Remove a folder and those above it at the end, as far as they are new and empty."""
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
-        path.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=path).close()
-    except OSError as error:
-        raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # it is in use, and so are those above it
+            for folder in new:
+                folder.rmdir()
 
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds

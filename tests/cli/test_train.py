@@ -23,3 +23,11 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
     assert main(["play", "--headless", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
+
+
+def test_a_refused_training_leaves_no_folder(tmp_path, capsys):
+    refused = (["--resume"], ["--start-from", str(tmp_path / "none.safetensors")])
+    for words in refused:
+        assert main(["train", "--env.count", "2", "--threads", "1", "--out", str(tmp_path / "a" / "b"), *words]) == 2
+        assert "safetensors" in capsys.readouterr().err
+        assert not any(tmp_path.iterdir())
