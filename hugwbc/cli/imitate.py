@@ -4,7 +4,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 
 from hugwbc.cli import INTERRUPTED
-from hugwbc.cli.output import output_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse_settings, progress, say
 from hugwbc.learned.config import ImitationConfig
 
 _LINE_SAMPLES = 10_000
@@ -13,7 +13,7 @@ _LINE_SAMPLES = 10_000
 def run(words: Sequence[str]) -> int:
     """Parse, imitate, report."""
     description = "Imitate the controller qp on the student's states; 'hugwbc train --start-from' continues from it."
-    config = parse(ImitationConfig, words, "imitate", description)
+    config = parse_settings(ImitationConfig, words, "imitate", description)
     from hugwbc.learned.imitation import Imitator
     from hugwbc.mbc import WholeBodyController
     from hugwbc.robot import load_robot

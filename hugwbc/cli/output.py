@@ -1,6 +1,8 @@
 """Helpers that the verbs share: options from a dataclass, JSON files and progress."""
 
 import contextlib
+import dataclasses
+import inspect
 import json
 import os
 import pathlib
@@ -8,8 +10,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, TextIO, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Protocol, TextIO, TypeVar
 
 import tyro
 
@@ -17,6 +19,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.files import finite_json, write_whole
 
 STDOUT = pathlib.Path("-")
+HELP_ALL = "--help-all"
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
 _QUIET = 2.0  # [s]; shorter work shows no progress
 Options = TypeVar("Options")
@@ -25,6 +28,57 @@ Options = TypeVar("Options")
 def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
+
+
+def parse_settings(settings: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
+    """Parse as `parse` does, for settings with groups of them inside.
+
+    With `--help`, the settings outside any group are explained, and the groups are listed. `--help-all` explains all.
+    """
+    if HELP_ALL in words:
+        return parse(settings, ["--help"], verb, description)
+    if not {"-h", "--help"} & set(words):
+        return parse(settings, words, verb, description)
+    groups = {field.name: field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)}
+    folded = [
+        (name, Annotated[field.type, tyro.conf.Suppress], dataclasses.field(default_factory=field.default_factory))
+        for name, field in groups.items()
+    ]
+    short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
+    try:
+        parse(short, words, verb, description)
+    except SystemExit as finished:
+        if not finished.code:
+            _print(_list_groups(groups, f"hugwbc {verb} {HELP_ALL}"), sys.stdout)
+        raise
+    raise AssertionError("--help ends the process")
+
+
+def _dataclass(settings: type[Any]) -> type[Any]:
+    assert dataclasses.is_dataclass(settings)
+    return settings
+
+
+def _is_group(field: dataclasses.Field[Any]) -> bool:
+    return dataclasses.is_dataclass(field.type)
+
+
+def _list_groups(groups: Mapping[str, dataclasses.Field[Any]], command: str) -> str:
+    """Return a line for each group of settings, those within groups included: prefix, number of options, what it is."""
+    rows: list[tuple[str, int, str]] = []
+
+    def visit(name: str, kind: Any) -> None:  # noqa: ANN401  a dataclass
+        fields = dataclasses.fields(kind)
+        about = (inspect.getdoc(kind) or "").partition(". ")[0].partition("\n")[0].rstrip(".")
+        rows.append((f"--{name}.*".replace("_", "-"), sum(not _is_group(field) for field in fields), about))
+        for field in filter(_is_group, fields):
+            visit(f"{name}.{field.name}", field.type)
+
+    for name, field in groups.items():
+        visit(name, field.type)
+    width = max(len(row[0]) for row in rows)
+    lines = [f"  {name:<{width}}  {count:3} options  {about}" for name, count, about in rows]
+    return "\n".join(["", "groups of options:", *lines, "", f"`{command}` explains every option."])
 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from hugwbc.cli.output import output_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse_settings, progress, say
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
@@ -12,8 +12,8 @@ LINE_INTERVAL = 10.0  # [s] between two lines of figures
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    description = "Train a policy. Ctrl-C saves and stops; --resume continues. Every setting is an option."
-    config = parse(TrainConfig, words, "train", description)
+    description = "Train a policy. Ctrl-C saves and stops; --resume continues."
+    config = parse_settings(TrainConfig, words, "train", description)
     with output_folder(config.out), progress(f"training {config.out}") as advance:
         from hugwbc.learned.rl import train
 
