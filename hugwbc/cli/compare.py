@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hugwbc.evaluation.tables import Table
     from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.runtime.trace import Trace
+    from hugwbc.scripts.script import Script
 
     Played = tuple[list[Trace], Table, dict[str, Any]]
     Play = Callable[[list[Controller], Callable[[float], None]], Played]
@@ -26,7 +27,9 @@ class CompareOptions(ArenaChoice):
     """Play one command script with each controller, hand targets solved by IK, and compare the results."""
 
     script: str = "loco_manipulation"
-    """Name of a shipped script, or path of a script file (.yaml)."""
+    """Name of a shipped script or behaviour, or path of a file (.yaml)."""
+    scene: str | None = None
+    """Objects around the robot: name of a shipped scene, or a file (.yaml)."""
     task: str | None = None
     """Do this task of the suite instead of a script (docs/tasks.md), such as fetch_box."""
     walk: float | None = None
@@ -56,7 +59,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.viz.framing import check_count
 
     check_count(len(options.controllers), "controllers")
-    play = _task(options) if options.task is not None else _script(options)
+    play, script = (_task(options), None) if options.task is not None else _script(options)
     controllers = [spec.told(options.chosen).build() for spec in _specs(options)]
     check_names(controllers)
     check_writable(options.json)
@@ -68,30 +71,38 @@ def run(words: Sequence[str]) -> int:
             for message in trace.safety.messages:
                 say(f"safety filter of {trace.name}: {message}", options.json)
         write_json(options.json, summary)
-        written = write_comparison(options.out, summary, figures, traces)
-        if options.video:
-            written += _write_video(options, traces)
+        film = _write_video(options, traces, script) if options.video else []
+        video = film[0].name if film else None
+        written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
 
 
-def _script(options: CompareOptions) -> "Play":
-    """Return what plays the script with each controller."""
-    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
-    from hugwbc.scripts.script import while_walking
-    from hugwbc.scripts.script_file import load_script
+def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
+    """Return what plays the script with each controller, and the script if it has segments of given times.
 
-    script = load_script(options.script)
+    Raises:
+        ConfigError: if a walk is asked of a behaviour.
+    """
+    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
+    from hugwbc.scripts.behaviours.behaviour_file import load_plan
+    from hugwbc.scripts.script import Script, while_walking
+    from hugwbc.sim import load_scene
+
+    script = load_plan(options.script)
     if options.walk is not None:
+        if not isinstance(script, Script):
+            raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
         script = while_walking(script, options.walk)
+    scene = None if options.scene is None else load_scene(options.scene)
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, on_progress=advance)
+        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, scene=scene, on_progress=advance)
         outcomes = {trace.name: summarise(trace) for trace in traces}
         summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.chosen)
         return traces, figure_table(outcomes), summary
 
-    return play
+    return play, script if isinstance(script, Script) else None
 
 
 def _task(options: CompareOptions) -> "Play":
@@ -103,8 +114,8 @@ def _task(options: CompareOptions) -> "Play":
     from hugwbc.evaluation.comparison import compare_task, task_summary, task_table
     from hugwbc.tasks import load_task
 
-    if options.script != CompareOptions.script or options.walk is not None:
-        raise ConfigError("a task and a script or a walk are both given; give one or the other")
+    if options.script != CompareOptions.script or options.walk is not None or options.scene is not None:
+        raise ConfigError("a task and a script, a walk or a scene are both given; give one or the other")
     task = load_task(str(options.task))
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
@@ -134,13 +145,16 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence["Trace"]) -> list[pathlib.Path]:
+def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> list[pathlib.Path]:
     """Write the video and return its path; where the machine cannot render, print why and return nothing."""
+    from hugwbc.evaluation.segment_figures import segment_spans
+    from hugwbc.viz.framing import Chapter
     from hugwbc.viz.video import write_video
 
+    chapters = [] if script is None else [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
     path = options.out / "compare.mp4"
     with progress("video") as advance:
-        obstacle = write_video(path, traces, hide=options.hide, on_progress=advance)
+        obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
     if obstacle is None:
         return [path]
     say(obstacle, options.json)

@@ -16,8 +16,10 @@ from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
+from hugwbc.scripts.behaviours.behaviour import Behaviour
+from hugwbc.scripts.behaviours.behaviour_file import load_plan
+from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
-from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import load_task, run_task
@@ -43,7 +45,8 @@ class PlayOptions(ArenaChoice):
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None
-    """Play this script, with its hand targets, instead of one command: name of a shipped script, or a file (.yaml)."""
+    """Play this script or behaviour instead of one command: name of a shipped one, or a file (.yaml);
+    docs/how-to/add-a-behaviour.md."""
     task: str | None = None
     """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
     scene: str | None = None
@@ -113,7 +116,10 @@ def run(words: Sequence[str]) -> int:
     draw = None
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
-    run_live(loop, duration, draw, tell=say)
+    behaviour = source if isinstance(source, BehaviourSource) else None
+    run_live(loop, duration, draw, until=None if behaviour is None else lambda: behaviour.done, tell=say)
+    if behaviour is not None:
+        say(f"{behaviour.behaviour.label}: {behaviour.ending}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
     return 0
@@ -252,8 +258,10 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
         ]
         if others:
             raise CommandError(f"a script and {', '.join(others)} are both given; give one or the other")
-        script = load_script(options.script)
-        return script, options.duration or script.duration
+        plan = load_plan(options.script)
+        if isinstance(plan, Behaviour):
+            return BehaviourSource(plan), options.duration or LONGEST
+        return plan, options.duration or plan.duration
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
     command = Command.from_mapping(values, gait).validate()

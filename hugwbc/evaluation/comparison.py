@@ -12,8 +12,11 @@ from hugwbc.evaluation.tables import Table, hand_rows
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.behaviours.behaviour import Behaviour
+from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
+from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
-from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena
+from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
 
@@ -73,19 +76,21 @@ def check_names(controllers: Sequence[Controller]) -> None:
 
 def compare(
     controllers: Sequence[Controller],
-    script: Script,
+    script: Script | Behaviour,
     *,
     seed: int = 0,
     arena: Arena | None = None,
+    scene: Scene | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> list[Trace]:
     """Play a script with each controller in turn, in the same simulation, and return the records.
 
     Args:
         controllers: at least one controller; their names must differ.
-        script: commands and hand targets.
-        seed: seed of the sensor noise.
+        script: commands and hand targets, or a behaviour.
+        seed: seed of the sensor noise, and of what varies in the scene.
         arena: robot, drives and sensors; None for the default ones.
+        scene: objects around the robot; None for none.
         on_progress: called with the fraction done.
 
     Raises:
@@ -95,7 +100,8 @@ def compare(
     arena = arena or ARENAS[DEFAULT_ARENA]
     traces = []
     for index, controller in enumerate(controllers):
-        simulation = arena.simulation(seed=seed)
+        simulation = arena.simulation(seed=seed, scene=scene)
+        source, duration, until = _source(script)
 
         def advance(fraction: float, done: int = index) -> None:
             if on_progress is not None:
@@ -104,15 +110,24 @@ def compare(
         traces.append(
             rollout(
                 controller,
-                script,
+                source,
                 simulation,
                 UpperBodySource(robot=arena.known_robot),
-                duration=script.duration,
+                duration=duration,
                 estimator=estimator_for(arena),
                 on_progress=advance,
+                until=until,
             )
         )
     return traces
+
+
+def _source(script: Script | Behaviour) -> tuple[CommandSource, float, Callable[[], bool] | None]:
+    """Return what commands the robot, for how long at most [s], and what ends it earlier."""
+    if isinstance(script, Script):
+        return script, script.duration, None
+    source = BehaviourSource(script)
+    return source, LONGEST, lambda: source.done
 
 
 def compare_task(
@@ -184,19 +199,19 @@ def task_table(runs: Sequence[TaskRun]) -> Table:
 
 
 def comparison_summary(
-    script: Script, outcomes: Mapping[str, Outcome], *, seed: int = 0, arena: Arena | None = None
+    script: Script | Behaviour, outcomes: Mapping[str, Outcome], *, seed: int = 0, arena: Arena | None = None
 ) -> dict[str, Any]:
     """Return a comparison as JSON.
 
     Args:
-        script: script that was played.
+        script: script or behaviour that was played.
         outcomes: figures by the controller's name.
         seed: seed of the sensor noise.
         arena: robot, drives and sensors; None for the default ones.
     """
     return {
-        "script": script.name,
-        "duration": script.duration,
+        "script": script.name if isinstance(script, Script) else script.label,
+        "duration": script.duration if isinstance(script, Script) else LONGEST,
         "seed": seed,
         "arena": dataclasses.asdict(arena or ARENAS[DEFAULT_ARENA]),
         "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},

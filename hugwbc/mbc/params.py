@@ -312,8 +312,8 @@ class ControllerParams:
     # --- forces on the hands
     hand_force_rate: float = 10.0
     """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
-    least_hand_force: float = 5.0
-    """Force on a hand up to which none is assumed [N]: twice what the friction of an arm's drives hides."""
+    least_hand_force: float = 10.0
+    """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
 
     # --- output
     joint_stiffness: float = 0.1

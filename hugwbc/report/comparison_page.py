@@ -1,17 +1,22 @@
 """The report of a comparison: a self-contained page with tables and plots of one or more runs."""
 
+import dataclasses
+import html
 import json
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from hugwbc.evaluation.comparison import summarise
+from hugwbc.evaluation.segment_figures import pose_table, segment_spans, segment_table, verdict
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.script import Script
 from hugwbc.seeds import seed_class
-from hugwbc.viz.framing import LABEL_COLOURS
-from hugwbc.viz.plots import Panel, hand_panels, torque_panels, tracking_panels
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter
+from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay
 
 
@@ -41,8 +46,10 @@ def report_html(
     traces: Sequence[Trace],
     tables: Sequence[Table] = (),
     *,
+    lead: str = "",
     subtitle: str = "",
     links: Mapping[str, str] | None = None,
+    chapters: Sequence[Chapter] = (),
 ) -> str:
     """Return the page, which loads nothing.
 
@@ -50,19 +57,24 @@ def report_html(
         title: title of the page.
         traces: one to four runs, plotted in the colours of `LABEL_COLOURS`.
         tables: tables above the plots.
-        subtitle: a sentence below the title.
+        lead: what to know first, above the picture of the ways.
+        subtitle: a sentence below it.
         links: texts and addresses of other pages, such as the replay of the same runs.
+        chapters: stretches of time that are shaded in the plots.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
     """
     sections = [
-        ("Commanded and measured", tracking_panels(traces)),
-        ("Hands", hand_panels(traces)),
-        ("Torques", torque_panels(traces)),
+        ("Commanded and measured", tracking_panels(traces, chapters)),
+        ("Hands", hand_panels(traces, chapters)),
+        ("Torques", torque_panels(traces, chapters)),
     ]
     body = [
         page.heading(title, 1),
+        f'<p class="lead">{html.escape(lead)}</p>' if lead else "",
+        page.legend(_names(traces), LABEL_COLOURS),
+        page.pictures([path_panel(traces)]),
         page.paragraph(subtitle) if subtitle else "",
         f"<p>{page.links(links)}</p>" if links else "",
         *(page.table_html(table) for table in tables),
@@ -76,16 +88,20 @@ def write_report(
     title: str,
     traces: Sequence[Trace],
     tables: Sequence[Table] = (),
-    *,
-    subtitle: str = "",
-    links: Mapping[str, str] | None = None,
+    **options: Any,  # noqa: ANN401  of `report_html`
 ) -> None:
     """Write the page of `report_html` to a file."""
-    write_whole(path, report_html(title, traces, tables, subtitle=subtitle, links=links))
+    write_whole(path, report_html(title, traces, tables, **options))
 
 
 def write_comparison(
-    folder: pathlib.Path, summary: Mapping[str, Any], figures: Table, traces: Sequence[Trace]
+    folder: pathlib.Path,
+    summary: Mapping[str, Any],
+    figures: Table,
+    traces: Sequence[Trace],
+    *,
+    script: Script | None = None,
+    video: str | None = None,
 ) -> list[pathlib.Path]:
     """Write summary.json, report.html and replay.html of a comparison and return their paths.
 
@@ -94,30 +110,81 @@ def write_comparison(
         summary: `evaluation.comparison.comparison_summary` or `task_summary`.
         figures: `evaluation.comparison.figure_table` or `task_table`.
         traces: 1 to 4 runs.
+        script: the script that was played, for figures of its segments; None leaves them out.
+        video: name of the video in the folder; None for none.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
     """
     title = f"hugwbc compare: {summary.get('task') or summary['script']}"
     write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
-    safety = {name: outcome["safety"] for name, outcome in summary["controllers"].items()}
-    counters = {name: {k: v for k, v in report.items() if k != "messages"} for name, report in safety.items()}
-    write_replay(folder / "replay.html", traces, title=title)
+    spans = [] if script is None else segment_spans(script)
+    chapters = [Chapter(begin, label) for label, begin, _ in spans]
+    write_replay(folder / "replay.html", traces, title=title, chapters=chapters)
+    addresses = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
+    if video is not None:
+        addresses = {"Video": video, **addresses}
+    tables = [pose_table(traces), *([] if script is None else [segment_table(script, traces)]), figures]
+    counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}
     write_report(
         folder / "report.html",
         title,
         traces,
-        [figures, summary_table("Safety filter", counters)],
-        subtitle=f"Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
+        [*tables, *safety_tables(counters)],
+        lead=verdict({trace.name: summarise(trace) for trace in traces}, traces),
+        subtitle=f"One run of each. Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
         if summary["arena"]["sensing"] != "exact"
-        else "Exact sensors, nothing random.",
-        links={"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"},
+        else "One run of each. Exact sensors, nothing random.",
+        links=addresses,
+        chapters=chapters,
     )
     return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
 
 
+def safety_tables(counters: Mapping[str, Mapping[str, Any]]) -> list[Table]:
+    """Return the table of what the safety filters changed, without rows of zeros; empty if they changed nothing.
+
+    Args:
+        counters: the fields of each controller's `SafetyReport`, by its name.
+    """
+    shown = {name: {k: v for k, v in one.items() if k not in ("messages", "ticks")} for name, one in counters.items()}
+    table = summary_table("What the safety filter changed", shown)
+    rows = []
+    for path, *cells in table.rows:
+        first = str(path).split(" ", 1)
+        if any(cells):
+            words = EVENTS.get(first[0], first[0].replace("_", " "))
+            named = [words, *first[1:]]
+            rows.append((": ".join(named), *(cell or 0 for cell in cells)))
+    ticks = ", ".join(f"{name} {one['ticks']}" for name, one in counters.items())
+    note = f"In control steps; there were {ticks}."
+    return [Table(table.title, table.columns, rows, note)] if rows else []
+
+
+# What the counters of `SafetyReport` count, for people.
+EVENTS = {
+    "commands_clamped": "command outside its range",
+    "commands_guarded": "command that the legs do not allow together with the others",
+    "upper_body_rejected": "arm targets that are no numbers",
+    "upper_body_limited": "arm targets outside the joint limits",
+    "bad_states": "unusable state",
+    "bad_outputs": "unusable joint command",
+    "failures": "exception in the controller",
+    "held": "last good joint command repeated",
+    "damped": "joints damped",
+    "positions_limited": "position target beyond its limit",
+    "torques_limited": "feed-forward torque beyond its limit",
+    "speeds_limited": "velocity target beyond its limit",
+    "overruns": "overruns: the controller took longer than its period (a simulation waits, a real robot does not; "
+    "a busy computer causes them too)",
+}
+
+
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:
-    names = [f"{trace.name} (fell)" if trace.fell else trace.name for trace in traces]
     dashed = "commanded" if title.startswith("Commanded") else ""
-    key = page.legend(names, LABEL_COLOURS, dashed)
+    key = page.legend(_names(traces), LABEL_COLOURS, dashed)
     return f"{page.heading(title)}\n{key}\n{page.pictures(panels)}"
+
+
+def _names(traces: Sequence[Trace]) -> list[str]:
+    return [f"{trace.name} (fell)" if trace.fell else trace.name for trace in traces]

@@ -55,9 +55,15 @@ def _overall(figures: Sequence[Figure], controller: str) -> list[str]:
     )
     if worse:
         worst = sorted(worse, key=lambda figure: -_ratio(figure))[:_MOST_NAMED]
-        named = "; ".join(f"{f.quantity} ({f.table}) {times(_ratio(f))}" for f in worst)
+        named = "; ".join(
+            f"{_name(f)} ({f.table}) {times(_ratio(f))}, {f.value:.3g} against {f.paper:.3g}" for f in worst
+        )
         line += f" Furthest behind: {named}."
     return [line]
+
+
+def _name(figure: Figure) -> str:
+    return f"{figure.quantity} [{figure.unit}]" if figure.unit else figure.quantity
 
 
 def _ratio(figure: Figure) -> float:
@@ -78,8 +84,8 @@ def duel_table(figures: Sequence[Figure], first: str, second: str) -> Table:
     rows = []
     for table in dict.fromkeys(figure.table for figure in figures):
         pairs = _pairs([figure for figure in figures if figure.table == table], first, second)
-        wins = [figure.quantity for figure, verdict in pairs if verdict is Verdict.BETTER]
-        losses = [figure.quantity for figure, verdict in pairs if verdict is Verdict.WORSE]
+        wins = [_name(figure) for figure, verdict in pairs if verdict is Verdict.BETTER]
+        losses = [_name(figure) for figure, verdict in pairs if verdict is Verdict.WORSE]
         if pairs:
             rows.append(
                 (table, ", ".join(wins) or None, ", ".join(losses) or None, len(pairs) - len(wins) - len(losses))

@@ -1,6 +1,7 @@
 """Self-contained pages of text, tables and pictures, which load nothing and follow the reader's light or dark theme."""
 
 import html
+import re
 from collections.abc import Mapping, Sequence
 
 from hugwbc.evaluation.tables import Cell, Marked, Table, cell_text
@@ -24,19 +25,38 @@ def heading(text: str, level: int = 2) -> str:
     return f'<h{level} id="{anchor(text)}">{html.escape(text)}</h{level}>'
 
 
+def folded(title: str, content: str) -> str:
+    """Return a section that opens at a click, or by a link to its anchor (`anchor(title)`).
+
+    The anchor is inside, because browsers open what hides the target of a link.
+
+    Args:
+        title: heading, as plain text.
+        content: the section, as HTML.
+    """
+    return (
+        f"<details><summary><h2>{html.escape(title)}</h2></summary>\n"
+        f'<span id="{anchor(title)}"></span>\n{content}\n</details>'
+    )
+
+
 def anchor(text: str) -> str:
     """Return the name of a heading's anchor."""
     return html.escape("-".join("".join(c if c.isalnum() else " " for c in text.lower()).split()))
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph of plain text."""
-    return f"<p>{html.escape(text)}</p>"
+    """Return a paragraph of plain text, with `code` between backticks."""
+    return f"<p>{_inline(text)}</p>"
 
 
 def bullets(lines: Sequence[str]) -> str:
-    """Return a list of sentences."""
-    return "<ul>\n" + "\n".join(f"<li>{html.escape(line)}</li>" for line in lines) + "\n</ul>"
+    """Return a list of sentences, with `code` between backticks."""
+    return "<ul>\n" + "\n".join(f"<li>{_inline(line)}</li>" for line in lines) + "\n</ul>"
+
+
+def _inline(text: str) -> str:
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))
 
 
 def links(addresses: Mapping[str, str]) -> str:
@@ -119,6 +139,10 @@ _TEMPLATE = """<!DOCTYPE html>
   td.worse { background: var(--worse); font-weight: 600; }
   td.unclear { background: var(--unclear); }
   td.published { font-style: italic; opacity: 0.85; }
+  details { border-top: 1px solid var(--line); }
+  summary { cursor: pointer; }
+  summary h2 { display: inline-block; margin: 0.6em 0; }
+  .lead { font-size: 1.15em; max-width: 80ch; }
   .note { font-size: 0.9em; opacity: 0.85; max-width: 80ch; }
   .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 8px; }
   .legend i { display: inline-block; width: 22px; height: 0; border-top: 3px solid transparent; margin-right: 8px;

@@ -133,7 +133,7 @@ def report_page(report: Report) -> str:
         page.bullets(report.conclusions()),
         page.table_html(report.duel(), 3) if len(report.controllers) > 1 else "",
         page.paragraph(LEGEND),
-        *(f"{page.heading(title)}\n{html}" for title, html in parts),
+        *(page.folded(title, html) for title, html in parts),
     ]
     return page.page_html(TITLE, body)
 

@@ -9,9 +9,9 @@ from hugwbc.tasks.moves import Moves, crouch, hands_in, up
 
 HALF_HAND = 0.03  # [m], half the thickness of a forearm
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
-SQUEEZE = 45.0  # [N]: twice the weight of 3 kg for a coefficient of friction of 0.65
+SQUEEZE = 55.0  # [N]: carries 3 kg twice over with a coefficient of friction of 0.6; shoulder yaw gives 60 N
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
-DISTANCE = 0.43  # [m], from the pelvis to the middle of a box in front of it
+DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
 CHEST = np.array([0.37, 0.0, 0.14])  # [m], where a box is carried, in the heading frame
 RISEN = 0.03  # [m], of a box that is lifted
 _LET_GO = 0.10  # [m], how far the hands open
@@ -26,7 +26,7 @@ class BoxMoves(Moves):
         squeeze: force of each hand [N].
     """
 
-    def __init__(self, width: float, at: tuple[float, float] = (-0.02, 0.0), squeeze: float = SQUEEZE) -> None:
+    def __init__(self, width: float, at: tuple[float, float] = (0.015, 0.05), squeeze: float = SQUEEZE) -> None:
         """Take the width [m] and where and how hard to press."""
         self.width, self.at, self.squeeze = width, at, squeeze
 

@@ -72,7 +72,7 @@ TASK = Task(
     about="Take an unknown weight of 0 to 4 kg in each hand, lift both by 10 cm, and hold them for 10 s.",
     scene=scene_of("hold_payload"),
     behaviour=HoldPayload,
-    limit=40.0,
+    limit=45.0,
     milestones=MILESTONES,
     idealised=("attach",),
 )

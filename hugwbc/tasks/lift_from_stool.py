@@ -49,7 +49,7 @@ class LiftFromStool(BoxMoves):
     def __init__(self, shapes: Shapes) -> None:
         """Take the size of the box."""
         size = shapes["box"]["size"]
-        super().__init__(width=settled(size[1]), at=(-0.04, 0.08))  # type: ignore[index]
+        super().__init__(width=settled(size[1]), at=(0.0, 0.08))  # type: ignore[index]
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "walk to the box"

@@ -21,7 +21,8 @@ MILESTONES = (
 
 _REACH, _ASIDE = 0.42, 0.18  # [m], of the pelvis from the handle, which is in front of the right shoulder
 _BAR = 0.06  # [m], from the front of the cabinet to the handle
-_TIP = 0.055  # [m], from the hand frame to the handle when the hand hooks it
+# [m], from the hand frame to the handle when it is hooked: a hand that touches it would press against its own hook.
+_TIP = 0.068
 _STEP_BACK = 0.32  # [m]
 _MOST_STEPS = 3
 
@@ -57,12 +58,15 @@ class OpenDrawer(Moves):
             left = OPENED + 0.02 - float((closed.position - seen(view, "drawer").position) @ ahead)
             if left < 0.005:
                 break
-            back = view.position - (left + 0.04) * ahead
+            back = view.position - (left + 0.02) * ahead
             walk = WalkTo((float(back[0]), float(back[1])), closed.yaw, speed=0.25)
             view = yield from self.walk(view, walk)
+            if view.held[1] is None:
+                break  # the force was too large for the hook: at the drawer's stop, or before
         opened = float((closed.position - seen(view, "drawer").position) @ ahead)
         if opened < OPENED:
-            raise Failure(f"pull: the drawer is open by {100 * opened:.0f} of {100 * OPENED:.0f} cm")
+            lost = "" if view.held[1] else ", and the hook broke"
+            raise Failure(f"pull: the drawer is open by {100 * opened:.0f} of {100 * OPENED:.0f} cm{lost}")
         self.doing = "let go of the handle"
         view = yield from self.grip(view, Grip("right", None))
         return (yield from self.wait(view, 0.5))

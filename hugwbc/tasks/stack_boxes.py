@@ -36,7 +36,7 @@ class StackBoxes(BoxMoves):
     def __init__(self, shapes: Shapes) -> None:
         """Take the sizes of the boxes."""
         upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
-        super().__init__(width=settled(upper[1]), at=(-0.02, 0.02), squeeze=25.0)  # type: ignore[index]
+        super().__init__(width=settled(upper[1]), at=(0.01, 0.03), squeeze=30.0)  # type: ignore[index]
         self._apart = (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
 
     def course(self, view: View) -> Course:  # noqa: D102

@@ -142,8 +142,17 @@
     });
   }
 
+  // On a phone viser's sliders come as a sheet over half of the picture; a click on its title folds it.
+  function foldSheet(tries) {
+    if (tries === 0 || !matchMedia("(max-width: 576px)").matches) return;
+    const titles = [...document.querySelectorAll("#root *")].filter(
+      (one) => one.childElementCount === 0 && one.textContent === ABOUT.title);
+    if (titles.length) titles[0].click(); else setTimeout(foldSheet, 200, tries - 1);
+  }
+
   addEventListener("DOMContentLoaded", () => {
     const box = build();
+    foldSheet(100);
     worker.onmessage = (event) => show(box, event.data);
   });
 })();

@@ -23,7 +23,7 @@ from hugwbc.viz.drive_keys import HELP, KEY_CODES, Touched, actions
 from hugwbc.viz.page_guard import Handler
 
 SOCKET = "/drive"
-SILENT_TIME = 0.35  # [s]; a page that says nothing for longer is gone
+SILENT_TIME = 0.35  # [s]; while a page says nothing for longer, its robot waits at rest
 LONGEST_MESSAGE = 4096  # characters
 _FOLDER = pathlib.Path(__file__).parent
 _FILES = {"/drive.js": "text/javascript; charset=utf-8", "/drive.css": "text/css; charset=utf-8"}
@@ -80,6 +80,12 @@ class DriveLink:
         with self._using:
             asked = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
         return {name: value for values in asked for name, value in values.items()}
+
+    @property
+    def closed(self) -> bool:
+        """Whether there were pages and none is left."""
+        with self._using:
+            return self._last is not None and not self._pages
 
     def silence(self) -> float | None:
         """Return the time since any page was heard [s]; None if none ever was."""

@@ -1,5 +1,6 @@
-"""Parts that pictures of runs share: colours, lanes, frames at a fixed rate, and a camera that follows the robots."""
+"""Parts that pictures of runs share: colours, lanes, chapters, frames at a fixed rate, and a camera that follows."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,21 @@ FRAMED_RADIUS = 1.0  # [m], distance from the point looked at up to which a robo
 CAMERA_TIME = 1.0  # [s], length of the moving average that smooths the camera's path
 # Readable on light and dark backgrounds, and distinct for people with red-green colour blindness.
 LABEL_COLOURS = ("#2f7fd6", "#e0702a", "#8a5bd0", "#1a9c84")
+
+
+@dataclasses.dataclass(frozen=True)
+class Chapter:
+    """A stretch of time with a name, such as a segment of a script; it begins at a time [s] and ends with the next."""
+
+    begin: float
+    name: str
+
+
+def chapter_spans(chapters: Sequence[Chapter], begin: float, end: float) -> list[tuple[str, float, float]]:
+    """Return name, begin and end [s] of the chapters between two times, cut to them; the last one lasts to the end."""
+    shown = [chapter for chapter in chapters if chapter.begin < end]
+    ends = [*(chapter.begin for chapter in shown[1:]), end] if shown else []
+    return [(c.name, max(c.begin, begin), stop) for c, stop in zip(shown, ends, strict=True) if stop > begin]
 
 
 def moment(trace: Trace, sample: int) -> Moment:

@@ -31,6 +31,7 @@ HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
 CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
 SCENE_CAMERA = (-1.0, 2.8, 1.8)  # [m], from the side: what a robot works at is ahead of it
+GONE_TIME = 2.0  # [s]; a page that says nothing for longer is given up
 FOLLOW_TIME = 0.3  # [s], time constant with which the camera follows
 NOTICE_TIME = 6.0  # [s] that a notice is shown
 HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
@@ -67,10 +68,11 @@ class LivePage:
         """
         check_host(host, expose=expose)
         commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]
-        self.link = DriveLink({"name": name, "gaits": [gait.label for gait in Gait], "commands": commands})
+        title = f"hugwbc: {name}"
+        self.link = DriveLink({"title": title, "gaits": [gait.label for gait in Gait], "commands": commands})
         # viser prints the address; what is printed is for the caller to decide.
         with guarded(any_host=expose, addition=self.link), contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host, port, label=f"hugwbc: {name}", verbose=False)
+            self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
         self.recording: bool | None = None
@@ -246,12 +248,14 @@ class LivePage:
             self._driven = driven
             if not driven and all(getattr(self.source.wanted, name) == 0.0 for name in VELOCITY_NAMES):
                 self.source.stop()
-        silence = self.link.silence()
-        gone = silence is not None and silence > SILENT_TIME
+        silence = self.link.silence() or 0.0
+        gone = self.link.closed or silence > GONE_TIME
         if gone and not self._abandoned:
-            self.source.halt("the page was silent: the robot was stopped")
+            self.source.halt("the page is gone: the robot was stopped")
             self._moved.update(VELOCITY_NAMES)
             self._driven = {}
+        # A busy computer may keep a page from speaking for a moment; the robot then waits and goes on.
+        self.source.pause(on=not gone and silence > SILENT_TIME)
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:

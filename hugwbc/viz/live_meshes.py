@@ -4,14 +4,21 @@ import mujoco
 import numpy as np
 import trimesh
 
-from hugwbc.viz.shapes import VISUAL_GROUP, colour_of, drawn_geoms, homogeneous, mesh_of
+from hugwbc.viz.shapes import VISUAL_GROUP, capsule_rings, colour_of, drawn_geoms, homogeneous, mesh_of, ring_mesh
 
 
 def link_meshes(model: mujoco.MjModel, link: str) -> dict[str, trimesh.Trimesh]:
     """Return the visual shapes of a link in its frame, as one mesh for each material, by the material's name."""
     body = model.body(link).id
     parts: dict[str, list[trimesh.Trimesh]] = {}
-    for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid == body)):
+    rings = [ring for ring in capsule_rings(model) if model.geom_bodyid[ring[0]] == body]
+    for ring in rings:
+        material = model.mat(model.geom_matid[ring[0]]).name
+        parts.setdefault(material, []).append(trimesh.Trimesh(*ring_mesh(model, ring), process=False))
+    in_rings = {geom for ring in rings for geom in ring}
+    for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid == body)).tolist():
+        if geom in in_rings:
+            continue
         part = _primitive(int(model.geom_type[geom]), model.geom_size[geom])
         part.apply_transform(homogeneous(model.geom_pos[geom], model.geom_quat[geom]))
         parts.setdefault(model.mat(model.geom_matid[geom]).name, []).append(part)
@@ -45,9 +52,9 @@ def _primitive(kind: int, size: np.ndarray) -> trimesh.Trimesh:
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return trimesh.creation.box(extents=2 * size)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return trimesh.creation.cylinder(radius=size[0], height=2 * size[1], sections=24)
+        return trimesh.creation.cylinder(radius=size[0], height=2 * size[1], sections=40)
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[16, 16])
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
     ball.apply_scale(size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[0])
     return ball

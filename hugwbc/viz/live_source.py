@@ -33,7 +33,7 @@ class LiveSource:
         self.hands: HandTargets | None = None
         self.notice, self.noticed = "", -np.inf
         self._braking = 0.0  # [1/s] for each command's unit; above 0 until the robot is told to be at rest
-        self._walks_by_itself = False
+        self._walks_by_itself = self._paused = False
         self._command = default_command(self.wanted.gait)
         self._t = 0.0
         self._asking = threading.Lock()
@@ -88,6 +88,18 @@ class LiveSource:
             self.wanted = dataclasses.replace(self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
             self._walks_by_itself = False
 
+    def pause(self, *, on: bool) -> None:
+        """Brake at once and wait at rest, or go on with what is wanted, by the usual ramps."""
+        if on and not self._paused:
+            self._brake()
+        elif self._paused and not on:
+            self._braking = 0.0
+        self._paused = on
+
+    def _brake(self) -> None:
+        fastest = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
+        self._braking = fastest / BRAKE_TIME
+
     def halt(self, reason: str) -> None:
         """Brake at once and stand, because nobody drives any more.
 
@@ -98,8 +110,8 @@ class LiveSource:
             self.wanted = dataclasses.replace(
                 self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
             ).clamp()[0]
-            fastest = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
-            self._braking, self._walks_by_itself = fastest / BRAKE_TIME, False
+            self._brake()
+            self._walks_by_itself, self._paused = False, False
             self.tell(reason)
 
     def command_at(self, t: float) -> Command:
@@ -107,6 +119,8 @@ class LiveSource:
         dt, self._t = max(0.0, t - self._t), max(t, self._t)
         wanted, gait = self.wanted, self._command.gait
         goal = wanted.array()
+        if self._paused:
+            goal[: len(VELOCITY_NAMES)] = 0.0
         if wanted.gait is not gait:
             moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
             if moving <= SLOW:

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.viz.framing import LABEL_COLOURS, check_traces
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans, check_traces
 
 TITLES = {
     "v_x": "Forward velocity v_x",
@@ -27,6 +28,8 @@ TITLES = {
     "w": "Waist yaw w",
 }
 _SIZE = (6.0, 2.6)  # [in]
+_LETTERS = 95  # of the names of chapters that fit above the axes
+_ARROW = 0.25  # [m]
 SMALLEST_SPAN = 0.2  # shortest vertical axis, in the quantity's unit
 # A placeholder that becomes the page's text colour (currentColor) when the picture is written.
 INK = "#010203"
@@ -62,8 +65,10 @@ class Panel:
     svg: str
 
 
-def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
+def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot commanded (dashed) and measured velocities, height, pitch and waist, and swing height with sole clearance.
+
+    Every other one of the chapters is shaded.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -74,14 +79,15 @@ def tracking_panels(traces: Sequence[Trace]) -> list[Panel]:
 
         def draw(axes: Axes, name: str = name) -> None:
             for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
-                axes.plot(trace.time, _measured(trace, name), color=colour)
+                # Lines that lie on each other stay visible, above all the quick ones of the soles.
+                axes.plot(trace.time, _measured(trace, name), color=colour, alpha=0.75 if name == "l" else 0.9)
             longest = max(traces, key=lambda trace: trace.time[-1])
             commanded = _commanded(longest, name)
             axes.plot(longest.time, commanded, color=INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
             axes.set_ylabel(COMMAND_UNITS[name])
             _widen(axes)
 
-        panels.append(_time_panel(TITLES[name], draw, traces))
+        panels.append(_time_panel(TITLES[name], draw, traces, chapters))
     return panels
 
 
@@ -104,7 +110,7 @@ def _measured(trace: Trace, name: str) -> np.ndarray:
     return trace.measured[:, MEASURED_NAMES.index(name)]
 
 
-def hand_panels(traces: Sequence[Trace]) -> list[Panel]:
+def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot the distance of the left and the right hand to their targets; return no panels if no run has hand targets.
 
     Raises:
@@ -122,11 +128,11 @@ def hand_panels(traces: Sequence[Trace]) -> list[Panel]:
             axes.set_ylim(bottom=0.0)
             axes.set_ylabel("cm")
 
-        panels.append(_time_panel(f"{side} hand, distance to its target", draw, traces))
+        panels.append(_time_panel(f"{side} hand, distance to its target", draw, traces, chapters))
     return panels
 
 
-def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
+def torque_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint.
 
     Raises:
@@ -154,19 +160,64 @@ def torque_panels(traces: Sequence[Trace]) -> list[Panel]:
         axes.set_ylabel("N·m")
 
     return [
-        _time_panel("Torque of the joint nearest to its limit", draw_peak, traces),
+        _time_panel("Torque of the joint nearest to its limit", draw_peak, traces, chapters),
         Panel("RMS torque of each joint", picture("rms", draw_rms, height=3.4)),
     ]
 
 
-def _time_panel(title: str, draw: Callable[[Axes], None], traces: Sequence[Trace]) -> Panel:
+def _time_panel(
+    title: str, draw: Callable[[Axes], None], traces: Sequence[Trace], chapters: Sequence[Chapter]
+) -> Panel:
     def with_time(axes: Axes) -> None:
         draw(axes)
         axes.set_xlabel("s")
         start, end = (f(trace.time[i] for trace in traces) for f, i in ((min, 0), (max, -1)))
-        axes.set_xlim(start, max(end, start + 0.1))
+        end = max(end, start + 0.1)
+        axes.set_xlim(start, end)
+        _shade(axes, chapters, start, end)
 
     return Panel(title, picture(title, with_time))
+
+
+def _shade(axes: Axes, chapters: Sequence[Chapter], start: float, end: float) -> None:
+    """Shade every other chapter, and write the names of those that are long enough above the axes."""
+    for number, (name, begin, stop) in enumerate(chapter_spans(chapters, start, end)):
+        if number % 2:
+            axes.axvspan(begin, stop, color=INK, alpha=0.07, linewidth=0.0)
+        room = int(_LETTERS * (stop - begin) / (end - start))
+        if room >= 3:
+            short = name if len(name) <= room else f"{name[: room - 1]}…"
+            place = axes.get_xaxis_transform()
+            axes.text((begin + stop) / 2, 1.01, short, transform=place, ha="center", va="bottom", fontsize=7)
+
+
+def path_panel(traces: Sequence[Trace]) -> Panel:
+    """Draw the ways of the robots from above, each with an arrow where it ended and a cross where it fell.
+
+    Raises:
+        ConfigError: if there is nothing to draw, or too much.
+    """
+    check_traces(traces)
+
+    def draw(axes: Axes) -> None:
+        for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+            way = trace.qpos[:, :2]
+            axes.plot(way[:, 0], way[:, 1], color=colour)
+            yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
+            ahead = _ARROW * np.array([np.cos(yaw), np.sin(yaw)])
+            style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
+            axes.annotate("", way[-1] + ahead, way[-1], arrowprops=style)
+            axes.plot(*way[-1], "X" if trace.fell else "o", color=colour, markersize=9 if trace.fell else 5)
+        axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
+        points = np.concatenate([trace.qpos[:, :2] for trace in traces])
+        low, high = points.min(axis=0) - 2 * _ARROW, points.max(axis=0) + 2 * _ARROW
+        axes.plot(*np.stack((low, high), axis=1), linestyle="none")  # room for the arrows
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x, ahead at the start [m]")
+        axes.set_ylabel("y, left [m]")
+
+    title = "The ways from above: square start, arrow heading at the end, cross fall"
+    return Panel(title, picture("ways", draw, height=3.2))
 
 
 def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **axes: Any) -> str:  # noqa: ANN401

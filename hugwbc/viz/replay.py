@@ -4,7 +4,7 @@ import base64
 import html
 import itertools
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import meshcat
@@ -17,7 +17,16 @@ from meshcat.servers.zmqserver import VIEWER_ROOT
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, moment
+from hugwbc.viz.framing import (
+    LABEL_COLOURS,
+    Chapter,
+    camera_path,
+    chapter_spans,
+    check_traces,
+    frame_samples,
+    lanes,
+    moment,
+)
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
 
@@ -26,6 +35,7 @@ _ROOT = Path(("meshcat",))
 # Heights in the gait bar, in the picture's units: of a foot's row, between rows, of the contact line within a row.
 ROW, GAP, LINE = 9.0, 3.0, 3.0
 CONTACT = "#1c2430"
+ARMS = 0.75  # [m], how far a robot reaches to either side of its middle
 
 
 class _Command(Protocol):
@@ -43,13 +53,16 @@ class _Recorder:
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
 
-def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> str:
+def replay_html(
+    traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS, chapters: Sequence[Chapter] = ()
+) -> str:
     """Return the page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; it loads nothing.
 
     Args:
         traces: one to four runs.
         title: title of the page.
         fps: frames per second of the recording; the browser interpolates between frames.
+        chapters: names on the time axis, in the order of their beginnings.
 
     Raises:
         ConfigError: if there is nothing to draw, or too much.
@@ -79,12 +92,37 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: i
     ]
     animation.clips[_ROOT.append(WORLD)] = _clip(world, fps)
     scene.visualizer.set_animation(animation, play=False, repetitions=1_000_000)
-    return _page(recorder.commands, traces, title, gait_bar(traces, float(traces[0].time[0]), end))
+    begin = float(traces[0].time[0])
+    strips = {"@GAITS@": gait_bar(traces, begin, end), "@CHAPTERS@": chapter_bar(chapters, begin, end)}
+    return _page(recorder.commands, traces, title, strips)
 
 
-def write_replay(path: pathlib.Path, traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS) -> None:
+def write_replay(
+    path: pathlib.Path,
+    traces: Sequence[Trace],
+    *,
+    title: str = "hugwbc replay",
+    fps: int = FPS,
+    chapters: Sequence[Chapter] = (),
+) -> None:
     """Write `replay_html` to a file."""
-    write_whole(path, replay_html(traces, title=title, fps=fps))
+    write_whole(path, replay_html(traces, title=title, fps=fps, chapters=chapters))
+
+
+def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
+    """Return a row of names below the time axis, each as wide as its chapter; a click goes to its beginning.
+
+    Args:
+        chapters: the chapters, in the order of their beginnings.
+        begin: time at the left end [s].
+        end: time at the right end [s].
+    """
+    names = "".join(
+        f'<button type="button" data-time="{start - begin:.3f}" title="{html.escape(name)}"'
+        f' style="flex-grow:{1000.0 * (stop - start):.0f}">{html.escape(name)}</button>'
+        for name, start, stop in chapter_spans(chapters, begin, end)
+    )
+    return f'<div id="chapters">{names}</div>' if names else ""
 
 
 Tracks = list[tuple[str, str, list]]
@@ -200,7 +238,7 @@ def _box(start: float, stop: float, y: float, height: float, colour: str) -> str
     return f'<rect x="{start:.3f}" y="{y:g}" width="{stop - start:.3f}" height="{height:g}" fill="{colour}"/>'
 
 
-def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, bar: str) -> str:
+def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips: Mapping[str, str]) -> str:
     viewer = (pathlib.Path(VIEWER_ROOT) / "main.min.js").read_text(encoding="utf-8")
     data = ",\n".join(f'"{base64.b64encode(command).decode("ascii")}"' for command in commands)
     legend = "".join(
@@ -211,99 +249,17 @@ def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, bar: s
         f'<label><input type="checkbox" id="{layer}" checked> {html.escape(name)}</label>'
         for layer, name in LAYERS.items()
     )
+    template = (pathlib.Path(__file__).parent / "replay_page.html").read_text(encoding="utf-8")
+    for mark, strip in strips.items():
+        template = template.replace(mark, strip)
+    half_width = float(np.abs(lanes(len(traces))).max()) + ARMS
     return (
-        _TEMPLATE.replace("@TITLE@", html.escape(title))
+        template.replace("@TITLE@", html.escape(title))
         .replace("@LAYERS@", layers)
-        .replace("@GAITS@", bar)
+        .replace("@COLOURS@", f"--stance: {STANCE}; --swing: {SWING}; --contact: {CONTACT};")
+        .replace("@HALF_WIDTH@", f"{half_width:g}")
         .replace("@ROBOTS@", str(len(traces)))
         .replace("@LEGEND@", legend)
         .replace("@COMMANDS@", data)
         .replace("@VIEWER@", viewer)
     )
-
-
-_TEMPLATE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>@TITLE@</title>
-<style>
-  html, body { margin: 0; height: 100%; font: 15px/1.4 system-ui, sans-serif; color: #1c2430; }
-  #meshcat-pane { position: fixed; inset: 0; overflow: hidden; }
-  .panel { position: fixed; left: 12px; background: #ffffffd9; border-radius: 8px; padding: 8px 12px; }
-  #legend { top: 12px; margin: 0; list-style: none; }
-  #legend span { display: inline-block; width: 12px; height: 12px; border-radius: 3px; margin-right: 8px; }
-  #layers { bottom: 104px; }
-  #layers label { display: block; }
-  #layers summary { cursor: pointer; }
-  #bar { bottom: 12px; right: 12px; display: flex; gap: 12px; align-items: center; }
-  #times { flex: 1; min-width: 40px; }
-  #times input, #times svg { display: block; width: 100%; margin: 0; }
-  #bar button { font: inherit; width: 5em; }
-  #bar output { font-variant-numeric: tabular-nums; white-space: nowrap; }
-</style>
-</head>
-<body>
-<div id="meshcat-pane"></div>
-<ul id="legend" class="panel">@LEGEND@</ul>
-<details id="layers" class="panel" open><summary>Show</summary>@LAYERS@</details>
-<div id="bar" class="panel">
-  <button id="play" type="button">Play</button>
-  <div id="times">
-    <input id="time" type="range" min="0" step="0.01" value="0" aria-label="Time">
-    <div id="gaits" title="Left foot over right. By the clock, green stance, yellow swing; dark: on the ground">
-      @GAITS@
-    </div>
-  </div>
-  <output id="clock"></output>
-</div>
-<script>@VIEWER@</script>
-<script>
-"use strict";
-const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
-for (const text of [
-@COMMANDS@
-]) {
-  viewer.handle_command_bytearray(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
-}
-viewer.gui.close();
-// On a screen higher than wide, all robots still fit and the list of layers leaves them in sight.
-if (innerWidth < innerHeight) {
-  document.getElementById("layers").open = false;
-  viewer.camera.zoom = Math.max(0.5, innerWidth / innerHeight);
-  viewer.camera.updateProjectionMatrix();
-}
-const animator = viewer.animator;
-const play = document.getElementById("play"), slider = document.getElementById("time");
-const clock = document.getElementById("clock");
-slider.max = animator.duration;
-function seek(time) { animator.seek(time); animator.display_progress(time); }
-function show(time) {
-  slider.value = time;
-  clock.textContent = `${time.toFixed(2)} / ${animator.duration.toFixed(2)} s`;
-  play.textContent = animator.playing ? "Pause" : "Play";
-}
-play.addEventListener("click", () => animator.playing ? animator.pause() : animator.play());
-slider.addEventListener("input", () => { animator.pause(); seek(Number(slider.value)); });
-document.addEventListener("keydown", (event) => {
-  if (event.code === "Space" && event.target !== play) { event.preventDefault(); play.click(); }
-});
-const asked = new URLSearchParams(location.search), start = asked.get("t");
-for (const box of document.querySelectorAll("#layers input")) {
-  box.addEventListener("change", () => {
-    for (let robot = 0; robot < @ROBOTS@; robot++) {
-      viewer.scene_tree.find(["meshcat", "world", `robot_${robot}`, box.id]).object.visible = box.checked;
-    }
-    if (box.id === "phases") { document.getElementById("gaits").hidden = !box.checked; }
-    viewer.set_dirty();
-  });
-  if ((asked.get("hide") ?? "").split(",").includes(box.id)) { box.click(); }
-}
-animator.play();
-if (start !== null) { animator.pause(); seek(Number(start)); }
-(function tick() { show(animator.time); requestAnimationFrame(tick); })();
-</script>
-</body>
-</html>
-"""

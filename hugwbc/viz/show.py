@@ -175,6 +175,7 @@ def run_live(
     draw: Draw | None = None,
     *,
     on_reset: Callable[[], None] | None = None,
+    until: Callable[[], bool] | None = None,
     tell: Tell = print,
 ) -> None:
     """Run a control loop, at real time if there is a viewer.
@@ -186,6 +187,7 @@ def run_live(
         duration: how long to run, falls included [s]; infinite to run until Ctrl-C.
         draw: draws a moment; None to run as fast as possible.
         on_reset: called after the robot has stood up again.
+        until: called after each control period; the run ends where it returns True.
         tell: receives a line for each fall and, at the end, how the run went.
     """
     falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
@@ -210,6 +212,8 @@ def run_live(
             t = 0.0
             if on_reset is not None:
                 on_reset()
+        elif until is not None and until():
+            break
     tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
     for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
         tell(f"safety: {message}")

@@ -4,17 +4,20 @@ Rendering runs in a child process: MuJoCo chooses its OpenGL library at import, 
 the caller with it. Marks are drawn as MuJoCo's geoms, made from the same parts as the replay's.
 """
 
+import json
 import os
 import pathlib
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import imageio.v2 as imageio
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
@@ -22,18 +25,20 @@ from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
-from hugwbc.viz.framing import LABEL_COLOURS, camera_path, check_traces, frame_samples, lanes, moment
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, moment
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, Part, footprint, mark_parts
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
 from hugwbc.viz.shapes import CYLINDER_TO_Z, homogeneous, visual_shapes
 
 FPS = 25
-WIDTH, HEIGHT = 800, 448  # [pixel], multiples of 16 as the encoder requires
+WIDTH, HEIGHT = 1280, 720  # [pixel], multiples of 16 as the encoder requires
+SAMPLES = 4  # of a pixel, against jagged edges
 HINT = "on Linux without a display install Mesa's EGL (Debian: libegl1 libgl1)"
 # A geom is a row of numbers: type, size (3), position (3), rotation matrix (9), red, green, blue and opacity.
 GEOM_NUMBERS = 20
 ARROW_RADIUS = 2.0 * FORCE_RADIUS  # [m], of the head; the shaft of MuJoCo's arrows is thinner
 PRINT_OPACITY = 0.8
+TEXT_SIZE = 26  # [pixel]
 VIEW = (200.0, -10.0)  # [deg], azimuth and elevation: from ahead
 SCENE_VIEW = (290.0, -14.0)  # [deg], from the left and a little from behind: what a robot works at is ahead of it
 _SCENE = "around/"
@@ -45,14 +50,18 @@ def write_video(
     traces: Sequence[Trace],
     *,
     hide: Sequence[str] = (),
+    chapters: Sequence[Chapter] = (),
     on_progress: Callable[[float], None] | None = None,
 ) -> str | None:
     """Render the robots side by side, in the colours of `LABEL_COLOURS`, with the marks around them.
+
+    Names, clock and chapter are written into the picture.
 
     Args:
         path: path of the MP4 file.
         traces: one to four runs.
         hide: layers of marks to leave out, names in `marks.LAYERS`.
+        chapters: stretches of time with names.
         on_progress: called with the fraction done after each frame.
 
     Returns:
@@ -89,6 +98,7 @@ def write_video(
             views=np.column_stack(camera_path(traces, FPS, end)),
             geoms=np.concatenate(geoms),
             ends=np.cumsum([len(rows) for rows in geoms]),
+            captions=np.array(json.dumps(captions(traces, chapters, len(frames)))),
         )
         command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(stage), str(film)]
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
@@ -104,6 +114,44 @@ def write_video(
             return _put(film, path)
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"
+
+
+def captions(traces: Sequence[Trace], chapters: Sequence[Chapter], count: int) -> list[dict[str, Any]]:
+    """Return what is written into each frame: "names" (text and colour of each robot), "clock" and "chapter".
+
+    Args:
+        traces: the runs.
+        chapters: stretches of time with names.
+        count: number of frames.
+    """
+    begin = float(traces[0].time[0])
+    frames = []
+    for number in range(count):
+        now = begin + number / FPS
+        names = [
+            (f"{trace.name} (fell)" if trace.fell and now >= trace.time[-1] else trace.name, colour)
+            for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
+        ]
+        chapter = next((chapter.name for chapter in reversed(chapters) if chapter.begin <= now + 1e-9), "")
+        frames.append({"names": names, "clock": f"{now:.1f} s", "chapter": chapter})
+    return frames
+
+
+def write_captions(picture: np.ndarray, caption: Mapping[str, Any]) -> np.ndarray:
+    """Return the picture with a caption of `captions`; shape (height, width, 3), uint8."""
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    font, (ink, halo) = ImageFont.load_default(TEXT_SIZE), ("#1c2430", "#ffffff")
+    edge, step = TEXT_SIZE, round(1.5 * TEXT_SIZE)
+    for number, (name, colour) in enumerate(caption["names"]):
+        top = edge + number * step
+        draw.rectangle((edge, top + 4, edge + TEXT_SIZE - 4, top + TEXT_SIZE), fill=colour, outline=halo)
+        draw.text((edge + step, top), name, fill=ink, font=font, stroke_width=2, stroke_fill=halo)
+    corner = picture.shape[1] - edge
+    draw.text((corner, edge), caption["clock"], fill=ink, font=font, anchor="ra", stroke_width=2, stroke_fill=halo)
+    place = (picture.shape[1] // 2, picture.shape[0] - edge)
+    draw.text(place, caption["chapter"], fill=ink, font=font, anchor="ms", stroke_width=2, stroke_fill=halo)
+    return np.asarray(image)
 
 
 def _put(film: pathlib.Path, path: pathlib.Path) -> str | None:
@@ -250,8 +298,9 @@ def _stage(traces: Sequence[Trace]) -> mujoco.MjModel:
     stage = mujoco.MjSpec()
     stage.visual.global_.offwidth, stage.visual.global_.offheight = WIDTH, HEIGHT
     stage.visual.headlight.ambient, stage.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3
-    # Without a graphics card every vertex and sample costs time: coarse round shapes, no smoothing, no shadows.
-    stage.visual.quality.numslices, stage.visual.quality.numstacks, stage.visual.quality.offsamples = 16, 8, 0
+    # Without a graphics card every vertex costs time: no finer shapes than one sees, no shadows.
+    stage.visual.quality.numslices, stage.visual.quality.numstacks = 24, 12
+    stage.visual.quality.offsamples = SAMPLES
     sky = {"type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT}
     stage.add_texture(name="sky", **sky, rgb1=[0.75, 0.81, 0.88], rgb2=[0.95, 0.96, 0.98], width=256, height=256)
     tiles = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER}
@@ -307,6 +356,7 @@ def _render(
     poses: np.ndarray,
     geoms: Sequence[np.ndarray],
     views: np.ndarray,
+    texts: Sequence[Mapping[str, Any]],
     path: pathlib.Path,
 ) -> None:
     """Render frames, and write the number of each finished frame to standard output.
@@ -318,6 +368,7 @@ def _render(
         poses: their positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
         geoms: geoms of the marks in each frame, each of shape (marks, `GEOM_NUMBERS`).
         views: point on the ground to look at and factor of the camera's distance (`camera_path`), shape (frames, 3).
+        texts: `captions`.
         path: path of the MP4 file.
     """
     count = frames.shape[1]
@@ -342,7 +393,7 @@ def _render(
             _add_geoms(renderer.scene, marks)
             for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
                 renderer.scene.flags[flag] = 0
-            writer.append_data(renderer.render())
+            writer.append_data(write_captions(renderer.render(), texts[number - 1]))
             sys.stdout.write(f"{number}\n")
             sys.stdout.flush()
 
@@ -352,4 +403,5 @@ if __name__ == "__main__":
         geoms = np.split(recorded["geoms"].reshape(-1, GEOM_NUMBERS), recorded["ends"][:-1])
         stage = mujoco.MjModel.from_binary_path(sys.argv[2])
         around = recorded["bodies"].astype(int), recorded["poses"]
-        _render(stage, recorded["frames"], *around, geoms, recorded["views"], pathlib.Path(sys.argv[3]))
+        texts = json.loads(str(recorded["captions"][()]))
+        _render(stage, recorded["frames"], *around, geoms, recorded["views"], texts, pathlib.Path(sys.argv[3]))

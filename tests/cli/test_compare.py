@@ -45,3 +45,27 @@ def test_the_main_job(tmp_path):
         assert not controllers[name]["fell"] and controllers[name]["survived_s"] == 20.0
         assert controllers[name]["hand_error_m"]["mean"] < limit
         assert controllers[name]["safety"]["failures"] == 0
+
+
+def test_compare_does_a_task_with_each_controller(tmp_path, capsys):
+    task, out = tmp_path / "stand.py", tmp_path / "out"
+    task.write_text(
+        "from hugwbc.scripts.behaviours import Elapsed, WaitUntil\n"
+        "from hugwbc.sim import Scene\n"
+        "from hugwbc.sim.scenes import Wall\n"
+        "from hugwbc.tasks import Milestone, Task\n"
+        "TASK = Task(name='stand', about='Stand.', scene=Scene((Wall(name='wall', position=(2.0, 0.0)),)), limit=3.0,\n"
+        "    behaviour=lambda shapes: WaitUntil(Elapsed(0.1)),\n"
+        "    milestones=(Milestone('the robot did not stand', lambda record: 1.0),))\n"
+    )
+    words = ["compare", "--task", str(task), "--controllers", "hold", "--seed", "0", "--no-video", "--sensing", "exact"]
+    assert main([*words, "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["task"] == "stand" and summary["controllers"]["hold"]["verdict"]["success"] is True
+    assert "task done" in capsys.readouterr().out
+    assert "hugwbc compare: stand" in (out / "report.html").read_text() and (out / "replay.html").exists()
+
+
+def test_compare_takes_a_task_or_a_script(capsys):
+    assert main(["compare", "--task", "push_cart", "--script", "walk"]) == 2
+    assert "give one or the other" in capsys.readouterr().err

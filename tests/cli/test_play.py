@@ -59,3 +59,32 @@ def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
     path.write_text("objects:\n  - {kind: door, name: exit}\n")
     assert main(["play", "--controller", "hold", "--headless", "--scene", str(path)]) == 2
     assert "mine.yaml:2:5: door field 'hinge' is missing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--task", "push_the_cart"], "press_button"),
+        (["--task", "push_cart", "--script", "walk"], "--task and script are both given"),
+        (["--task", "push_cart", "--v-x", "0"], "--task and v_x are both given"),
+    ],
+)
+def test_a_task_beside_something_else_is_refused(words, message, capsys):
+    assert main(["play", "--headless", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_task_is_played(tmp_path, capsys):
+    path = tmp_path / "stand.py"
+    path.write_text(
+        "from hugwbc.scripts.behaviours import Elapsed, WaitUntil\n"
+        "from hugwbc.sim import Scene\n"
+        "from hugwbc.sim.scenes import Wall\n"
+        "from hugwbc.tasks import Milestone, Task\n"
+        "TASK = Task(name='stand', about='Stand.', scene=Scene((Wall(name='wall', position=(2.0, 0.0)),)), limit=3.0,\n"
+        "    behaviour=lambda shapes: WaitUntil(Elapsed(0.1)),\n"
+        "    milestones=(Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0)),))\n"
+    )
+    assert main(["play", "--task", str(path), "--controller", "hold", "--headless", "--sensing", "exact"]) == 0
+    out = capsys.readouterr().out
+    assert "stand with hold, seed 0: not done: the robot did not fly" in out and "score: 0.00" in out

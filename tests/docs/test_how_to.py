@@ -1,5 +1,6 @@
 """The recipes of docs/how-to do what they say."""
 
+import json
 import pathlib
 
 import pytest
@@ -30,6 +31,16 @@ def test_add_a_reward(folder: pathlib.Path, package: pathlib.Path) -> None:
 
 def test_add_an_object(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-an-object.md", folder)
+
+
+def test_add_a_task(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-task.md", folder)
+    (figures,) = json.loads((folder / "touch_post.json").read_text())["tasks"].values()
+    assert figures["success"] == 1.0 and figures["reasons"] == {}
+
+
+def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-behaviour.md", folder, package)
 
 
 def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.comparison import comparison_summary, figure_table, summarise
 from hugwbc.evaluation.tables import Table
-from hugwbc.report.comparison_page import report_html, summary_table, write_report
-from hugwbc.viz.framing import LABEL_COLOURS
+from hugwbc.report.comparison_page import report_html, safety_tables, summary_table, write_comparison, write_report
+from hugwbc.runtime.safety import SafetyReport
+from hugwbc.scripts.script import Script, Segment
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter
 from hugwbc.viz.plots import hand_panels, torque_panels, tracking_panels
 from hugwbc.viz.replay import replay_html, write_replay
 
@@ -116,3 +119,35 @@ def test_tables(make_run: Callable) -> None:
     assert '<a href="replay.html">3-D replay</a>' in page
     with pytest.raises(ConfigError, match="table 'T' has 2 columns, a row of it 1 cells"):
         Table("T", ("a", "b"), [("only one",)])
+
+
+def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(make_run, tmp_path):
+    runs = [make_run(seconds=2.0), make_run(name="learned", seed=2, seconds=2.0)]
+    script = Script("two", (Segment("stand", 1.0), Segment("walk <fast>", 1.0)))
+    outcomes = {run.name: summarise(run) for run in runs}
+    summary = comparison_summary(script, outcomes)
+    write_comparison(tmp_path, summary, figure_table(outcomes), runs, script=script, video="compare.mp4")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    order = ["class=\"lead\">Both stayed up for 2.0 s", "The ways from above", "href=\"compare.mp4\"",
+             "Where they ended", "Segment by segment", "<h2 id=\"figures\">"]  # fmt: skip
+    assert sorted(order, key=page.index) == order
+    assert "walk &lt;fast&gt; (1 to 2 s)" in page and "safety" not in page.lower(), "nothing to say of the filter"
+    assert 'data-time="1.000" title="walk &lt;fast&gt;"' in (tmp_path / "replay.html").read_text(encoding="utf-8")
+
+
+def test_what_the_filter_changed_is_named_and_zeros_are_left_out():
+    reports = {"qp": SafetyReport(ticks=500, overruns=43), "learned": SafetyReport(ticks=50, commands_guarded={"l": 2})}
+    (table,) = safety_tables({name: vars(report) for name, report in reports.items()})
+    rows = {str(row[0]): row[1:] for row in table.rows}
+    assert rows["command that the legs do not allow together with the others: l"] == (0, 2)
+    (overruns,) = [name for name in rows if name.startswith("overruns: the controller took longer than its period")]
+    assert rows[overruns] == (43, 0) and len(rows) == 2
+    assert "qp 500, learned 50" in table.note
+    assert safety_tables({"qp": vars(SafetyReport(ticks=500))}) == []
+
+
+def test_plots_are_shaded_by_segment(make_run):
+    chapters = [Chapter(0.0, "stand"), Chapter(0.5, "go on"), Chapter(5.0, "never")]
+    panel = tracking_panels([make_run()], chapters)[0].svg
+    assert ">stand</text>" in panel and ">go on</text>" in panel and "never" not in panel
+    assert panel.count("opacity: 0.07") == 1

@@ -15,9 +15,9 @@ def test_conclusions_follow_from_the_figures():
     ]  # fmt: skip
     assert conclusions(figures, "learned", "qp") == [
         "Against the paper, learned is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
-        "uncertainty). Furthest behind: E_p (Walking) × 3.",
+        "uncertainty). Furthest behind: E_p [m] (Walking) × 3, 3 against 1.",
         "Against the paper, qp is as good or better in 1 of 2 figures, worse in 1 (0 of them by less than the "
-        "uncertainty). Furthest behind: E_p (Walking) × 3.1.",
+        "uncertainty). Furthest behind: E_p [m] (Walking) × 3.1, 3.1 against 1.",
         "In all 3 figures that both have, learned is better in 1, qp in 1; 1 too close to call.",
     ]
 
@@ -31,7 +31,7 @@ def test_tables_in_which_they_meet():
     ]  # fmt: skip
     table = duel_table(figures, "learned", "qp")
     assert list(table.columns) == ["", "learned is better", "qp is better", "too close to call"]
-    assert table.rows == [("Walking", "E_p", "E_h", 0), ("Standing", None, None, 1)]
+    assert table.rows == [("Walking", "E_p [m]", "E_h [m]", 0), ("Standing", None, None, 1)]
 
 
 def test_nothing_follows_from_nothing():

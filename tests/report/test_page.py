@@ -16,3 +16,14 @@ def test_marks_are_classes_and_headings_are_targets():
     assert '<td class="worse">2</td><td class="published">3</td><td>4</td>' in html
     assert '<h3 id="single-command-walking">Single command, walking</h3>' in html
     assert page.anchor("Single command, walking") == "single-command-walking"
+
+
+def test_a_folded_section_has_its_anchor_inside_so_that_links_open_it():
+    html = page.folded("A <b>", "<p>inside</p>")
+    assert html.startswith("<details><summary><h2>A &lt;b&gt;</h2></summary>")
+    assert html.index("</summary>") < html.index(f'id="{page.anchor("A <b>")}"') < html.index("<p>inside</p>")
+
+
+def test_commands_between_backticks_are_code():
+    assert page.paragraph("Run `hugwbc <x>`.") == "<p>Run <code>hugwbc &lt;x&gt;</code>.</p>"
+    assert "<li><code>a</code> and b</li>" in page.bullets(["`a` and b"])

@@ -56,3 +56,32 @@ def test_weak_motors_have_a_lower_limit():
 def test_bad_values_are_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
         Variation(**values)
+
+
+def test_a_payload_in_the_hands_is_a_mass_at_each_of_them():
+    plain, loaded = Simulation(), Simulation(variation=Variation(hand_payload=3.0))
+    rng = np.random.default_rng(0)
+    joints, speeds = ROBOT.nominal + rng.normal(0.0, 0.2, 19), rng.normal(0.0, 1.0, 25)
+    energies, moments, hands = [], [], []
+    for simulation in (plain, loaded):
+        simulation.reset(q=joints)
+        data = simulation.data
+        data.qvel[:] = speeds
+        mujoco.mj_forward(simulation.model, data)
+        mujoco.mj_energyVel(simulation.model, data)
+        energies.append(data.energy[1])
+        mass = simulation.model.body_mass.sum()
+        moments.append(mass * (data.subtree_com[0] - data.qpos[:3]))
+        hands.append([simulation.hand_position(side) - data.qpos[:3] for side in ("left", "right")])
+        velocity = np.zeros((2, 6))
+        for twist, side in zip(velocity, ("left", "right"), strict=True):
+            site = simulation.model.site(f"{side}_hand").id
+            mujoco.mj_objectVelocity(simulation.model, data, mujoco.mjtObj.mjOBJ_SITE, site, twist, 0)
+    assert loaded.model.body_mass.sum() - plain.model.body_mass.sum() == pytest.approx(6.0)
+    assert moments[1] - moments[0] == pytest.approx(3.0 * np.sum(hands[0], axis=0), abs=1e-9)
+    assert energies[1] - energies[0] == pytest.approx(1.5 * np.sum(velocity[:, 3:] ** 2), rel=1e-6)
+
+
+def test_a_payload_in_the_hands_is_checked():
+    with pytest.raises(ConfigError, match="payload of each hand is -1"):
+        Variation(hand_payload=-1.0)

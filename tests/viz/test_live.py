@@ -121,8 +121,17 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
         page.show(simulation)
         command = page.source.command_at(t)
     assert now[0] - 103.0 <= 0.5
-    assert page.source.wanted.gait is Gait.STANDING and page._sliders["v_x"].value == 0.0
-    assert "the page was silent" in page.source.notice
+    # It speaks again: the robot goes on. It is given up: the robot stands, and stays so when it comes back.
+    page.link._hear(1, '{"held": ["KeyW"]}')
+    page.show(simulation)
+    assert page.source.command_at(t + 1.0).v_x == pytest.approx(0.5)
+    now[0] += 2.1
+    page.show(simulation)
+    assert page.source.wanted == Command() and page._sliders["v_x"].value == 0.0
+    assert "the page is gone" in page.source.notice
+    page.link._hear(1, "{}")
+    page.show(simulation)
+    assert page.source.wanted == Command()
     page.close()
 
 
@@ -246,9 +255,9 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     page.keyboard.down("w")
     assert driven.until(lambda: source.command.v_x > 0.4)
     page.close()
-    closed = time.monotonic()
+    closed = simulation.time  # the robot's time: on a busy computer it runs slower than the clock on the wall
     assert driven.until(lambda: source.command.v_x == 0.0, 10.0)
-    assert time.monotonic() - closed < 0.5 + 0.15, "0.15 s for the browser to close the page, and for this loop"
+    assert simulation.time - closed < 0.5 + 0.1, "0.1 s for the loop of this test"
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
     assert not simulation.fallen
@@ -269,7 +278,9 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
         page.mouse.move(*start)
         page.wait_for_timeout(500)
         page.mouse.down()
-        page.mouse.move(*end, steps=10)
+        for share in np.linspace(0.1, 1.0, 10):  # a frame may take long where the browser draws without a graphics card
+            page.mouse.move(*(start + share * np.subtract(end, start)))
+            page.wait_for_timeout(100)
         page.mouse.up()
         if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
             break

@@ -13,8 +13,9 @@ from hugwbc import RobotState, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.sim.scenes import Box, Scene, Table
+from hugwbc.viz.framing import Chapter
 from hugwbc.viz.marks import LAYERS, STANCE, SWING
-from hugwbc.viz.replay import CONTACT, gait_bar, replay_html
+from hugwbc.viz.replay import CONTACT, chapter_bar, gait_bar, replay_html
 
 
 def _commands(page: str) -> list[dict]:
@@ -142,3 +143,18 @@ def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -
     placed = {c["path"]: c["matrix"] for c in _commands(page) if c["type"] == "set_transform"}
     np.testing.assert_allclose(placed["/meshcat/world/robot_1/objects/body_0"][12:15], [2.0, 0.75, 0.0], atol=1e-6)
     assert not any("robot_0/objects" in path for path in placed)
+
+
+def test_segments_have_their_names_on_the_time_axis(make_run: Callable) -> None:
+    chapters = [Chapter(0.0, "stand"), Chapter(0.5, "a <b>"), Chapter(1.5, "walk"), Chapter(9.0, "never")]
+    bar = chapter_bar(chapters, 0.0, 2.0)
+    buttons = re.findall(r'data-time="([\d.]+)" title="([^"]*)" style="flex-grow:(\d+)">([^<]*)<', bar)
+    assert buttons == [
+        ("0.000", "stand", "500", "stand"),
+        ("0.500", "a &lt;b&gt;", "1000", "a &lt;b&gt;"),
+        ("1.500", "walk", "500", "walk"),
+    ]
+    assert chapter_bar([], 0.0, 2.0) == ""
+    page = replay_html([make_run(seconds=2.0)], chapters=chapters)
+    assert chapter_bar(chapters, 0.0, 1.98) in page and "stance by the gait's clock" in page
+    assert not re.search(r"@[A-Z_]+@", page[: page.index("<script>")]), "all marks are replaced"

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.viz.shapes import homogeneous, object_shapes, visual_shapes
+from hugwbc.sim import Simulation
+from hugwbc.viz.shapes import capsule_rings, homogeneous, object_shapes, ring_mesh, visual_shapes
 
 
 def test_a_capsule_becomes_a_cylinder_and_two_spheres_at_its_ends() -> None:
@@ -46,3 +47,20 @@ def test_the_shapes_of_a_scene_are_all_that_is_drawn_of_it() -> None:
     corners = wedge.placement[:3, :3] @ np.asarray(wedge.primitive.vertices).T + wedge.placement[:3, 3:]
     found = sorted((np.round(corners.T, 5) + 0.0).tolist())  # + 0.0 makes -0.0 a 0.0
     np.testing.assert_allclose(found, [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0], [0.1, 0, 0]], atol=1e-6)
+
+
+def test_the_rings_of_the_head_are_smooth_closed_tubes() -> None:
+    model = Simulation().model
+    rings = capsule_rings(model)
+    assert [len(ring) for ring in rings] == [16, 16]
+    assert [model.mat(model.geom_matid[ring[0]]).name for ring in rings] == ["light", "lamp"]
+    vertices, faces = ring_mesh(model, rings[0])
+    radius = model.geom_size[rings[0][0], 0]
+    for geom in rings[0]:  # the tube passes where the capsules are
+        middle = model.geom_pos[geom]
+        nearest = np.min(np.linalg.norm(vertices - middle, axis=1))
+        assert 0.9 * radius < nearest < 1.3 * radius
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2), "no holes"
+    torso = [shape for shape in visual_shapes(model) if shape.link == "torso_link"]
+    assert len(torso) < 40, "a ring is one shape"

@@ -12,6 +12,7 @@ import pytest
 from hugwbc.errors import UnknownNameError
 from hugwbc.sim.scenes import Scene, Tray
 from hugwbc.viz import video
+from hugwbc.viz.framing import Chapter
 from hugwbc.viz.marks import FORCE_SCALE, LAYERS
 from hugwbc.viz.video import GEOM_NUMBERS, mark_geoms
 
@@ -25,13 +26,28 @@ def test_video_is_written_or_says_why_not(make_run: Callable, tmp_path: pathlib.
     if reason is None:
         with imageio.get_reader(path) as reader:
             frames = list(reader.iter_data())
-        assert frames[0].shape == (448, 800, 3)
+        assert frames[0].shape == (720, 1280, 3)
         assert len(frames) == 5
         assert np.ptp(frames[0]) > 100
         assert progress[-1] == 1.0
     else:
         assert reason.startswith("no video: ")
         assert "\n" not in reason
+
+
+def test_names_clock_and_segment_are_written_into_the_picture(make_run: Callable) -> None:
+    runs = [make_run(seconds=2.0), make_run(name="learned", seconds=1.0, fell=True)]
+    texts = video.captions(runs, [Chapter(0.0, "stand"), Chapter(1.2, "walk")], 50)
+    assert texts[0] == {"names": [("qp", "#2f7fd6"), ("learned", "#e0702a")], "clock": "0.0 s", "chapter": "stand"}
+    assert texts[24]["names"][1][0] == "learned" and texts[25]["names"][1][0] == "learned (fell)"
+    assert [text["chapter"] for text in texts].index("walk") == 30 and texts[30]["clock"] == "1.2 s"
+    blank = np.full((720, 1280, 3), 128, dtype=np.uint8)
+    picture = video.write_captions(blank, texts[30])
+    changed = np.any(picture != blank, axis=2)
+    corners = [changed[:120, :400], changed[:120, 1000:], changed[640:, 400:880]]
+    assert all(corner.sum() > 200 for corner in corners)
+    assert changed.sum() == sum(corner.sum() for corner in corners), "and nothing elsewhere"
+    assert np.any(np.all(picture == (0x2F, 0x7F, 0xD6), axis=2)), "in the robot's colour"
 
 
 def test_an_unknown_layer_is_refused_before_anything_is_drawn(make_run: Callable, tmp_path: pathlib.Path) -> None:

@@ -2,7 +2,6 @@
 
 import collections
 import dataclasses
-import importlib.util
 import math
 import pathlib
 from collections.abc import Callable, Sequence
@@ -32,7 +31,7 @@ from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.tasks.run_task import TaskRun, run_task
-from hugwbc.tasks.suite import TASK_NAMES, load_task, module_of
+from hugwbc.tasks.suite import TASK_NAMES, load_task, modules_of
 
 LONGEST = 120.0  # [s]; every task has a limit of its own below it
 
@@ -43,7 +42,7 @@ class TasksConfig(CountedSettings):
 
     Attributes:
         episodes: number of episodes of each task; the scene of each is drawn with the seed plus its number.
-        task: names of the tasks, or of modules with tasks of your own; all of the suite by default.
+        task: names of the tasks, or Python files with tasks of your own; all of the suite by default.
         duration: not used; every task has its own time limit.
     """
 
@@ -175,13 +174,12 @@ class TaskJudge:
     @property
     def modules(self) -> tuple[str, ...]:
         """Modules on whose code the rows depend, beside this one: that of the task."""
-        return (module_of(self.name),)
+        return modules_of(self.name)
 
     def identity(self) -> dict[str, Any]:
         """Return what distinguishes judges: the task, its scene, and the file of a task from outside this package."""
-        own = importlib.util.find_spec(module_of(self.name)) if self.name not in TASK_NAMES else None
-        code = None if own is None or own.origin is None else file_digest(pathlib.Path(own.origin))
-        return {"task": self.name, "seed": self.seed, "scene": load_task(self.name).scene, "module": code}
+        code = None if self.name in TASK_NAMES else file_digest(pathlib.Path(self.name))
+        return {"task": self.name, "seed": self.seed, "scene": load_task(self.name).scene, "file": code}
 
     def __call__(self, index: int, run: Run) -> TaskEpisode:
         """Return the row of one episode."""

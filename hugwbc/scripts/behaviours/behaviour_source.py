@@ -15,6 +15,7 @@ ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] a
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
+LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
 
 
@@ -121,6 +122,13 @@ class BehaviourSource:
     def step(self) -> str:
         """What the robot does now; empty before and after."""
         return self.behaviour.step if self._view is not None and self.status is Status.RUNNING else ""
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words; or what it is at."""
+        if self.status is Status.RUNNING:
+            return f"not done: was still at {self.step}" if self.step else "not begun"
+        return "done" if self.status is Status.SUCCESS else f"not done: {self.reason}"
 
     @property
     def done(self) -> bool:

@@ -37,6 +37,10 @@ class Sequence(Composite):
             raise ConfigError("a sequence is empty; give it at least one step")
         self.steps, self.name, self.about = steps, name, about
 
+    @property
+    def label(self) -> str:  # noqa: D102
+        return self.name
+
     def course(self, view: View) -> Course:  # noqa: D102
         for child in self.steps:
             view = yield from self.run(child, view)
@@ -143,7 +147,7 @@ class WaitUntil(Behaviour):
         while True:
             met, self.progress = self.condition(view, begin)
             since = None if not met else view.time if since is None else since
-            if since is not None and view.time - since >= self.hold:
+            if since is not None and view.time - since >= self.hold - 1e-9:  # sums of ticks are rounded
                 return view
             view = yield at_rest(view)
 

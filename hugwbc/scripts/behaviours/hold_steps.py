@@ -12,6 +12,7 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Stat
 from hugwbc.scripts.behaviours.conditions import TOUCH, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     HALF_WIDTH,
+    TIP,
     Point,
     check_above,
     held_targets,
@@ -28,8 +29,12 @@ from hugwbc.targets import HandTargets, position
 
 _LAG = 0.012  # [m], distance of a hand from its target at which it has met something
 _ROOM = 0.06  # [m], between hands and object before they close
+_SHIFTED = 0.08  # [m], by which an object has moved that does not stand where it was put
 _LOST = 0.12  # [m], by which an object has moved in the hands that have lost it
 _STRONGEST = 150.0  # [N]
+# Slope with which the forearms point inwards, so that their ends press. Forearms that point outwards take a box by its
+# rear edges, and it tips over forwards as soon as it is lifted.
+_TOE_IN = 0.3
 
 
 class Squeeze(Behaviour):
@@ -45,7 +50,7 @@ class Squeeze(Behaviour):
         *,
         force: float = 30.0,
         width: float = 0.4,
-        at: Point = (0.0, 0.0, 0.0),
+        at: Point = (0.0, 0.0, 0.03),
         whole_body: bool = False,
         speed: float = 0.1,
         timeout: float = 20.0,
@@ -56,7 +61,8 @@ class Squeeze(Behaviour):
             object: its name.
             force: of each hand [N]; twice the weight or more, or the object slips.
             width: the most that the object may measure between the hands [m].
-            at: middle of the hands, in the object's frame [m].
+            at: where the ends of the forearms press, in the object's frame [m]; above its centre of mass it hangs
+                between them.
             whole_body: whether h, p and w may help.
             speed: with which the hands close [m/s].
             timeout: after which it fails [s].
@@ -95,13 +101,13 @@ class Squeeze(Behaviour):
         """Return targets at a distance of each hand from the middle [m], and ahead of it, with a force [N]."""
         middle, ahead, aside = self._place(view)
         left, right = np.broadcast_to(half, 2)
-        point = middle + away * ahead
+        point = middle + (away - TIP) * ahead
         return HandTargets(
             point + left * aside,
             point - right * aside,
             "world",
-            ahead,
-            ahead,
+            ahead - _TOE_IN * aside,
+            ahead + _TOE_IN * aside,
             together=force > 0.0,
             whole_body=self.whole_body,
             left_force=-force * aside if force else None,
@@ -315,7 +321,12 @@ class Place(Behaviour):
             if down > self.lower:
                 raise Failure(f"'{self.object}' stands on nothing after {100 * sunk:.0f} cm")
             view = yield Action(standing(view), shifted(hands, np.array([0.0, 0.0, -down])))
-        return (yield from run(Release(), view))
+        stood = seen(view, self.object).position
+        view = yield from run(Release(), view)
+        moved = float(np.linalg.norm(seen(view, self.object).position - stood))
+        if moved > _SHIFTED:
+            raise Failure(f"'{self.object}' moved by {100 * moved:.0f} cm when the hands let go")
+        return view
 
 
 class Release(Behaviour):

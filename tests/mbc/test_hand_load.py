@@ -1,0 +1,115 @@
+"""Forces on the hands in the QP: the filter, the dynamics, the shift of the balance, and a pulled stand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc.commands import Command
+from hugwbc.controller import UpperBody
+from hugwbc.mbc import WholeBodyController
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.footsteps import Pendulum
+from hugwbc.mbc.hand_load import HandLoad
+from hugwbc.mbc.qp import QpStatus
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.scripts.command_source import Constant
+from hugwbc.sim.arena import ARENAS
+from hugwbc.sim.hand_pull import HandPull
+
+DT = 0.002
+ARMS = UpperBody.none()
+PULL = np.array([[20.0, 0.0, -30.0], [0.0, 5.0, 0.0]])
+
+
+def test_small_forces_are_none_and_large_ones_count_in_full(standing_state):
+    load = HandLoad(10.0, 5.0)
+    for force, share in ((4.0, 0.0), (7.5, 0.5), (40.0, 1.0)):
+        load.reset()
+        state = dataclasses.replace(standing_state, hand_force=np.array([[force, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+        for _ in range(2000):
+            load.update(state, ARMS, DT)
+        assert load.force[0, 0] == pytest.approx(share * force, abs=0.05)
+        assert not load.force[1].any()
+
+
+def test_without_an_estimate_what_is_told_counts(standing_state):
+    load = HandLoad(10.0, 5.0)
+    told = dataclasses.replace(ARMS, payload=np.array([3.0, 0.0]), hand_force=np.array([[0.0, 0.0, 0.0], [15.0, 0, 0]]))
+    state = dataclasses.replace(standing_state, hand_force=None)
+    for _ in range(2000):
+        load.update(state, told, DT)
+    assert load.force == pytest.approx(np.array([[0.0, 0.0, -29.43], [-15.0, 0.0, 0.0]]), abs=0.05)
+    assert told.hand_force.tolist() == [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0]], "the targets are the caller's"
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_broken_estimate_leaves_the_last_force(standing_state, bad):
+    load = HandLoad(10.0, 5.0)
+    load.update(dataclasses.replace(standing_state, hand_force=PULL), ARMS, 1.0)
+    before = load.force.copy()
+    load.update(dataclasses.replace(standing_state, hand_force=np.full((2, 3), bad)), ARMS, 1.0)
+    assert load.force.tolist() == before.tolist() and before.any()
+
+
+def test_the_bias_has_the_forces_on_the_hands(standing_state):
+    free, loaded = Dynamics(), Dynamics()
+    loaded.hand_force = PULL
+    free.update(standing_state)
+    loaded.update(standing_state)
+    jacobians = [free.frame(f"{side}_hand").jacobian[:3] for side in ("left", "right")]
+    assert free.bias - loaded.bias == pytest.approx(
+        sum(j.T @ f for j, f in zip(jacobians, PULL, strict=True)), abs=1e-9
+    )
+
+
+def test_the_balance_shifts_by_the_moment_over_the_weight(standing_state):
+    dynamics, pivot = Dynamics(), np.array([0.05, 0.0, 0.0])
+    dynamics.update(standing_state)
+    assert dynamics.hand_shift(pivot).tolist() == [0.0, 0.0]
+    plain = Pendulum.about(pivot, dynamics)
+    dynamics.hand_force = PULL
+    arms = [dynamics.position(f"{side}_hand") - pivot for side in ("left", "right")]
+    moment = sum(np.cross(arm, force) for arm, force in zip(arms, PULL, strict=True))
+    expected = np.array([moment[1], -moment[0]]) / (dynamics.mass * 9.81)
+    assert dynamics.hand_shift(pivot) == pytest.approx(expected, abs=1e-9)
+    shifted = Pendulum.about(pivot, dynamics)
+    assert shifted.dcm - plain.dcm == pytest.approx(expected, abs=1e-9)
+    dynamics.hand_force = 1e4 * PULL
+    assert np.abs(dynamics.hand_shift(pivot)).max() <= 0.25
+
+
+def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state):
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    targets = UpperBody.targets(standing_state.q[controller.robot.arms])
+    pulled = dataclasses.replace(standing_state, hand_force=np.array([[0.0, 150.0, 0.0], [0.0, 150.0, 0.0]]))
+    for _ in range(300):
+        controller.act(pulled, Command(), targets)
+    diagnostics = controller.diagnostics
+    assert diagnostics.status is QpStatus.SOLVED
+    limit = controller.params.torque_fraction * controller.robot.torque_limit
+    assert controller.planned_acceleration is not None
+    held = controller.dynamics
+    columns = held.columns[controller.robot.arms]
+    torque = (
+        held.M[np.ix_(columns, columns)] @ controller.planned_acceleration[controller.robot.arms] + held.bias[columns]
+    )
+    assert np.all(np.abs(torque) <= 1.1 * limit[controller.robot.arms])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+def test_a_stand_holds_a_steady_force_on_its_hands(direction):
+    """60 N for 3 s on what the estimator and the sensors of a robot tell; without the forces 60 N made it fall."""
+    arena = ARENAS[2]
+    simulation = arena.simulation(seed=2)
+    loop = ControlLoop(WholeBodyController(), Constant(Command()), simulation, None, estimator_for(arena))
+    loop.reset()
+    pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
+    while simulation.time < 5.0 and not simulation.fallen:
+        command = loop.decide(simulation.time)
+        pull.update(loop.step(command, loop.period))
+    assert not simulation.fallen
+    assert np.linalg.norm(simulation.state().position[:2]) < 0.3

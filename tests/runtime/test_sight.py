@@ -1,0 +1,146 @@
+"""What a behaviour sees: the estimate without its drift, objects without their noise, and the grippers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.commands import Command
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import HoldController, load_controller
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.runtime.sight import SeenRobot, carry_out
+from hugwbc.scripts.behaviours import Grip, View
+from hugwbc.sim import ARENAS, Simulation
+from hugwbc.sim.scenes import Box, Scene
+from hugwbc.sim.scenes.objects import Picture
+from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
+
+
+def _state(time: float, position: np.ndarray, yaw: float, velocity: np.ndarray) -> RobotState:
+    robot = load_robot()
+    return RobotState(
+        q=robot.nominal,
+        dq=np.zeros(19),
+        orientation=rotations.from_yaw_pitch_roll(yaw, 0.1, 0.05),
+        angular_velocity=np.zeros(3),
+        position=position,
+        velocity=velocity,
+        time=time,
+    )
+
+
+def test_the_drift_of_an_estimate_is_taken_off() -> None:
+    """A walk at 0.4 m/s; the estimate turns by 3 degrees, runs 5 % long, and starts in the wrong place."""
+    rng, seen = np.random.default_rng(0), SeenRobot()
+    errors, turns = [], []
+    for tick in range(1000):
+        t = 0.01 * tick
+        true, drift = np.array([0.4 * t, 0.1 * t, 0.98]), 0.005 * t
+        turn = rotations.rotation_z(drift)
+        estimate = _state(t, turn @ (1.05 * true) + [0.1, -0.1, 0.02], 0.3 + drift, turn @ np.array([0.4, 0.1, 0.0]))
+        late = max(t - 0.03, 0.0)
+        noisy = rotations.from_yaw_pitch_roll(0.3 + 0.0087 * rng.normal(), 0.1, 0.05)
+        place = np.array([0.4 * late, 0.1 * late, 0.98]) + 0.005 * rng.normal(size=3)
+        picture = Picture(late, t - late, np.zeros((0, 7)), np.concatenate((place, noisy)))
+        corrected = seen.corrected(estimate, picture)
+        if t > 2.0:
+            assert corrected.position is not None and corrected.velocity is not None
+            errors.append(np.linalg.norm(corrected.position - true))
+            turns.append(abs(float(rotations.wrap_angle(corrected.yaw - 0.3))))
+            np.testing.assert_allclose(corrected.velocity, [0.4, 0.1, 0.0], atol=0.01)
+            assert rotations.pitch_of(corrected.orientation) == pytest.approx(0.1, abs=1e-6)
+    assert np.max(errors) < 0.012 and np.mean(errors) < 0.007
+    assert np.max(turns) < 0.006
+
+
+def test_without_a_motion_capture_or_a_position_the_estimate_stays() -> None:
+    state = _state(0.0, np.zeros(3), 0.0, np.zeros(3))
+    assert SeenRobot().corrected(state, None) is state
+    blind = dataclasses.replace(state, position=None)
+    assert SeenRobot().corrected(blind, Picture(0.0, 0.0, np.zeros((0, 7)), np.ones(7))) is blind
+
+
+class Watcher:
+    """A seeing source that keeps its views and asks for one grip."""
+
+    def __init__(self, *grips: Grip) -> None:
+        self.views: list[View] = []
+        self.grips: tuple[Grip, ...] = grips
+
+    def restart(self) -> None:
+        self.views.clear()
+
+    def see(self, view: View) -> None:
+        self.views.append(view)
+
+    def command_at(self, t: float) -> Command:
+        return Command()
+
+    def hands_at(self, t: float) -> None:
+        return None
+
+
+def _scene(**place: object) -> Scene:
+    return Scene((Box(name="cube", size=(0.1, 0.1, 0.1), mass=0.5, **place),))  # type: ignore[arg-type]
+
+
+def test_a_view_is_near_the_truth_in_a_scene_of_arena_2() -> None:
+    arena, watcher = ARENAS[2], Watcher()
+    simulation = arena.simulation(scene=_scene(position=(1.0, 0.5)), seed=4)
+    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource(), estimator_for(arena))
+    loop.reset()
+    truth = simulation.state()
+    for tick in range(50):
+        truth = simulation.state()
+        command = loop.decide(tick * loop.period)
+        if tick < 49:
+            loop.step(command, loop.period)
+    view = watcher.views[-1]
+    assert len(watcher.views) == 50
+    assert truth.position is not None and view.state.position is not None
+    assert np.linalg.norm(view.position - truth.position) < 0.01
+    assert np.linalg.norm(view.objects["cube"].position - simulation.objects["cube"].position) < 0.006
+    assert 0.0 < view.objects["cube"].age < 0.05
+    hands = np.array([simulation.hand_position(side) for side in ("left", "right")])
+    assert np.linalg.norm(view.hands - hands, axis=1).max() < 0.03
+    assert view.held == (None, None)
+
+
+def test_with_exact_sensors_a_view_is_the_truth() -> None:
+    watcher, simulation = Watcher(), Simulation(scene=_scene(position=(1.0, 0.5)))
+    loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
+    loop.reset()
+    loop.decide(0.0)
+    view = watcher.views[-1]
+    np.testing.assert_array_equal(view.position, simulation.qpos[:3])
+    np.testing.assert_array_equal(view.objects["cube"].position, simulation.objects["cube"].position)
+    assert view.hand_force is not None
+
+
+def test_grips_are_carried_out_and_seen() -> None:
+    watcher = Watcher(Grip("left", "cube"))
+    simulation = Simulation(scene=_scene(position=(0.41, 0.21, 1.0)))
+    loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
+    loop.reset()
+    for tick in range(2):
+        loop.decide(tick * loop.period)
+    assert watcher.views[-1].held == ("cube", None)
+    watcher.grips = (Grip("left", None),)
+    loop.decide(0.04)
+    watcher.grips = ()
+    loop.decide(0.06)
+    assert watcher.views[-1].held == (None, None)
+
+
+def test_a_grip_that_cannot_be_raises_nothing_and_is_noted() -> None:
+    simulation = Simulation(scene=_scene(position=(1.0, 0.5)))
+    carry_out([Grip("left", "cube")], simulation)
+    assert simulation.objects.problems == []  # out of reach
+    for _ in range(2):
+        carry_out([Grip("left", "crate")], simulation)
+    assert len(simulation.objects.problems) == 1 and "crate" in simulation.objects.problems[0]
+    carry_out([Grip("left", "cube")], Simulation())

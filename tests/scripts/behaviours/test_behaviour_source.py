@@ -1,0 +1,88 @@
+"""A behaviour as a source of commands: soft changes, the end, and errors that stop nothing."""
+
+import numpy as np
+import pytest
+from behaviour_helpers import view
+
+from hugwbc.commands import Command
+from hugwbc.gait import Gait
+from hugwbc.scripts.behaviours import Action, Behaviour, BehaviourSource, Failure, Status
+from hugwbc.scripts.behaviours.behaviour_source import ACCELERATION, STEP_OUT
+from hugwbc.scripts.command_source import SeeingSource
+from hugwbc.targets import HandTargets
+
+
+class March(Behaviour):
+    """Walks fast for a second with the hands on targets, then ends at once as told."""
+
+    def __init__(self, end: Exception | None = None) -> None:
+        self.end = end
+
+    def course(self, view):
+        while view.time < 1.0:
+            hands = HandTargets.of((1.3, 0.2, 1.0), (1.3, -0.2, 1.0), "world")
+            view = yield Action(Command(v_x=0.5, omega=0.3, gait=Gait.WALKING), hands)
+        if self.end is not None:
+            raise self.end
+        return view
+
+
+def _played(source: BehaviourSource, seconds: float = 5.0) -> list[Command]:
+    commands = []
+    for tick in range(round(seconds / 0.02)):
+        source.see(view(0.02 * tick, position=(1.0, 0.0, 0.98)))
+        commands.append(source.command_at(0.02 * tick))
+    return commands
+
+
+def test_it_is_a_seeing_source() -> None:
+    assert isinstance(BehaviourSource(March()), SeeingSource)
+
+
+def test_a_walk_starts_and_stops_softly_and_steps_on_before_it_stands() -> None:
+    source = BehaviourSource(March())
+    commands = _played(source)
+    speed = np.array([command.array()[:3] for command in commands])
+    gaits = [command.gait for command in commands]
+    assert np.abs(np.diff(speed, axis=0)).max(axis=0) == pytest.approx(ACCELERATION * 0.02, abs=0.1)
+    assert speed.max(axis=0)[0] == pytest.approx(0.5)
+    stood = gaits.index(Gait.STANDING, 10)
+    slow = int(np.argmax(np.abs(speed[50:, 0]) <= 0.1)) + 50
+    assert 0.02 * (stood - slow) == pytest.approx(STEP_OUT, abs=0.05)
+    assert not speed[stood:].any()
+    assert source.done and source.status is Status.SUCCESS and source.ending == "done"
+
+
+def test_at_the_end_the_hands_stay_with_the_robot() -> None:
+    source = BehaviourSource(March())
+    _played(source)
+    hands = source.hands_at(5.0)
+    assert hands is not None and hands.left is not None and hands.frame == "heading"
+    np.testing.assert_allclose(hands.left, [0.3, 0.2, 0.02], atol=1e-9)
+
+
+@pytest.mark.parametrize("end", [Failure("out of breath"), ValueError("a mistake")])
+def test_a_failure_and_an_error_end_it_and_stop_nothing(end: Exception) -> None:
+    source = BehaviourSource(March(end))
+    commands = _played(source)
+    assert source.status is Status.FAILURE
+    assert str(end) in source.reason and str(end) in source.ending
+    assert commands[-1].gait is Gait.STANDING and source.done
+
+
+def test_it_begins_again_after_a_restart() -> None:
+    source = BehaviourSource(March(Failure("tired")))
+    _played(source)
+    source.restart()
+    assert source.status is Status.RUNNING and source.reason == ""
+    assert _played(source, 0.5)[-1].v_x > 0.2
+    assert source.step == "march"
+
+
+def test_numbers_that_are_not_finite_do_not_reach_the_robot() -> None:
+    class Broken(Behaviour):
+        def course(self, view):
+            while True:
+                yield Action(Command(v_x=float("nan"), omega=float("inf"), gait=Gait.WALKING))
+
+    assert all(np.isfinite(command.array()).all() for command in _played(BehaviourSource(Broken()), 1.0))

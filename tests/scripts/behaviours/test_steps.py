@@ -1,0 +1,131 @@
+"""Steps in the physics of arena 2, with sensors of a robot: short runs of the learned controller."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.errors import ConfigError
+from hugwbc.runtime import UpperBodySource, load_controller, rollout
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.scripts.behaviours import (
+    Attach,
+    Behaviour,
+    BehaviourSource,
+    Lift,
+    MoveHands,
+    Place,
+    Press,
+    Reach,
+    Release,
+    Sequence,
+    Squeeze,
+    Stand,
+    Status,
+    WalkTo,
+)
+from hugwbc.sim import ARENAS, Simulation
+from hugwbc.sim.scenes import Box, Button, Scene, Table
+
+
+def _play(behaviour: Behaviour, scene: Scene, seed: int, seconds: float) -> tuple[BehaviourSource, Simulation]:
+    arena = ARENAS[2]
+    source, simulation = BehaviourSource(behaviour), arena.simulation(scene=scene, seed=seed)
+    trace = rollout(
+        load_controller("learned"),
+        source,
+        simulation,
+        UpperBodySource(),
+        duration=seconds,
+        estimator=estimator_for(arena),
+        until=lambda: source.done,
+    )
+    assert not trace.fell and trace.problems == ()
+    return source, simulation
+
+
+BELL = Scene((Button(name="bell", position=(0.55, -0.2), height=1.1),))
+CUBE = Scene((Box(name="cube", position=(3.0, 0.0), size=(0.1, 0.1, 0.1), mass=0.5),))
+
+
+def test_a_button_is_pressed() -> None:
+    source, _ = _play(Press("bell", "right", travel=0.012), BELL, seed=1, seconds=10.0)
+    assert source.status is Status.SUCCESS, source.reason
+
+
+def test_a_button_that_is_too_stiff_fails_with_what_happened() -> None:
+    scene = Scene((Button(name="bell", position=(0.55, -0.2), height=1.1, force=200.0),))
+    source, _ = _play(Press("bell", "right", travel=0.018), scene, seed=1, seconds=15.0)
+    assert source.status is Status.FAILURE
+    assert source.reason.startswith("press: 'bell' has given way by")
+
+
+def test_hands_reach_and_move_on_while_the_body_stands_lower() -> None:
+    steps = Sequence(
+        Reach(left=(0.35, 0.25, 0.1), right=(0.35, -0.25, 0.1)),
+        MoveHands(by=(0.0, 0.0, 0.1)),
+        Stand(0.5, h=-0.05),
+        Reach(right=(0.35, -0.25, 0.3)),
+    )
+    source, simulation = _play(steps, CUBE, seed=2, seconds=15.0)
+    assert source.status is Status.SUCCESS, source.reason
+    state = simulation.state()
+    assert state.position is not None
+    hands = np.array([simulation.hand_position(side) for side in ("left", "right")]) - state.position
+    np.testing.assert_allclose(
+        hands @ rotations.rotation_z(state.yaw), [[0.35, 0.25, 0.2], [0.35, -0.25, 0.3]], atol=0.05
+    )
+
+
+def test_a_gripper_out_of_reach_fails_by_its_timeout() -> None:
+    source, _ = _play(Attach("cube", "left", timeout=0.5), CUBE, seed=0, seconds=5.0)
+    assert source.reason == "attach: timeout of 0.5 s: the left hand is not within 3 cm of 'cube'"
+
+
+@pytest.mark.slow
+def test_a_walk_ends_where_it_should() -> None:
+    scene = Scene((Button(name="bell", position=(2.0, 0.0), height=1.05),))
+    source, simulation = _play(WalkTo(before="bell", distance=0.5), scene, seed=0, seconds=35.0)
+    assert source.status is Status.SUCCESS, source.reason
+    x, y = simulation.qpos[:2]
+    assert math.hypot(x - 1.5, y) < 0.04  # 3 cm as it is seen
+    assert abs(math.degrees(float(rotations.yaw_of(simulation.qpos[3:7])))) < 4.0
+
+
+@pytest.mark.slow
+def test_a_box_is_lifted_by_friction_and_set_down() -> None:
+    scene = Scene(
+        (
+            Table(name="desk", position=(0.68, 0.0), size=(0.5, 1.2), height=0.75),
+            Box(name="box", on="desk", position=(-0.22, 0.0), yaw=0.1, size=(0.25, 0.28, 0.2), mass=1.0, friction=0.7),
+        )
+    )
+    heights = []
+
+    class Watched(Lift):
+        def course(self, view):
+            view = yield from super().course(view)
+            heights.append(view.objects["box"].position[2])
+            return view
+
+    steps = Sequence(Squeeze("box", force=40.0, whole_body=True), Watched("box", 0.12), Place("box"))
+    source, simulation = _play(steps, scene, seed=0, seconds=30.0)
+    assert source.status is Status.SUCCESS, source.reason
+    assert heights[0] > 0.93
+    box = simulation.objects["box"]
+    assert box.position[2] == pytest.approx(0.85, abs=0.01) and box.tilt < 0.02
+    assert np.linalg.norm(box.position[:2] - [0.46, 0.0]) < 0.06
+
+
+def test_values_out_of_range_are_refused() -> None:
+    for make in (
+        lambda: WalkTo(),
+        lambda: WalkTo((1.0, 0.0), speed=2.0),
+        lambda: Squeeze("box", force=-1.0),
+        lambda: Lift("box", height=math.nan),
+        lambda: Release(apart=math.inf),
+        lambda: Press("bell", "both"),
+    ):
+        with pytest.raises(ConfigError):
+            make()

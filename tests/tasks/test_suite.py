@@ -1,0 +1,86 @@
+import pathlib
+
+import pytest
+
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, shapes_of
+from hugwbc.tasks.suite import modules_of
+from hugwbc.tasks.task import SCENES
+
+OWN = """
+from hugwbc.sim import Scene
+from hugwbc.sim.scenes import Wall
+from hugwbc.tasks import Milestone, Task
+from hugwbc.tasks.hold_payload import HoldPayload
+
+TASK = Task(
+    name="own", about="", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=HoldPayload, limit=3.0,
+    milestones=(Milestone("never", lambda record: 0.0),),
+)
+"""
+
+
+@pytest.mark.parametrize("name", TASK_NAMES)
+def test_a_task_has_its_name_its_scene_and_a_behaviour(name):
+    task = load_task(name)
+    assert task.name == name and task.about.endswith(".") and task.scene.varies
+    assert (SCENES / f"{name}.yaml").is_file()
+    behaviour = task.behaviour(shapes_of(task.scene.draw(0)))
+    assert 0.0 < behaviour.timeout < task.limit, "a behaviour ends before the task's limit"
+
+
+@pytest.mark.parametrize("name", TASK_NAMES)
+def test_scenes_can_be_drawn_with_any_seed(name):
+    scene = load_task(name).scene
+    assert len({scene.draw(seed) for seed in range(20)}) == 20
+
+
+def test_behaviours_are_told_dimensions_and_nothing_else():
+    shapes = shapes_of(load_task("fetch_box").scene.draw(0))
+    assert set(shapes) == {"desk", "box", "bench"}
+    assert set(shapes["box"]) == {"size"} and set(shapes["desk"]) == {"size", "height"}
+    button = shapes_of(load_task("press_button").scene.draw(0))["button"]
+    assert "force" not in button and button["travel"] == 0.02
+
+
+def test_a_task_of_ones_own_is_a_file(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN)
+    assert load_task(str(path)).name == "own"
+    assert "hugwbc.tasks.judges" in modules_of(str(path))
+    assert modules_of("push_cart") == ("hugwbc.tasks.push_cart",)
+
+
+def test_what_is_no_task_is_refused(tmp_path):
+    with pytest.raises(UnknownNameError, match="press_button"):
+        load_task("press_buton")
+    with pytest.raises(ConfigError, match="there is no file"):
+        load_task(str(tmp_path / "none.py"))
+    path = tmp_path / "own.py"
+    for text, message in (
+        ("TASK = 3", "has no task"),
+        ("TASK = (", "SyntaxError"),
+        ("import nowhere_at_all", "nowhere"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=message):
+            load_task(str(path))
+
+
+def test_a_task_needs_milestones_and_a_limit():
+    task = load_task("push_cart")
+    fields = {name: getattr(task, name) for name in ("name", "about", "scene", "behaviour")}
+    with pytest.raises(ConfigError, match="milestones"):
+        Task(**fields, limit=10.0, milestones=())
+    for limit in (0.0, float("inf"), float("nan")):
+        with pytest.raises(ConfigError, match="time limit"):
+            Task(**fields, limit=limit, milestones=(Milestone("", lambda record: 1.0),))
+
+
+def test_every_task_has_a_row_in_the_page():
+    page = (pathlib.Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
+    for name in TASK_NAMES:
+        (row,) = [line for line in page.splitlines() if line.startswith(f"| `{name}` |")]
+        task = load_task(name)
+        assert f"| {task.limit:g} |" in row
+        assert ("`attach`" in row) == ("attach" in task.idealised)
