@@ -50,6 +50,20 @@ def test_the_functions_of_a_walk_exist_and_no_room_appears_twice(title: str) -> 
     assert len(set(rooms)) == len(rooms)
 
 
+def test_the_table_of_rooms_names_every_package() -> None:
+    (table,) = re.findall(r"^## Rooms and layers\n(.*?)(?=^## )", PAGE, re.M | re.S)
+    rows = dict(re.findall(r"^\| (?:the )?`?(\w+)`?[^|]* \| (.*?) \|", table, re.M))
+    rows.pop("room")
+    rooms = list(rows)
+    assert rooms[0] == "core" and set(rooms[1:]) == ROOMS
+    inner = [path.parent.relative_to(ROOT) for path in ROOT.glob("*/*/__init__.py")]
+    assert len(inner) > 5
+    assert [str(path) for path in inner if f"`{path.name}`" not in rows[path.parts[0]]] == []
+    # The reference of the site lists them in the same order.
+    (layers,) = re.findall(r"^LAYERS = \((.*?)\)", (ROOT.parent / "docs" / "site_pages.py").read_text(), re.M | re.S)
+    assert re.findall(r'"(\w+)"', layers) == rooms
+
+
 def test_both_walks_are_there() -> None:
     assert len(WALKS) == 2
 

@@ -3,6 +3,7 @@
 import os
 import pathlib
 import re
+import runpy
 import subprocess
 import sys
 
@@ -121,6 +122,34 @@ def test_every_example_is_tested_and_short():
     for path in EXAMPLES.glob("*.py"):
         assert f'"{path.name}"' in here, f"{path.name} has no test"
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 90
+
+
+BAD_VALUES = {
+    "01_hold_and_reach.py": ("--duration", "0"),
+    "02_walk_with_qp.py": ("--v-x", "nan"),
+    "03_reach_while_walking.py": ("--duration", "1"),
+    "04_walk_with_a_cup.py": ("--duration", "2.5"),
+    "05_pick_from_the_floor.py": ("--height", "nan"),
+    "06_carry_a_box.py": ("--controller", "foo"),
+    "07_compare_controllers.py": ("--script", "none"),
+    "08_replay_a_motion.py": ("--file", "none.npz"),
+    "09_drive_live.py": ("--duration", "-1"),
+    "10_write_a_controller.py": ("--push", "inf"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.py")))
+def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, monkeypatch, capsys):
+    if name.startswith("09"):
+        pytest.importorskip("viser")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [name, *BAD_VALUES[name]])
+    with pytest.raises(SystemExit) as info:
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    assert info.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith(f"{name}: ") for line in lines), lines
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_bad_command_ends_with_a_message_before_the_robot_moves(tmp_path):

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
 from hugwbc.seeds import REPORT_SEED
@@ -62,19 +62,19 @@ def run(words: Sequence[str]) -> int:
     play, script = (_task(options), None) if options.task is not None else _script(options)
     controllers = [spec.told(options.chosen).build() for spec in _specs(options)]
     check_names(controllers)
-    check_folder(options.out)
     check_writable(options.json)
-    with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
-        traces, figures, summary = play(controllers, advance)
-    say(format_table(figures.columns, figures.rows), options.json)
-    for trace in traces:
-        for message in trace.safety.messages:
-            say(f"safety filter of {trace.name}: {message}", options.json)
-    write_json(options.json, summary)
-    film = _write_video(options, traces, script) if options.video else []
-    video = film[0].name if film else None
-    written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
-    say("\nwrote " + ", ".join(str(path) for path in written), options.json)
+    with output_folder(options.out):
+        with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
+            traces, figures, summary = play(controllers, advance)
+        say(format_table(figures.columns, figures.rows), options.json)
+        for trace in traces:
+            for message in trace.safety.messages:
+                say(f"safety filter of {trace.name}: {message}", options.json)
+        write_json(options.json, summary)
+        film = _write_video(options, traces, script) if options.video else []
+        video = film[0].name if film else None
+        written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
+        say("\nwrote " + ", ".join(str(path) for path in written), options.json)
     return 0
 
 

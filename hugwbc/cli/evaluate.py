@@ -1,5 +1,6 @@
 """`hugwbc evaluate PROTOCOL`: one protocol with one controller; each protocol is a subcommand with its own options."""
 
+import contextlib
 import dataclasses
 import inspect
 import pathlib
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from hugwbc.cli.output import check_folder, check_writable, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import DEFAULT_FOLDER, Execution, ResultStore
@@ -108,11 +109,10 @@ def run(words: Sequence[str]) -> int:
     spec = ControllerSpec(options["controller"], options["policy"])
     execution = _execution(protocol, options)
     settings = protocol.for_training(_settings(protocol, options, execution), spec.training)
-    if execution.store is not None:
-        check_folder(options["results"])
+    results = contextlib.nullcontext() if execution.store is None else output_folder(options["results"])
     check_writable(options["json"])
     total = protocol.total(settings)
-    with progress(f"{options['controller']}, {protocol.name}: {total} episodes") as advance, execution:
+    with results, progress(f"{options['controller']}, {protocol.name}: {total} episodes") as advance, execution:
         done = 0
 
         def on_episode(_: object) -> None:
@@ -277,6 +277,18 @@ def _settings(protocol: AnyProtocol, options: dict[str, Any], execution: Executi
     given = {name: value for name, value in options.items() if name in _names(protocol.settings)}
     if "gait" in options:
         both_legs = options["gait"] == BOTH_LEGS
-        given |= {"gait": Gait.HOPPING_LEFT if both_legs else Gait.parse(options["gait"]), "both_legs": both_legs}
+        given |= {"gait": Gait.HOPPING_LEFT if both_legs else _gait(options["gait"]), "both_legs": both_legs}
     conditions = Conditions(**{name: value for name, value in options.items() if name in _names(Conditions)})
     return protocol.settings(**given, conditions=conditions, execution=execution)
+
+
+def _gait(label: str) -> Gait:
+    """Return the gait with a label.
+
+    Raises:
+        UnknownNameError: if there is none; the message names `BOTH_LEGS` as well.
+    """
+    try:
+        return Gait.parse(label)
+    except UnknownNameError:
+        raise UnknownNameError("gait", label, [*(gait.label for gait in Gait), BOTH_LEGS]) from None

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Sequence
 
-from hugwbc.cli.output import check_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse, progress, say
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,9 +27,8 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.upper_ik.motion_library import make_library
 
     library = make_library(options.seed, options.count, options.duration)
-    check_folder(options.out)
     total = 0.0
-    with progress(f"{options.count} motions") as advance:
+    with output_folder(options.out), progress(f"{options.count} motions") as advance:
         for index, motion in enumerate(library):
             motion.save(options.out / f"{motion.name}.npz")
             total += motion.duration

@@ -1,6 +1,8 @@
 """Helpers that the verbs share: options from a dataclass, JSON files and progress."""
 
 import contextlib
+import dataclasses
+import inspect
 import json
 import os
 import pathlib
@@ -8,8 +10,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, TextIO, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Protocol, TextIO, TypeVar
 
 import tyro
 
@@ -17,6 +19,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.files import finite_json, write_whole
 
 STDOUT = pathlib.Path("-")
+HELP_ALL = "--help-all"
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
 _QUIET = 2.0  # [s]; shorter work shows no progress
 Options = TypeVar("Options")
@@ -25,6 +28,57 @@ Options = TypeVar("Options")
 def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
+
+
+def parse_settings(settings: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
+    """Parse as `parse` does, for settings with groups of them inside.
+
+    With `--help`, the settings outside any group are explained, and the groups are listed. `--help-all` explains all.
+    """
+    if HELP_ALL in words:
+        return parse(settings, ["--help"], verb, description)
+    if not {"-h", "--help"} & set(words):
+        return parse(settings, words, verb, description)
+    groups = {field.name: field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)}
+    folded = [
+        (name, Annotated[field.type, tyro.conf.Suppress], dataclasses.field(default_factory=field.default_factory))
+        for name, field in groups.items()
+    ]
+    short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
+    try:
+        parse(short, words, verb, description)
+    except SystemExit as finished:
+        if not finished.code:
+            _print(_list_groups(groups, f"hugwbc {verb} {HELP_ALL}"), sys.stdout)
+        raise
+    raise AssertionError("--help ends the process")
+
+
+def _dataclass(settings: type[Any]) -> type[Any]:
+    assert dataclasses.is_dataclass(settings)
+    return settings
+
+
+def _is_group(field: dataclasses.Field[Any]) -> bool:
+    return dataclasses.is_dataclass(field.type)
+
+
+def _list_groups(groups: Mapping[str, dataclasses.Field[Any]], command: str) -> str:
+    """Return a line for each group of settings, those within groups included: prefix, number of options, what it is."""
+    rows: list[tuple[str, int, str]] = []
+
+    def visit(name: str, kind: Any) -> None:  # noqa: ANN401  a dataclass
+        fields = dataclasses.fields(kind)
+        about = (inspect.getdoc(kind) or "").partition(". ")[0].partition("\n")[0].rstrip(".")
+        rows.append((f"--{name}.*".replace("_", "-"), sum(not _is_group(field) for field in fields), about))
+        for field in filter(_is_group, fields):
+            visit(f"{name}.{field.name}", field.type)
+
+    for name, field in groups.items():
+        visit(name, field.type)
+    width = max(len(row[0]) for row in rows)
+    lines = [f"  {name:<{width}}  {count:3} options  {about}" for name, count, about in rows]
+    return "\n".join(["", "groups of options:", *lines, "", f"`{command}` explains every option."])
 
 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:
@@ -49,26 +103,47 @@ def check_writable(path: pathlib.Path | None) -> None:
     if path is None or path == STDOUT:
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = not path.exists()
-        path.open("a").close()
-        if new:  # what fails later must not leave an empty file
-            path.unlink()
+        with _removed_if_empty(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            new = not path.exists()
+            path.open("a").close()
+            if new:  # what fails later must not leave an empty file
+                path.unlink()
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
 
 
-def check_folder(path: pathlib.Path) -> None:
+@contextlib.contextmanager
+def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     """Make a folder and check that files can be written to it, before the work whose results it will hold.
 
+    At the end, folders that were made here and are still empty are removed: work that was refused leaves no trace.
+
+    Args:
+        path: path of the folder; missing folders above it are made as well.
+
     Raises:
-        ConfigError: if they cannot.
+        ConfigError: if files cannot be written to it.
     """
+    with _removed_if_empty(path):
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=path).close()
+        except OSError as error:
+            raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
+        yield path
+
+
+@contextlib.contextmanager
+def _removed_if_empty(path: pathlib.Path) -> Iterator[None]:
+    """Remove a folder and those above it at the end, as far as they are new and empty."""
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
-        path.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=path).close()
-    except OSError as error:
-        raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # it is in use, and so are those above it
+            for folder in new:
+                folder.rmdir()
 
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds

@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from hugwbc.cli.output import check_folder, parse, progress, say, write_json
+from hugwbc.cli.output import output_folder, parse, progress, say, write_json
 from hugwbc.errors import RecipeError, UnknownNameError
 from hugwbc.evaluation.tables import format_table
 
@@ -112,8 +112,7 @@ def _run(options: RecipeRun) -> int:
         raise RecipeError(f"--workers {options.workers}; give 1 or more")
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
         raise RecipeError("a recipe runs in one process; start it without torchrun, with more threads in its settings")
-    check_folder(out)
-    with progress(f"recipe {recipe.name}") as advance:
+    with output_folder(out), progress(f"recipe {recipe.name}") as advance:
         finished = run_recipe(
             recipe, RunOptions(out, options.redo, options.workers), services, progress=advance, say=say
         )

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Sequence
 
-from hugwbc.cli.output import check_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse, progress, say
 from hugwbc.evaluation.engine import DEFAULT_FOLDER, ResultStore
 from hugwbc.seeds import REPORT_SEED
 
@@ -48,12 +48,11 @@ def run(words: Sequence[str]) -> int:
     plan = ReportPlan(options.profile, options.controllers, options.ablation, options.protocols, options.seed)
     store = ResultStore(options.results, fresh=options.fresh)
     execution = Execution(options.workers, cluster=options.cluster, store=store)
-    check_folder(options.out)
-    check_folder(options.results)
-    with progress(f"report, {options.profile}") as advance, execution:
-        results = run_cells(plan.cells, execution, advance)
-    report = plan.report(results)
-    paths = report.write(options.out)
+    with output_folder(options.out), output_folder(options.results):
+        with progress(f"report, {options.profile}") as advance, execution:
+            results = run_cells(plan.cells, execution, advance)
+        report = plan.report(results)
+        paths = report.write(options.out)
     say("\n".join(report.conclusions()))
     say(f"\nwrote {', '.join(map(str, paths))}")
     return 0

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from hugwbc.cli.output import check_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse_settings, progress, say
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
@@ -12,12 +12,11 @@ LINE_INTERVAL = 10.0  # [s] between two lines of figures
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    description = "Train a policy. Ctrl-C saves and stops; --resume continues. Every setting is an option."
-    config = parse(TrainConfig, words, "train", description)
-    check_folder(config.out)
-    from hugwbc.learned.rl import train
+    description = "Train a policy. Ctrl-C saves and stops; --resume continues."
+    config = parse_settings(TrainConfig, words, "train", description)
+    with output_folder(config.out), progress(f"training {config.out}") as advance:
+        from hugwbc.learned.rl import train
 
-    with progress(f"training {config.out}") as advance:
         trainer = train(config, _reporter(config.steps, advance))
     if trainer.leads:
         say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")

@@ -6,6 +6,7 @@ A motion file is an .npz without pickled objects, with `fps` (frames per second)
 
 import dataclasses
 import io
+import logging
 import pathlib
 import zipfile
 import zlib
@@ -16,6 +17,8 @@ from hugwbc.blends import minimum_jerk
 from hugwbc.errors import MotionFileError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
+
+_log = logging.getLogger(__name__)
 
 MOTION_FPS = 50.0  # [Hz]; motions are resampled to this rate, which is the learned controller's
 FRAME_RATES = (0.1, 1e4)  # [Hz], the valid range in files; rates far from any camera's are mistakes
@@ -57,11 +60,13 @@ class ArmMotion:
         name: name of the motion, such as that of its file.
         fps: frames per second.
         positions: joint positions in the order of `Robot.arm_names` [rad], shape (frames, 8).
+        unused: joints in the file that are not of the arms, such as the legs; a motion does not move them.
     """
 
     name: str
     fps: float
     positions: np.ndarray
+    unused: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -84,7 +89,7 @@ class ArmMotion:
         frames = int(np.floor(self.duration * fps + 1e-9)) + 1
         index = np.arange(frames) / fps * self.fps
         columns = [np.interp(index, np.arange(len(self.positions)), column) for column in self.positions.T]
-        return ArmMotion(self.name, fps, np.stack(columns, axis=1))
+        return ArmMotion(self.name, fps, np.stack(columns, axis=1), self.unused)
 
     def save(self, path: pathlib.Path) -> None:
         """Write a motion file, whose name should end in .npz; its folder is created."""
@@ -97,9 +102,18 @@ class ArmMotion:
 def load_motion(path: pathlib.Path) -> ArmMotion:
     """Read a motion file; positions outside the joint limits are clamped to them.
 
+    Joints that are not of the arms are logged as a warning: the robot's legs and waist do not follow a motion.
+
     Raises:
         MotionFileError: if the file cannot be read, lacks a field or an arm joint, or does not hold a motion.
     """
+    motion = _read_motion(path)
+    if motion.unused:
+        _log.warning("%s: only the arms follow a motion; not used: %s", path, ", ".join(motion.unused))
+    return motion
+
+
+def _read_motion(path: pathlib.Path) -> ArmMotion:
     arrays = read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]
     if absent:
@@ -121,7 +135,8 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
         raise MotionFileError(f"{path} has positions that are not finite; repair or cut the motion")
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
-    return ArmMotion(pathlib.Path(path).stem, float(fps.item()), arms)
+    unused = tuple(name for name in found if name not in robot.arm_names)
+    return ArmMotion(pathlib.Path(path).stem, float(fps.item()), arms, unused)
 
 
 def is_real(array: np.ndarray) -> bool:
@@ -165,7 +180,7 @@ def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
 
 
 def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
-    """Read all motion files of a folder, in the order of their names.
+    """Read all motion files of a folder, in the order of their names; what is not used is logged as by `load_motion`.
 
     Raises:
         MotionFileError: if the folder has no motion files, or one cannot be used.
@@ -173,7 +188,11 @@ def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
     paths = sorted(pathlib.Path(folder).glob("*.npz"))
     if not paths:
         raise MotionFileError(f"{folder} holds no motion files; give a folder with .npz files")
-    return [load_motion(path) for path in paths]
+    motions = [_read_motion(path) for path in paths]
+    unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))
+    if unused:  # one line, not one for each of perhaps a thousand files
+        _log.warning("%s: only the arms follow a motion; not used: %s", folder, ", ".join(unused))
+    return motions
 
 
 def generate_motions(seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:

@@ -27,12 +27,14 @@ class Retargeted:
     Attributes:
         motion: motion of the eight arm joints.
         missing: arm joints that the file lacks; they stay at their nominal positions.
+        unused: the file's names of what is not an arm joint, such as the legs; it is left out.
         dropped_frames: number of frames at the end that some joints lack.
         clamped: share of the angles that lay outside the joint limits.
     """
 
     motion: ArmMotion
     missing: tuple[str, ...]
+    unused: tuple[str, ...]
     dropped_frames: int
     clamped: float
 
@@ -62,16 +64,18 @@ def load_retargeted(path: pathlib.Path, mapping: Mapping[str, str] | None = None
         robot.index(name)
     given = {_plain(old): new for old, new in (mapping or {}).items()}
     known = {_plain(name): name for name in robot.arm_names}
-    columns = {}
+    columns, unused = {}, []
     for name, column in _columns(path, fields).items():
         target = given.get(_plain(name), known.get(_plain(name)))
         if target in robot.arm_names:
             columns[target] = np.asarray(column, dtype=float)
+        else:
+            unused.append(name)
     if not columns:
         raise MotionFileError(
             f"{path} has none of the joints {', '.join(robot.arm_names)}; give a mapping of the names"
         )
-    return _assemble(path, float(rate.item()), columns)
+    return _assemble(path, float(rate.item()), columns, tuple(unused))
 
 
 def _plain(name: str) -> str:
@@ -92,7 +96,7 @@ def _columns(path: pathlib.Path, fields: Mapping[str, np.ndarray]) -> dict[str, 
     return dict(zip(found, positions.T, strict=True))
 
 
-def _assemble(path: pathlib.Path, fps: float, columns: Mapping[str, np.ndarray]) -> Retargeted:
+def _assemble(path: pathlib.Path, fps: float, columns: Mapping[str, np.ndarray], unused: tuple[str, ...]) -> Retargeted:
     robot = load_robot()
     lengths = [len(column) for column in columns.values()]
     frames = min(lengths)
@@ -111,6 +115,7 @@ def _assemble(path: pathlib.Path, fps: float, columns: Mapping[str, np.ndarray])
     return Retargeted(
         ArmMotion(path.stem, fps, inside),
         missing=tuple(name for name in robot.arm_names if name not in columns),
+        unused=unused,
         dropped_frames=max(lengths) - frames,
         clamped=float(np.mean(inside != positions)),
     )

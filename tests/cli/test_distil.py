@@ -1,8 +1,11 @@
+import os
 import pathlib
+import signal
 
 import pytest
 
-from hugwbc.cli import main
+from hugwbc.cli import INTERRUPTED, main
+from hugwbc.learned.imitation import Distiller
 from hugwbc.learned.policy import load_policy
 
 SNAPSHOT = "models/h1/policies/h1/snapshot.safetensors"
@@ -25,3 +28,20 @@ def test_a_missing_start_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     teachers = [word for gait in ("--standing", "--walking", "--jumping") for word in (gait, SNAPSHOT)]
     assert main(["distil", *teachers]) == 2
     assert "start_from" in capsys.readouterr().err
+
+
+def test_a_signal_keeps_what_was_learnt(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit = Distiller.fit
+
+    def fit_and_stop(self: Distiller) -> dict[str, float]:
+        os.kill(os.getpid(), signal.SIGTERM)
+        return fit(self)
+
+    monkeypatch.setattr(Distiller, "fit", fit_and_stop)
+    words = ["distil", "--out", str(tmp_path / "d"), "--samples", "200", "--env.count", "2", "--updates", "1"]
+    teachers = [word for gait in ("--standing", "--walking", "--jumping") for word in (gait, SNAPSHOT)]
+    assert main([*words, "--start-from", SNAPSHOT, *teachers]) == INTERRUPTED
+    assert "stopped after 20 of 200 labels" in capsys.readouterr().out
+    assert load_policy(tmp_path / "d").metadata["training"]["distillation"]["labels"] == 20

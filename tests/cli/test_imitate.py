@@ -1,8 +1,11 @@
+import os
 import pathlib
+import signal
 
 import pytest
 
-from hugwbc.cli import main
+from hugwbc.cli import INTERRUPTED, main
+from hugwbc.learned.imitation import Imitator
 from hugwbc.learned.policy import load_policy
 
 
@@ -16,3 +19,19 @@ def test_a_policy_is_made_from_the_qp(tmp_path: pathlib.Path, capsys: pytest.Cap
 def test_a_bad_setting_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["imitate", "--samples", "-1"]) == 2
     assert "samples" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_what_was_learnt(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit = Imitator.fit
+
+    def fit_and_stop(self: Imitator) -> dict[str, float]:
+        os.kill(os.getpid(), signal.SIGINT)
+        return fit(self)
+
+    monkeypatch.setattr(Imitator, "fit", fit_and_stop)
+    words = ["imitate", "--out", str(tmp_path / "start"), "--samples", "800", "--env.count", "2", "--updates", "1"]
+    assert main(words) == INTERRUPTED
+    assert "stopped after 80 of 800 labels" in capsys.readouterr().out
+    assert load_policy(tmp_path / "start").metadata["training"]["steps"] == 80

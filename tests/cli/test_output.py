@@ -69,12 +69,26 @@ def test_trying_whether_a_file_can_be_written_leaves_nothing_and_changes_nothing
     output.check_writable(tmp_path / "a" / "new.json")
     (tmp_path / "old.json").write_text("{}")
     output.check_writable(tmp_path / "old.json")
-    output.check_folder(tmp_path / "a" / "b")
+    assert not (tmp_path / "a").exists()
+    with output.output_folder(tmp_path / "a" / "b"):
+        assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"] and not any((tmp_path / "a" / "b").iterdir())
     assert (tmp_path / "old.json").read_text() == "{}"
-    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"] and not any((tmp_path / "a" / "b").iterdir())
-    for check in (output.check_writable, output.check_folder):
-        with pytest.raises(ConfigError, match="can be written"):
-            check(tmp_path / "old.json" / "c")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.json"], "nothing was written to the new folders"
+    with pytest.raises(ConfigError, match="can be written"):
+        output.check_writable(tmp_path / "old.json" / "c")
+    with pytest.raises(ConfigError, match="can be written"), output.output_folder(tmp_path / "old.json" / "c"):
+        pass
+
+
+def test_only_new_and_empty_folders_are_removed(tmp_path):
+    (tmp_path / "old").mkdir()
+    with pytest.raises(KeyError), output.output_folder(tmp_path / "old" / "new"):
+        raise KeyError
+    assert [path.name for path in tmp_path.rglob("*")] == ["old"], "the older folder stays, empty as it is"
+    with pytest.raises(KeyError), output.output_folder(tmp_path / "used" / "new"):
+        (tmp_path / "used" / "new" / "file").touch()
+        raise KeyError
+    assert (tmp_path / "used" / "new" / "file").exists()
 
 
 def test_work_goes_on_when_nobody_reads_any_more(tmp_path):

@@ -1,3 +1,5 @@
+import pytest
+
 from hugwbc.cli import main
 
 
@@ -23,3 +25,36 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
     assert main(["play", "--headless", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
+
+
+def test_a_refused_training_leaves_no_folder(tmp_path, capsys):
+    refused = (["--resume"], ["--start-from", str(tmp_path / "none.safetensors")])
+    for words in refused:
+        assert main(["train", "--env.count", "2", "--threads", "1", "--out", str(tmp_path / "a" / "b"), *words]) == 2
+        assert "safetensors" in capsys.readouterr().err
+        assert not any(tmp_path.iterdir())
+
+
+def test_help_shows_the_common_options_and_lists_the_groups(capsys):
+    with pytest.raises(SystemExit) as info:
+        main(["train", "--help"])
+    assert info.value.code == 0
+    short = capsys.readouterr().out
+    assert len(short.splitlines()) < 80
+    assert all(f"--{name} " in short for name in ("out", "steps", "hours", "device", "evaluation-robots"))
+    assert short.index("--out ") < short.index("--device ") < short.index("--critic-warm-up ")
+    assert "--env.*" in short and "--env.command.*" in short and "--ppo.*" in short and "--ppo.gamma" not in short
+    with pytest.raises(SystemExit) as info:
+        main(["train", "--help-all"])
+    assert info.value.code == 0
+    full = capsys.readouterr().out
+    assert "--ppo.gamma" in full and len(full.splitlines()) > 300
+
+
+@pytest.mark.parametrize("verb", ["imitate", "distil"])
+def test_the_other_verbs_that_learn_explain_themselves_likewise(verb, capsys):
+    with pytest.raises(SystemExit) as info:
+        main([verb, "--help"])
+    assert info.value.code == 0
+    text = capsys.readouterr().out
+    assert "--samples " in text and "--env.command.*" in text and f"hugwbc {verb} --help-all" in text

@@ -50,6 +50,21 @@ def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.
     np.testing.assert_allclose(load_motion(path).positions, np.tile(expected, (2, 1)))
 
 
+def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
+    names = ("left_knee_joint", *ARMS, "torso_joint")
+    for name in ("a", "b"):
+        write(tmp_path / f"{name}.npz", joint_names=np.array(names), positions=np.zeros((4, 10)))
+    motion = load_motion(tmp_path / "a.npz")
+    assert motion.unused == motion.resampled(20.0).unused == ("left_knee_joint", "torso_joint")
+    told = "only the arms follow a motion; not used: left_knee_joint, torso_joint"
+    assert caplog.messages == [f"{tmp_path / 'a.npz'}: {told}"]
+    caplog.clear()
+    assert [motion.unused for motion in load_motions(tmp_path)] == [motion.unused] * 2
+    assert caplog.messages == [f"{tmp_path}: {told}"], "one line for the folder"
+    caplog.clear()
+    assert load_motion(write(tmp_path / "arms.npz")).unused == () and not caplog.messages
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -25,6 +25,7 @@ def test_a_mapping_missing_joints_and_unequal_lengths(tmp_path):
     np.savez(tmp_path / "b.npz", fps=30.0, L_Elbow=FRAMES, right_elbow_joint=FRAMES[:4], left_knee_joint=FRAMES)
     found = load_retargeted(tmp_path / "b.npz", {"l_elbow": "left_elbow_joint"})
     assert found.dropped_frames == 2
+    assert found.unused == ("left_knee_joint",)
     assert set(found.missing) == set(ARMS) - {"left_elbow_joint", "right_elbow_joint"}
     robot = load_robot()
     positions = dict(zip(ARMS, found.motion.positions.T, strict=True))

@@ -122,6 +122,9 @@ class TrainConfig:
     """Seed of all random numbers."""
     threads: int = 2
     """Threads of the simulation and of torch; with 1, other cores stay free."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
+    CPU."""
     critic_warm_up: int = 0
     """Iterations at the start of this session in which only the critic learns. Use it for a policy from another method,
     or after a change of rewards or discount: the values are wrong at first and would spoil the actor."""
@@ -135,9 +138,6 @@ class TrainConfig:
     """Length of the episodes of an evaluation [s]."""
     evaluation_timestep: float = 0.002
     """Physics time step of the evaluations [s]: that of the arena, in which policies are judged."""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
-    CPU."""
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
     schedules: tuple[Schedule, ...] = ()

@@ -7,6 +7,7 @@ alone does not work: the first small errors of the student lead to states that t
 """
 
 import abc
+import contextlib
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
@@ -21,6 +22,7 @@ from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.policy_contract import settings_record, versions
 from hugwbc.learned.rl.trainer import save_product
+from hugwbc.learned.stopping import StoppedError, stopped_by_signals
 
 Config = TypeVar("Config", ImitationConfig, DistillationConfig)
 Report = Callable[[dict[str, float]], None]
@@ -165,12 +167,21 @@ class Dagger(abc.ABC, Generic[Config]):
     def run(self, report: Report) -> None:
         """Collect and fit until there are `config.samples` labels; write a policy and a snapshot to train from.
 
+        SIGINT and SIGTERM end it after the current round of fitting; what was learnt so far is written.
+
         Args:
             report: called after every round of fitting with its figures.
         """
         begin = time.monotonic()
-        self.advance(self.config.samples, report)
-        self.write(time.monotonic() - begin)
+        with stopped_by_signals() as stop:
+
+            def report_and_check(figures: dict[str, float]) -> None:
+                report(figures)
+                stop.check()
+
+            with contextlib.suppress(StoppedError):
+                self.advance(self.config.samples, report_and_check)
+            self.write(time.monotonic() - begin)
 
     def advance(self, samples: float, report: Report) -> None:
         """Collect and fit until there are `samples` labels; `report` as for `run`."""

@@ -31,8 +31,9 @@ from hugwbc.learned.recipe.labelling_stage import clean_labelling, run_labelling
 from hugwbc.learned.recipe.ledger import Session, now, only_process
 from hugwbc.learned.recipe.recipe_records import FIGURES, LABELS, POLICY, SNAPSHOT, STARTS, Recipe, Stage
 from hugwbc.learned.recipe.run_folder import ABANDONED, PLAN_FILE, RunFolder
-from hugwbc.learned.recipe.stage_work import Outcome, Services, StageWork, Stop, StoppedError
+from hugwbc.learned.recipe.stage_work import Outcome, Services, StageWork
 from hugwbc.learned.recipe.training_stage import TrainingStage, clean_training
+from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
 
 OUTPUTS = (POLICY, SNAPSHOT, STARTS, LABELS, FIGURES, CALIBRATION, UNCALIBRATED, ONNX)
 RUNNERS: Mapping[str, Callable[[StageWork], Outcome]] = {
@@ -91,7 +92,7 @@ def run_recipe(
         RecipeError: if the run cannot go on; what was finished stays.
         HugwbcError: if a stage fails for another reason.
     """
-    with only_process(options.out), Stop() as stop:
+    with only_process(options.out), stopped_by_signals() as stop:
         folder = RunFolder(options.out)
         session: Session | None = None
         try:

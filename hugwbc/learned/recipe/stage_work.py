@@ -1,12 +1,10 @@
-"""What the stages of a run have in common: their folder, their inputs, the ledger, and the wish to stop."""
+"""What the stages of a run have in common: their folder, their inputs and the ledger."""
 
 import dataclasses
 import json
 import pathlib
-import signal
-import types
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 from hugwbc.errors import RecipeError
 from hugwbc.files import write_whole
@@ -14,13 +12,10 @@ from hugwbc.learned.imitation.imitation import Teacher
 from hugwbc.learned.recipe.ancestry import Discarded
 from hugwbc.learned.recipe.ledger import Session
 from hugwbc.learned.recipe.recipe_records import CalibrationSettings, Recipe, Stage
+from hugwbc.learned.stopping import Stop
 from hugwbc.robot import Robot
 
 STATE_FILE = "state.json"
-
-
-class StoppedError(Exception):
-    """The run was asked to stop; everything is written."""
 
 
 class Services(Protocol):
@@ -72,42 +67,6 @@ class Services(Protocol):
             workers: processes that share the episodes.
         """
         ...
-
-
-class Stop:
-    """The wish to stop: SIGINT and SIGTERM set it, the stages look at it. A second signal ends the process at once."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        self._previous: dict[int, Any] = {}
-
-    def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._request)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: types.TracebackType | None
-    ) -> None:
-        self._restore()
-
-    def _request(self, _number: int, _frame: object) -> None:
-        self.requested = True
-        self._restore()
-
-    def _restore(self) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-        self._previous = {}
-
-    def check(self) -> None:
-        """End the work if that was asked for.
-
-        Raises:
-            StoppedError: if so.
-        """
-        if self.requested:
-            raise StoppedError
 
 
 @dataclasses.dataclass

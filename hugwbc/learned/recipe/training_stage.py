@@ -24,7 +24,7 @@ from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.recipe.ancestry import Discarded
 from hugwbc.learned.recipe.recipe_records import POLICY, SNAPSHOT
 from hugwbc.learned.recipe.stage_gates import PROGRESS, Gate, Times, open_gate
-from hugwbc.learned.recipe.stage_work import Outcome, StageWork, StoppedError, read_state, write_state
+from hugwbc.learned.recipe.stage_work import Outcome, StageWork, read_state, write_state
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.run_log import LOG_NAME
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer, save_product
@@ -112,6 +112,7 @@ class TrainingStage:
         """Train one segment, measure, and decide what follows."""
         state = self.state
         trainer = Trainer(self._config())
+        trainer.stop = self.work.stop
         work_steps = max(self.stage.work, 1.0)
         last = float(trainer.steps)
 
@@ -122,11 +123,9 @@ class TrainingStage:
             if int(row["iteration"]) % trainer.config.save_interval == 0 or last >= trainer.config.steps:
                 self.work.session.write()  # what a checkpoint holds is in the ledger before
             self.work.progress(min(1.0, (last - state.begin_steps) / work_steps))
-            trainer.stop_requested = self.work.stop.requested
 
         trainer.run(report)
-        if self.work.stop.requested:
-            raise StoppedError
+        self.work.stop.check()
         figures = self._measure(trainer)
         diverged = self._diverged(trainer, figures)
         self.state.measurements.append(figures)

@@ -3,7 +3,6 @@
 import copy
 import math
 import pathlib
-import signal
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +20,7 @@ from hugwbc.learned.policy.snapshots import is_symmetric, load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
+from hugwbc.learned.stopping import Stop, stopped_by_signals
 from hugwbc.robot import load_robot
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
@@ -44,6 +44,7 @@ class Trainer:
         evaluation: figures of the last evaluation and its iteration; empty before the first.
         best: the same of the best evaluation, whose policy is in the folder `best`.
         leads: whether this is the first process.
+        stop: the wish to stop; it is looked at after every iteration.
     """
 
     def __init__(self, config: TrainConfig) -> None:
@@ -69,7 +70,7 @@ class Trainer:
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
-        self.stop_requested = False
+        self.stop = Stop()
         if config.resume:
             self._restore(config.out / CHECKPOINT_NAME)
         elif config.start_from is not None:
@@ -92,7 +93,7 @@ class Trainer:
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
         while self.steps < self.config.steps and not distributed.anywhere(
-            self.stop_requested or time.monotonic() - start >= 3600.0 * self.config.hours
+            self.stop.requested or time.monotonic() - start >= 3600.0 * self.config.hours
         ):
             row = self.iterate() | self._evaluate()
             if self.leads:
@@ -377,16 +378,8 @@ def train(config: TrainConfig, report: Report) -> Trainer:
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
     with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
-
-        def request_stop(_signal: int, _frame: object) -> None:
-            trainer.stop_requested = True
-
-        previous = {s: signal.signal(s, request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
-        try:
+        with stopped_by_signals() as trainer.stop:
             trainer.run(report)
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
     return trainer
 
 
