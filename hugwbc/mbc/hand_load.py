@@ -20,14 +20,15 @@ class HandLoad:
         force: on the left and the right hand, world frame [N], shape (2, 3).
     """
 
-    def __init__(self, rate: float, least: float) -> None:
+    def __init__(self, rate: float, least: float, *, measured: bool = True) -> None:
         """Set up the filter.
 
         Args:
             rate: bandwidth [1/s].
             least: force up to which nothing counts [N]; from twice this force on all of it does.
+            measured: whether the forces of the state count; otherwise only those that are told.
         """
-        self._rate, self._least = rate, least
+        self._rate, self._least, self._measured = rate, least, measured
         self.reset()
 
     def reset(self) -> None:
@@ -43,7 +44,7 @@ class HandLoad:
             upper_body: targets of the arms, with payload and wanted forces.
             dt: time since the last call [s].
         """
-        seen = _expected(upper_body) if state.hand_force is None else state.hand_force
+        seen = state.hand_force if self._measured and state.hand_force is not None else _expected(upper_body)
         if seen is _NONE and not self._smooth.any():
             return
         if not math.isfinite(float(seen.ravel().dot(seen.ravel()))):

@@ -314,6 +314,9 @@ class ControllerParams:
     """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
     least_hand_force: float = 10.0
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
+    measured_hand_force: bool = False
+    """Whether the balance reckons with the forces on the hands that the state has, besides those that the targets tell.
+    It holds twice the pull with true ones, and steps and falls with estimated ones when a hand touches something."""
 
     # --- output
     joint_stiffness: float = 0.1

@@ -123,10 +123,10 @@ class ContactObserver:
         self._tau[self._columns] = torque - friction
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
-        on_feet = self.residual - self.hands.infer(self.residual, dt)
+        self.hands.infer(self.residual, dt)
         wrenches = self._weight * self._wrench_jacobians()[:, self._rows]
         normal = wrenches @ wrenches.T + self._ridge
-        solution = np.linalg.solve(normal, wrenches @ (self._weight * on_feet[self._rows]))
+        solution = np.linalg.solve(normal, wrenches @ (self._weight * self.residual[self._rows]))
         self.force = solution.reshape(_FEET, _WRENCH)[:, :3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact

@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
-from hugwbc.mbc import WholeBodyController
+from hugwbc.mbc import ControllerParams, WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum
 from hugwbc.mbc.hand_load import HandLoad
@@ -20,6 +20,7 @@ from hugwbc.sim.hand_pull import HandPull
 
 DT = 0.002
 ARMS = UpperBody.none()
+MEASURED = ControllerParams(measured_hand_force=True)
 PULL = np.array([[20.0, 0.0, -30.0], [0.0, 5.0, 0.0]])
 
 
@@ -81,7 +82,7 @@ def test_the_balance_shifts_by_the_moment_over_the_weight(standing_state):
 
 
 def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state):
-    controller = WholeBodyController()
+    controller = WholeBodyController(MEASURED)
     controller.reset(standing_state)
     targets = UpperBody.targets(standing_state.q[controller.robot.arms])
     pulled = dataclasses.replace(standing_state, hand_force=np.array([[0.0, 150.0, 0.0], [0.0, 150.0, 0.0]]))
@@ -105,7 +106,7 @@ def test_a_stand_holds_a_steady_force_on_its_hands(direction):
     """60 N for 3 s on what the estimator and the sensors of a robot tell; without the forces 60 N made it fall."""
     arena = ARENAS[2]
     simulation = arena.simulation(seed=2)
-    loop = ControlLoop(WholeBodyController(), Constant(Command()), simulation, None, estimator_for(arena))
+    loop = ControlLoop(WholeBodyController(MEASURED), Constant(Command()), simulation, None, estimator_for(arena))
     loop.reset()
     pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
     while simulation.time < 5.0 and not simulation.fallen:
