@@ -316,7 +316,8 @@ class ControllerParams:
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
     measured_hand_force: bool = False
     """Whether the balance reckons with the forces on the hands that the state has, besides those that the targets tell.
-    It holds twice the pull with true ones, and steps and falls with estimated ones when a hand touches something."""
+    Pulls are held better with them, but with estimated ones it steps and falls when a hand touches something
+    (docs/forces.md)."""
 
     # --- output
     joint_stiffness: float = 0.1
