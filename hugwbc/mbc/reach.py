@@ -126,7 +126,7 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot | No
     robot = robot or load_robot()
     leg, straight = _leg(robot), robot.leg_length
     torque = params.lift_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
-    stands = min(leg.hip_height + h, straight)
+    stands = min(max(leg.hip_height + h, 0.0), straight)  # an absurd height must not stop the loop
     bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
     return stands - straight * math.cos(0.5 * min(bent, math.pi))
 
