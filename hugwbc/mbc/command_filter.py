@@ -20,7 +20,7 @@ from hugwbc.robot import Robot, load_robot
 _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
 _NOTABLE = 0.005  # [m], change of h or l from which on it is reported
-_SETTLING_STEPS = 3  # number of steps after a change of command that the velocity trim ignores
+_SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
 
 
 class SmoothCommand(NamedTuple):
@@ -125,10 +125,17 @@ class CommandFilter:
             if abs(wanted[0]) > fastest:
                 report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
                 wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])
+        if limiting in _HOPS:
+            # The hip cannot swing the leg far enough across for more.
+            outwards = 1.0 if limiting is Gait.HOPPING_LEFT else -1.0
+            aside = outwards * max(outwards * wanted[1], -params.hop_inward_speed)
+            if aside != wanted[1]:
+                report += (f"v_y = {wanted[1]:g} m/s is too fast for a leg that crosses over: using {aside:g} m/s",)
+                wanted = (wanted[0], aside, wanted[2])
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)
-        aside = _towards(aside, wanted[1], rates[1] * dt)
+        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting in _HOPS else rates[1]) * dt)
         turn = _towards(turn, wanted[2], rates[2] * dt)
         self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
@@ -242,20 +249,21 @@ class VelocityTrim:
         self._wanted = asked
         self._time += dt
 
-    def end_step(self) -> None:
-        """Correct by the mean error of the last two steps."""
+    def end_step(self, *, leap: bool = False) -> None:
+        """Correct by the mean error of the last two steps, or leaps; a leap counts as the two steps that it lasts."""
         if self._time <= 0.0:
             return
         self._before = self._wanted
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
-        self._settling = _SETTLING_STEPS if self._changed else max(self._settling - 1, 0)
+        ignored = _SETTLING_LEAPS if leap else _SETTLING_STEPS
+        self._settling = ignored if self._changed else max(self._settling - 1, 0)
         error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)
         if self._settling:
             self._previous = None
             self._clear()
             return
         if self._previous is not None:
-            step = self._gain * 0.5 * (error + self._previous)
+            step = self._gain * (2 if leap else 1) * 0.5 * (error + self._previous)
             self.value = np.clip(self.value + step, -self._limit, self._limit)
         self._previous = error
         self._clear()

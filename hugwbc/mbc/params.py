@@ -236,7 +236,10 @@ class ControllerParams:
     """Force plan: weight of the forces' departure from an even vertical push, in units of the robot's weight, per time
     [1/s]."""
     gather_time: float = 0.3
-    """Time by which the first and the last stance of a series of leaps are longer [s]."""
+    """Time by which the first stance of a series of jumps and the last one of leaps are longer [s]."""
+    hop_gather_time: float = 0.2
+    """Time by which the first stance of a series of hops is longer [s]. A leg without ankle roll cannot correct where
+    the weight is in the meantime, so that an error at its start grows by e^3.5 per second."""
     leap_width: float = 0.36
     """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12
@@ -247,8 +250,14 @@ class ControllerParams:
     """Distance of the divergent component from the middle of the feet at which a series of jumps may start [m]."""
     hop_shift_time: float = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
-    hop_shift_tolerance: float = 0.03
-    """Distance of the weight from the hopping foot at which the first hop may start [m]."""
+    hop_shift_gain: float = 12.0
+    """Rate at which the divergent component of motion moves to where the first hop needs it [1/s]."""
+    hop_shift_tolerance: float = 0.012
+    """Distance of the divergent component from the hopping foot at which the first hop may start [m]."""
+    hop_inward_speed: float = 0.33
+    """Fastest sideways hop towards the leg that does not hop [m/s]: the hip's roll ends at 0.43 rad."""
+    hop_side_rate: float = 0.5
+    """Largest rate of v_y in a series of hops [m/s^2]."""
     hop_overshoot: float = 0.07
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
@@ -261,7 +270,7 @@ class ControllerParams:
     """Lowest h at the bottom of the stance of a jump [m]."""
     hop_depth: float = -0.19
     """Lowest h at the bottom of the stance of a hop [m]."""
-    leap_tuck: float = 1.5
+    leap_tuck: float = 0.95
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 
     # --- posture

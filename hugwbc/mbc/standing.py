@@ -17,6 +17,7 @@ from hugwbc.mbc.tasks import CentreOfMassTask
 # heading [m], and across it as a share of half the distance of the feet.
 _FEET_TAKE_ALONG, _FEET_TAKE_ACROSS = 0.03, 0.6
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m], of the divergent component, and from the feet's centre lines
+_MOST_PATIENCE = 4.0  # factor by which the tolerance of the first hop may grow
 
 
 class Standing:
@@ -69,7 +70,10 @@ class Standing:
         else:
             # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
-            self._shift_onto(pivots[0 if plan.gait is Gait.HOPPING_LEFT else 1][:2], middle[:2], pendulum)
+            foot, outwards = (0, to_heading[1]) if plan.gait is Gait.HOPPING_LEFT else (1, -to_heading[1])
+            # The leg of a hop leans inwards and stands on the outer edge of its sole.
+            edge = pivots[foot][:2] + dynamics.robot.sole_y[1] * outwards
+            self._shift_onto(edge, middle[:2], pendulum)
             self.com.target = self.com.target + lean
 
     @staticmethod
@@ -106,19 +110,30 @@ class Standing:
         self.ready = bool(arrived or plan.elapsed >= params.max_shift_time)
 
     def _shift_onto(self, pivot: np.ndarray, middle: np.ndarray, pendulum: Pendulum) -> None:
-        """Move the centre of mass over the hopping foot.
+        r"""Move the weight over the hopping foot.
+
+        Along the heading the centre of mass is pulled there. Across it, the leg of the hop has no ankle to correct
+        with, so that the divergent component must be exactly over the contact, at rest or not. It follows a ramp by
+        feedback, :math:`\dot\xi^* = \dot\xi_d + k (\xi_d - \xi)`, through the centre of pressure
+        :math:`p = \xi - \dot\xi^* / \omega`.
 
         Args:
-            pivot: nominal centre of pressure of that foot, world x and y [m], shape (2,).
+            pivot: where that foot will push, world x and y [m], shape (2,).
             middle: point between the feet, world x and y [m], shape (2,).
             pendulum: robot as a pendulum about the middle of the feet.
         """
-        share = min(self._plan.elapsed / self._params.hop_shift_time, 1.0)
+        params, to_heading, duration = self._params, self._references.to_heading, self._params.hop_shift_time
+        share = min(self._plan.elapsed / duration, 1.0)
         self.com.target = middle + share * (pivot - middle)
-        gaps = (float(np.linalg.norm(point - pivot)) for point in (pendulum.com, pendulum.dcm))
+        ramp = (pivot - middle) / duration if share < 1.0 else np.zeros(2)
+        rate = to_heading[1].dot(ramp + params.hop_shift_gain * (self.com.target - pendulum.dcm))
+        cop = to_heading[1].dot(pendulum.dcm) - rate / pendulum.omega
+        self.com.feedforward[1] = pendulum.omega**2 * (to_heading[1].dot(pendulum.com) - cop)
+        self.com.servo[1] = 0.0
+        gap = np.abs(to_heading.dot(pendulum.dcm - pivot)).max()
         # The tolerance grows with time, because an estimated position may never quite arrive.
-        patience = max(self._plan.elapsed / self._params.hop_shift_time - 2.0, 1.0)
-        self.ready = share >= 1.0 and max(gaps) < self._params.hop_shift_tolerance * min(patience, 2.0)
+        patience = max(self._plan.elapsed / duration - 2.0, 1.0)
+        self.ready = share >= 1.0 and gap < params.hop_shift_tolerance * min(patience, _MOST_PATIENCE)
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.

@@ -196,11 +196,33 @@ def test_a_hop_gathers_speed_only_once_it_hops():
     assert [smooth.velocity[0], smooth.omega] == pytest.approx([gathered[0], -gathered[2]])
 
 
+@pytest.mark.parametrize(("gait", "outwards"), [(Gait.HOPPING_LEFT, 1.0), (Gait.HOPPING_RIGHT, -1.0)])
+def test_a_sideways_hop_is_slow_where_the_leg_crosses_over(gait, outwards):
+    for side, most in ((outwards, 0.6), (-outwards, PARAMS.hop_inward_speed)):
+        commands, velocities = CommandFilter(PARAMS), []
+        for _ in range(1000):
+            smooth, report = commands.update(Command(v_y=0.6 * side, gait=gait), DT, GaitState(running=gait))
+            velocities.append(smooth.velocity[1])
+        assert velocities[-1] == pytest.approx(most * side)
+        assert np.abs(np.diff(velocities)).max() == pytest.approx(PARAMS.hop_side_rate * DT)
+        assert any("crosses over" in line for line in report) is (most < 0.6)
+
+
 def _steps(trim, errors):
     for error in errors:
         for _ in range(125):
             trim.measure(np.zeros(2), np.asarray(error, dtype=float), 0.002)
         trim.end_step()
+
+
+def test_a_leap_is_corrected_by_what_two_steps_of_a_walk_are():
+    walk, leap = VelocityTrim(PARAMS), VelocityTrim(PARAMS)
+    _steps(walk, [(0.05, 0.0)] * 5)
+    for _ in range(3):
+        for _ in range(250):
+            leap.measure(np.zeros(2), np.array([0.05, 0.0]), 0.002)
+        leap.end_step(leap=True)
+    assert walk.value[0] > 0.0 and leap.value == pytest.approx(walk.value)
 
 
 def test_sway_that_alternates_between_steps_is_not_integrated():

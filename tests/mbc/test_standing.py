@@ -87,8 +87,15 @@ def test_before_a_hop_the_weight_moves_onto_its_foot(stand, gait, foot):
     half, dynamics = stand(gait=gait, elapsed=0.5 * PARAMS.hop_shift_time)
     pivots = [feet.pivot(dynamics, index, PARAMS.balance_ahead)[:2] for index in range(2)]
     middle = (pivots[0] + pivots[1]) / 2.0
-    assert half.com.target == pytest.approx(0.5 * (middle + pivots[foot]), abs=1e-3)
+    edge = pivots[foot] + dynamics.robot.sole_y[1] * (0.5 - foot) * 2.0 * TO_HEADING[1]  # the outer one of the sole
+    assert half.com.target == pytest.approx(0.5 * (middle + edge), abs=1e-3)
     over, _ = stand(gait=gait, elapsed=PARAMS.hop_shift_time)
-    assert over.com.target == pytest.approx(pivots[foot])
+    assert over.com.target == pytest.approx(edge)
+    # The divergent component, over the centre of pressure of the feed-forward, closes the gap at the rate of the gain.
+    pendulum = Pendulum.about(0.5 * (feet.pivot(dynamics, 0, 0.0) + feet.pivot(dynamics, 1, 0.0)), dynamics)
+    cop = TO_HEADING[1] @ pendulum.com - over.com.feedforward[1] / pendulum.omega**2
+    rate = pendulum.omega * (TO_HEADING[1] @ pendulum.dcm - cop)
+    assert rate == pytest.approx(PARAMS.hop_shift_gain * (TO_HEADING[1] @ (edge - pendulum.dcm)), rel=1e-3)
+    assert over.com.servo.tolist() == [1.0, 0.0]
     assert not over.ready, "the robot itself has not moved"
     assert over._plan.mode is Mode.SHIFTING
