@@ -150,7 +150,7 @@ class ArmServo(ServoOfArms):
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
         kp, released = self.kp, 0.0
-        carried = hand_loads(upper_body)
+        carried = hand_loads(upper_body.hand_force, upper_body.payload)
         if carried.any() or upper_body.stiffness is not None:
             loads, released, kp = self._loads(upper_body, state, carried)
             tau = tau + loads
@@ -271,12 +271,20 @@ class ArmServo(ServoOfArms):
         self._q[self._arm_columns + 1] = q_arm
 
 
-def hand_loads(upper_body: UpperBody) -> np.ndarray:
-    """Return the force that each hand has to exert: the wanted one, and what carries its payload, world [N], (2, 3)."""
-    if upper_body.payload is None:
-        return upper_body.hand_force
-    force = upper_body.hand_force.copy()
-    force[:, 2] += GRAVITY * upper_body.payload
+def hand_loads(hand_force: np.ndarray, payload: np.ndarray | None) -> np.ndarray:
+    """Return the force that each hand has to exert: the wanted one, and what carries its payload.
+
+    Args:
+        hand_force: wanted force of each hand, world axes [N], shape (..., 2, 3).
+        payload: mass in each hand [kg], shape (..., 2); None for none.
+
+    Returns:
+        World axes [N], shape (..., 2, 3); `hand_force` itself without payloads.
+    """
+    if payload is None:
+        return hand_force
+    force = np.array(hand_force, dtype=float)
+    force[..., 2] += GRAVITY * payload
     return force
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.arm_servo import ArmServoConfig, ServoOfArms
+from hugwbc.arm_servo import ArmServoConfig, ServoOfArms, hand_loads
 from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY
@@ -147,9 +147,8 @@ class ArmServoRows(ServoOfArms):
         """
         carried = None
         if hand_force is not None or payload is not None:
-            carried = np.zeros((len(q_arm), len(SIDES), 3)) if hand_force is None else np.array(hand_force, dtype=float)
-            if payload is not None:
-                carried[..., 2] += GRAVITY * payload
+            wanted = np.zeros((len(q_arm), len(SIDES), 3)) if hand_force is None else hand_force
+            carried = hand_loads(wanted, payload)
         tau = self.torque(q_arm, qpos, qvel, dq_arm, ddq_arm, carried) + self.friction(dq_arm)
         tau = np.clip(tau, -self._limit, self._limit)
         q = q_arm + 0.5 * dt * dq_arm

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from hugwbc.arm_servo import hand_loads
 from hugwbc.controller import UpperBody
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import RobotState
 
 _STRONGEST = 250.0  # [N] on one hand that the controller reckons with; more is a fault of the sensors
 _NONE = np.zeros((2, 3))
@@ -44,7 +45,10 @@ class HandLoad:
             upper_body: targets of the arms, with payload and wanted forces.
             dt: time since the last call [s].
         """
-        seen = state.hand_force if self._measured and state.hand_force is not None else _expected(upper_body)
+        seen = state.hand_force if self._measured else None
+        if seen is None:
+            loads = hand_loads(upper_body.hand_force, upper_body.payload)
+            seen = -loads if loads.any() else _NONE
         if seen is _NONE and not self._smooth.any():
             return
         if not math.isfinite(float(seen.ravel().dot(seen.ravel()))):
@@ -55,12 +59,3 @@ class HandLoad:
         length = np.sqrt((self._smooth * self._smooth).sum(axis=1, keepdims=True))
         counts = np.minimum(np.maximum(length / self._least - 1.0, 0.0), 1.0)
         self.force = self._smooth * counts if counts.any() else _NONE
-
-
-def _expected(upper_body: UpperBody) -> np.ndarray:
-    """Return the force on each hand if it carries and exerts what it should, world frame [N], shape (2, 3)."""
-    if upper_body.payload is None:
-        return -upper_body.hand_force if upper_body.hand_force.any() else _NONE
-    force = -upper_body.hand_force
-    force[:, 2] -= GRAVITY * upper_body.payload
-    return force
