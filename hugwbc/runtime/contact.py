@@ -6,9 +6,9 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
     r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
 
-What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share the rest by least squares.
-Each sole is a narrow line: it transmits a force and the moments about
-its lateral and its vertical axis.
+What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share what the pelvis and the legs
+feel by least squares, as if nothing touched the hands. Each sole is a narrow line: it transmits a force and the moments
+about its lateral and its vertical axis.
 """
 
 import dataclasses

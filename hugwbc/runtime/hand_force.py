@@ -60,24 +60,17 @@ class HandForceObserver:
         """Forget the past: nothing is in the hands."""
         self.force = np.zeros((_HANDS, 3))
 
-    def infer(self, residual: np.ndarray, dt: float) -> np.ndarray:
+    def infer(self, residual: np.ndarray, dt: float) -> None:
         """Take in the residual of one reading.
 
         Args:
             residual: generalised external force [N, N*m], shape (25,).
             dt: since the last reading [s].
-
-        Returns:
-            Its part that the hands transmit, shape (25,).
         """
         model, data = self._kinematics.model, self._kinematics.data
         share = min(self.params.rate * dt, 1.0)
-        felt = np.zeros_like(residual)
         for hand, (frame, columns, weights) in enumerate(zip(self._hands, self._columns, self._weights, strict=True)):
-            jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            arm = jacobian[:, columns]
+            arm = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3, columns]
             weighted = arm * weights
             force = np.linalg.solve(weighted @ arm.T + self._prior, weighted @ residual[columns])
             self.force[hand] += share * (force - self.force[hand])
-            felt += jacobian.T @ self.force[hand]
-        return felt

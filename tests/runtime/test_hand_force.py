@@ -41,9 +41,9 @@ def test_forces_are_found_in_the_torques_that_they_cause(kinematics):
     observer, forces = HandForceObserver(kinematics), np.array([[10.0, -5.0, -29.0], [0.0, 20.0, 4.0]])
     residual = felt(kinematics, forces)
     for _ in range(1000):
-        part = observer.infer(residual, DT)
+        observer.infer(residual, DT)
     assert observer.force == pytest.approx(forces, rel=0.03, abs=0.5)
-    assert part == pytest.approx(residual, abs=1.0), "the feet have nothing to explain"
+    assert felt(kinematics, observer.force) == pytest.approx(residual, abs=1.0), "nothing else is left to explain"
     observer.reset()
     assert not observer.force.any()
 
@@ -54,8 +54,8 @@ def test_forces_on_the_feet_alone_leave_the_hands_empty(kinematics):
         kinematics.model, kinematics.data, kinematics.frame_id("left_sole"), pin.LOCAL_WORLD_ALIGNED
     )
     for _ in range(100):
-        part = observer.infer(foot[:3].T @ [50.0, 20.0, 600.0], DT)
-    assert np.abs(observer.force).max() < 1e-9 and np.abs(part).max() < 1e-9
+        observer.infer(foot[:3].T @ [50.0, 20.0, 600.0], DT)
+    assert np.abs(observer.force).max() < 1e-9
 
 
 def test_friction_of_a_still_joint_is_the_limit(kinematics):
