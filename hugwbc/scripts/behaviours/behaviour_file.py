@@ -37,10 +37,10 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.composition import OnFailure, Parallel, Retry, Sequence, WaitUntil, in_order
 from hugwbc.scripts.script import Script
 from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
-from hugwbc.yaml_file import Read, YamlReader
+from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
 FOLDER = pathlib.Path(__file__).parent
-BEHAVIOUR_NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+BEHAVIOUR_NAMES = shipped_names(FOLDER)
 MOST_STEPS = 1000  # in a file, those of repeated parts counted as often as they are repeated
 DEEPEST = 20  # levels of steps within steps
 _HINT = "write `steps:` and below it a list, such as `- walk_to: {position: [1, 0]}`"
@@ -83,12 +83,7 @@ def load_behaviour(name: str | pathlib.Path) -> Behaviour:
         UnknownNameError: if no shipped behaviour has that name.
         ScriptError: if the file cannot be read or is not a valid behaviour; it names line and column.
     """
-    path = pathlib.Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        if str(name) not in BEHAVIOUR_NAMES:
-            raise UnknownNameError("behaviour", name, (*BEHAVIOUR_NAMES, "or a file that ends in .yaml"))
-        path = FOLDER / f"{name}.yaml"
-    reader = _Reader(path, ScriptError)
+    reader = _Reader(yaml_path("behaviour", name, FOLDER), ScriptError)
     return reader.behaviour(reader.load("behaviour", _HINT))
 
 
