@@ -145,3 +145,13 @@ def check_time(name: str, value: float) -> None:
     """
     if not 0.0 < value < math.inf:
         raise ConfigError(f"{name} is {value}; give a finite number of seconds above 0")
+
+
+def check_hold(value: float) -> None:
+    """Refuse a time for which something is held that is below 0.
+
+    Raises:
+        ConfigError: if it is not finite or below 0.
+    """
+    if not 0.0 <= value < math.inf:
+        raise ConfigError(f"hold is {value} s; give a finite number of seconds from 0")

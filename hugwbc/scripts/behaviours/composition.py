@@ -1,10 +1,9 @@
 """Behaviours made of others: one after another, hands while walking, again after a failure, until something happens."""
 
-import math
 from collections.abc import Sequence as SequenceOf
 
 from hugwbc.errors import ConfigError
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_time, run
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run
 from hugwbc.scripts.behaviours.conditions import Condition
 from hugwbc.scripts.behaviours.view import Action, View, at_rest
 
@@ -137,8 +136,7 @@ class WaitUntil(Behaviour):
             ConfigError: if a time is out of range.
         """
         check_time("timeout", timeout)
-        if not 0.0 <= hold < math.inf:
-            raise ConfigError(f"hold is {hold}; give a finite number of seconds from 0")
+        check_hold(hold)
         self.condition, self.timeout, self.hold = condition, timeout, hold
 
     def course(self, view: View) -> Course:  # noqa: D102

@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_time, seen
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_hold, check_time, seen
 from hugwbc.scripts.behaviours.conditions import rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     ARRIVED,
@@ -211,8 +211,7 @@ class Press(Behaviour):
         for name, value in (("depth", depth), ("approach", approach)):
             check_above(name, value, 0.5)
         check_above("speed", speed, FASTEST, "m/s")
-        if not 0.0 <= hold < math.inf:
-            raise ConfigError(f"hold is {hold} s; give a finite number of seconds from 0")
+        check_hold(hold)
         self.object, self.hand, self.at = object, hand, position("press' point", at)
         self.axis, self.travel, self.force = direction("press' axis", axis), travel, force
         self.depth, self.approach, self.hold = depth, approach, hold

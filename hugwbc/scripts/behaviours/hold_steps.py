@@ -8,7 +8,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_time, run, seen
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run, seen
 from hugwbc.scripts.behaviours.conditions import TOUCH, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     HALF_WIDTH,
@@ -206,8 +206,7 @@ class Lift(Behaviour):
         check_time("timeout", timeout)
         check_above("height", height, 1.0)
         check_above("speed", speed, FASTEST, "m/s")
-        if not 0.0 <= hold < math.inf:
-            raise ConfigError(f"hold is {hold} s; give a finite number of seconds from 0")
+        check_hold(hold)
         self.object, self.height, self.speed, self.hold, self.timeout = object, height, speed, hold, timeout
 
     def course(self, view: View) -> Course:  # noqa: D102
