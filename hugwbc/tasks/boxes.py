@@ -4,8 +4,9 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours import Course, Failure, View, seen
-from hugwbc.tasks.moves import Moves, crouch, hands_in, up
+from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
+from hugwbc.targets import HandFrame
+from hugwbc.tasks.moves import ARRIVED, SPEED, Moves, crouch, hands_in, up
 
 HALF_HAND = 0.03  # [m], half the thickness of a forearm
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
@@ -46,6 +47,38 @@ class BoxMoves(Moves):
         points = self.sides(BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
         return (yield from self.glide(view, points))
 
+    def take(
+        self,
+        view: View,
+        name: str,
+        *,
+        distance: float = DISTANCE,
+        posture: Command | None = None,
+        height: float = 0.10,
+        speed: float = 0.08,
+        goal: np.ndarray = CHEST,
+    ) -> Course:
+        """Walk to the box, grasp it, lift it, and bring it to the chest.
+
+        Args:
+            view: now.
+            name: of the box.
+            distance: from the pelvis to the middle of the box [m].
+            posture: standing command of the grasp; None for one by the height of the box.
+            height: by which the box is lifted before it comes to the chest [m].
+            speed: of the lift [m/s].
+            goal: where it is held, in the heading frame [m], shape (3,).
+
+        Raises:
+            Failure: if the box stays where it is.
+        """
+        self.doing = "walk to the box"
+        view = yield from self.wide(view, name)
+        view = yield from self.walk(view, WalkTo(before=name, distance=distance, tolerance=ARRIVED))
+        view = yield from self.grasp(view, name, posture)
+        view = yield from self.raised(view, name, height, speed)
+        return (yield from self.to_chest(view, goal))
+
     def grasp(self, view: View, name: str, posture: Command | None = None) -> Course:
         """Crouch, put the hands beside the box, and squeeze it."""
         self.doing = f"grasp '{name}'"
@@ -58,16 +91,11 @@ class BoxMoves(Moves):
             view = yield from self.glide(
                 view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
             )
-        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]]) @ ahead.T
         points = box.position + self.sides(-INTO) @ ahead.T
-        return (
-            yield from self.glide(
-                view, points, frame="world", together=True, directions=way, forces=inwards, posture=posture, settle=0.7
-            )
-        )
+        return (yield from self._glide_with_box(view, points, box.yaw, posture, settle=0.7))
 
-    def raised(self, view: View, name: str, height: float = 0.10, speed: float = 0.08) -> Course:
-        """Lift the box straight up by a height [m].
+    def raised(self, view: View, name: str, height: float, speed: float) -> Course:
+        """Lift the box straight up by a height [m] at a speed [m/s].
 
         Raises:
             Failure: if it stays where it is.
@@ -92,49 +120,49 @@ class BoxMoves(Moves):
             )
         return view
 
-    def to_chest(self, view: View, goal: np.ndarray = CHEST, posture: Command | None = None) -> Course:
+    def to_chest(self, view: View, goal: np.ndarray) -> Course:
         """Bring the box to the chest and stand upright; from then on it goes with the robot."""
         self.doing = "bring the box to the chest"
         points = self.sides(-INTO) - [self.at[0], 0.0, self.at[1]] + goal
-        ahead = np.array([1.0, 0.0, 0.0])
-        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]])
-        return (
-            yield from self.glide(
-                view,
-                points,
-                together=True,
-                speed=0.12,
-                directions=(ahead, ahead),
-                forces=inwards,
-                posture=posture or Command(),
-                settle=0.5,
-            )
-        )
+        return (yield from self._glide_with_box(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5))
 
     def put(self, view: View, name: str, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
         self.doing = f"put '{name}' down"
         posture = crouch(float(goal[2]) + self.at[1])
         ahead = rotations.rotation_z(yaw)
-        inwards = np.array([[0.0, -self.squeeze, 0.0], [0.0, self.squeeze, 0.0]]) @ ahead.T
-        way = (ahead[:, 0], ahead[:, 0])
         for height, speed in ((above, 0.12), (-0.005, 0.05)):
             box = seen(view, name)
             # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
             slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
-            points = goal + up(height) + (self.sides(-INTO) * [0.0, 1.0, 0.0] + slipped * [1.0, 1.0, 1.0]) @ ahead.T
-            view = yield from self.glide(
-                view,
-                points,
-                frame="world",
-                together=True,
-                speed=speed,
-                directions=way,
-                forces=inwards,
-                posture=posture,
-                settle=0.8,
-            )
+            points = goal + up(height) + (self.sides(-INTO) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
+            view = yield from self._glide_with_box(view, points, yaw, posture, speed=speed, settle=0.8)
         return view
+
+    def _glide_with_box(
+        self,
+        view: View,
+        points: np.ndarray,
+        yaw: float,
+        posture: Command,
+        frame: HandFrame = "world",
+        *,
+        speed: float = SPEED,
+        settle: float,
+    ) -> Course:
+        """Glide with the box between the hands, whose forearms point along its heading, a yaw in the frame [rad]."""
+        ahead, left = rotations.rotation_z(yaw).T[:2]
+        return self.glide(
+            view,
+            points,
+            frame=frame,
+            speed=speed,
+            together=True,
+            directions=(ahead, ahead),
+            forces=self.squeeze * np.array([-left, left]),
+            posture=posture,
+            settle=settle,
+        )
 
     def let_go(self, view: View) -> Course:
         """Open the hands sideways, and raise them."""

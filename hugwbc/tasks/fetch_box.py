@@ -71,12 +71,7 @@ class FetchBox(BoxMoves):
         self._top = settled(shapes["bench"]["height"])  # type: ignore[arg-type]
 
     def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the box"
-        view = yield from self.wide(view, "box")
-        view = yield from self.walk(view, WalkTo(before="box", distance=DISTANCE, tolerance=ARRIVED))
-        view = yield from self.grasp(view, "box")
-        view = yield from self.raised(view, "box")
-        view = yield from self.to_chest(view)
+        view = yield from self.take(view, "box")
         self.doing = "carry the box"
         yaw = view.state.yaw
         back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]

@@ -4,11 +4,9 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Course, View
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.boxes import BoxMoves
 from hugwbc.tasks.judges import HANDS, happened, lifted
-from hugwbc.tasks.moves import ARRIVED
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, longest
@@ -39,6 +37,8 @@ MILESTONES = (
 
 _DISTANCE = 0.40  # [m], from the pelvis to the middle of the box
 _LOW = Command(h=-0.3, p=0.4)
+_LIFT, _SPEED = 0.06, 0.05  # [m], [m/s], up from the stool
+_HELD_AT = np.array([0.36, 0.0, 0.2])  # [m], in the heading frame
 
 
 class LiftFromStool(BoxMoves):
@@ -52,12 +52,9 @@ class LiftFromStool(BoxMoves):
         super().__init__(width=settled(size[1]), at=(0.0, 0.08))  # type: ignore[index]
 
     def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the box"
-        view = yield from self.wide(view, "box")
-        view = yield from self.walk(view, WalkTo(before="box", distance=_DISTANCE, tolerance=ARRIVED))
-        view = yield from self.grasp(view, "box", _LOW)
-        view = yield from self.raised(view, "box", height=0.06, speed=0.05)
-        view = yield from self.to_chest(view, np.array([0.36, 0.0, 0.2]))
+        view = yield from self.take(
+            view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED, goal=_HELD_AT
+        )
         self.doing = "hold the box"
         return (yield from self.wait(view, HELD + 2.0))
 

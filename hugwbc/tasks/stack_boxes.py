@@ -40,12 +40,7 @@ class StackBoxes(BoxMoves):
         self._apart = (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
 
     def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the box"
-        view = yield from self.wide(view, "upper")
-        view = yield from self.walk(view, WalkTo(before="upper", distance=DISTANCE, tolerance=ARRIVED))
-        view = yield from self.grasp(view, "upper")
-        view = yield from self.raised(view, "upper", _UP)
-        view = yield from self.to_chest(view)
+        view = yield from self.take(view, "upper", height=_UP)
         self.doing = "carry the box to the other one"
         view = yield from self.walk(view, WalkTo(before="lower", distance=DISTANCE, speed=0.25, tolerance=ARRIVED))
         lower = seen(view, "lower")
