@@ -5,10 +5,10 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
+from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH
 from hugwbc.targets import HandFrame
 from hugwbc.tasks.moves import ARRIVED, SPEED, Moves, crouch, hands_in, up
 
-HALF_HAND = 0.03  # [m], half the thickness of a forearm
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
 SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips with less (docs/log/tasks.md)
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
@@ -37,7 +37,7 @@ class BoxMoves(Moves):
 
     def sides(self, gap: float) -> np.ndarray:
         """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
-        y = self.width / 2 + HALF_HAND + gap
+        y = self.width / 2 + HALF_WIDTH + gap
         x, z = self.at
         return np.array([[x, y, z], [x, -y, z]])
 

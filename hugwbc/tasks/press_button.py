@@ -4,6 +4,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Action, Course, Failure, View, seen, standing
+from hugwbc.scripts.behaviours.hand_motion import TIP
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.tasks.judges import at_end, happened, touched, trunk_clear
 from hugwbc.tasks.moves import ARRIVED, NO_HAND, Moves, crouch, targets
@@ -33,7 +34,6 @@ MILESTONES = (
 
 
 _DISTANCE, _ASIDE = 0.47, 0.2  # [m], of the pelvis from the button; it is in front of the right shoulder
-_TIP = 0.04  # [m], from the hand frame to the tip of the hand
 _BEFORE = 0.08  # [m], between tip and button before it is pressed
 SEEN_IN, _HELD_IN = 0.85, 0.2  # share of the travel that is seen, for a time [s]
 _SPEED, _DEEPEST = 0.06, 0.10  # [m/s] of a pressing hand, [m] of its target behind the front of the button
@@ -58,12 +58,12 @@ class PressButton(Moves):
         way = (None, ahead)
         posture = crouch(float(front[2]) + 0.05)
         for gap in (_BEFORE + 0.08, _BEFORE):
-            points = np.stack([NO_HAND, front - (_TIP + gap) * ahead])
+            points = np.stack([NO_HAND, front - (TIP + gap) * ahead])
             view = yield from self.glide(view, points, frame="world", directions=way, posture=posture, settle=0.4)
         self.doing = "press the button"
         view = yield from self._press(view, front, ahead)
         self.doing = "draw the hand back"
-        points = np.stack([NO_HAND, front - (_TIP + _BEFORE + 0.06) * ahead])
+        points = np.stack([NO_HAND, front - (TIP + _BEFORE + 0.06) * ahead])
         view = yield from self.glide(view, points, frame="world", directions=way, speed=0.15)
         return (yield from self.glide(view, points, frame="world", directions=way, posture=Command()))
 
@@ -77,7 +77,7 @@ class PressButton(Moves):
             last = view.time
             if depth > _DEEPEST + 0.5 * _SPEED:
                 raise Failure(f"press: the button moved by {1e3 * moved:.0f} of {1e3 * self._travel:.0f} mm")
-            point = front + (min(depth, _DEEPEST) - _TIP) * ahead
+            point = front + (min(depth, _DEEPEST) - TIP) * ahead
             view = yield Action(standing(view), targets(np.stack([NO_HAND, point]), "world", directions=(None, ahead)))
         return view
 
