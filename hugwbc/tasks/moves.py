@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command
 from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, View, run, standing
+from hugwbc.scripts.behaviours.hand_motion import in_frame, points_in, wait
 from hugwbc.targets import HandFrame, HandTargets
 
 ARRIVED = 0.08  # [m], tolerance of a walk after which the hands go to points of the world
@@ -67,7 +67,8 @@ class Moves(Behaviour):
             posture: standing command with h, p and w; None for that of the last tick.
             settle: time afterwards in which the targets stay [s].
         """
-        start, before = hands_in(view, frame), forces_in(view, frame)
+        last = view.last.hands
+        start, before = hands_in(view, frame), NO_FORCE if last is None else in_frame(view, last, frame).forces()
         start = np.where(np.isfinite(points), start, np.nan)
         length = float(np.nanmax(np.linalg.norm(points - start, axis=1), initial=0.0))
         duration = max(length / speed, SHORTEST)
@@ -91,10 +92,7 @@ class Moves(Behaviour):
 
     def wait(self, view: View, seconds: float) -> Course:
         """Keep hands and posture for a time [s]."""
-        begin = view.time
-        while view.time - begin < seconds:
-            view = yield Action(standing(view), view.last.hands)
-        return view
+        return wait(view, seconds)
 
     def grip(self, view: View, *grips: Grip) -> Course:
         """Ask idealised grippers to take hold or to let go, and wait until they have.
@@ -131,35 +129,11 @@ def targets(
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:
     """Return where the hands are in a frame [m], shape (2, 3): the last targets, or without them the measured hands."""
-    measured = view.hands if frame == "world" else in_heading(view, view.hands)
-    last = view.last.hands
+    measured, last = points_in(view, view.hands, frame), view.last.hands
     if last is None:
         return measured
-    points = last.array()
-    if last.frame != frame:
-        points = in_heading(view, points) if frame == "heading" else in_world(view, points)
+    points = in_frame(view, last, frame).array()
     return np.where(np.isfinite(points), points, measured)
-
-
-def forces_in(view: View, frame: HandFrame) -> np.ndarray:
-    """Return the forces that the hands were last asked for, in the axes of a frame [N], shape (2, 3)."""
-    last = view.last.hands
-    if last is None:
-        return NO_FORCE
-    turn = rotations.rotation_z(view.state.yaw)
-    if last.frame == frame:
-        return last.forces()
-    return last.forces() @ turn if frame == "heading" else last.forces() @ turn.T
-
-
-def in_heading(view: View, points: np.ndarray) -> np.ndarray:
-    """Return points of the world in the level frame at the pelvis [m], shape (..., 3)."""
-    return (points - view.position) @ rotations.rotation_z(view.state.yaw)
-
-
-def in_world(view: View, points: np.ndarray) -> np.ndarray:
-    """Return points of the level frame at the pelvis in the world [m], shape (..., 3)."""
-    return view.position + points @ rotations.rotation_z(view.state.yaw).T
 
 
 def up(height: float) -> np.ndarray:

@@ -115,6 +115,19 @@ def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:
     return dataclasses.replace(hands, left=left, right=right)
 
 
+def in_frame(view: View, hands: HandTargets, frame: str) -> HandTargets:
+    """Return the same targets in another frame; directions and forces turn with it."""
+    if hands.frame == frame:
+        return hands
+    turn = axes_of(view, hands.frame).T @ axes_of(view, frame)
+    vectors = {}
+    for name in ("left_direction", "right_direction", "left_force", "right_force"):
+        vector = getattr(hands, name)
+        vectors[name] = None if vector is None else vector @ turn
+    moved = with_points(hands, points_in(view, points_of(view, hands), frame))
+    return dataclasses.replace(moved, frame=frame, **vectors)
+
+
 def held_targets(view: View) -> HandTargets:
     """Return the last targets of the hands.
 
@@ -132,8 +145,8 @@ def shifted(hands: HandTargets, by: np.ndarray) -> HandTargets:
     return with_points(hands, hands.array() + by)
 
 
-def wait(behaviour: Behaviour, view: View, seconds: float) -> Course:
-    """Keep the last targets for a time [s]."""
+def wait(view: View, seconds: float) -> Course:
+    """Keep the last targets and the posture for a time [s]."""
     begin = view.time
     while view.time - begin < seconds:
         view = yield Action(standing(view), view.last.hands)

@@ -15,10 +15,10 @@ from hugwbc.scripts.behaviours.hand_motion import (
     HAND_SPEED,
     TIP,
     Point,
-    axes_of,
     check_above,
     frame_of,
     held_targets,
+    in_frame,
     move,
     placed,
     points_in,
@@ -26,7 +26,6 @@ from hugwbc.scripts.behaviours.hand_motion import (
     shifted,
     turned,
     wait,
-    with_points,
 )
 from hugwbc.scripts.behaviours.view import Action, View, standing
 from hugwbc.targets import HandTargets, direction, position
@@ -144,19 +143,6 @@ class MoveHands(Behaviour):
         return (yield from move(self, view, lambda _: goal, speed=self.speed, tolerance=self.tolerance))
 
 
-def in_frame(view: View, hands: HandTargets, frame: str) -> HandTargets:
-    """Return the same targets in another frame; directions and forces turn with it."""
-    if hands.frame == frame:
-        return hands
-    turn = axes_of(view, frame).T @ axes_of(view, hands.frame)
-    vectors = {}
-    for name in ("left_direction", "right_direction", "left_force", "right_force"):
-        vector = getattr(hands, name)
-        vectors[name] = None if vector is None else turn @ vector
-    moved = with_points(hands, points_in(view, points_of(view, hands), frame))
-    return dataclasses.replace(moved, frame=frame, **vectors)
-
-
 class Press(Behaviour):
     """Presses something with the end of a forearm: goes before it, pushes on along an axis, and comes back.
 
@@ -252,7 +238,7 @@ class Press(Behaviour):
                 break
             view = yield Action(standing(view), ahead(way))
         if met:
-            view = yield from wait(self, view, self.hold)
+            view = yield from wait(view, self.hold)
         progress = self.progress
         view = yield from move(self, view, lambda _: ahead(-self.approach), tolerance=math.inf)
         if not met:

@@ -16,13 +16,14 @@ from hugwbc.scripts.behaviours.hand_motion import (
     Point,
     check_above,
     held_targets,
+    in_frame,
     move,
     now,
     points_of,
     shifted,
     wait,
 )
-from hugwbc.scripts.behaviours.hand_steps import FASTEST, STIFFNESS, in_frame
+from hugwbc.scripts.behaviours.hand_steps import FASTEST, STIFFNESS
 from hugwbc.scripts.behaviours.view import BREAKING_FORCE, Action, Grip, View, standing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.targets import HandTargets, position
@@ -137,7 +138,7 @@ class Squeeze(Behaviour):
         # From now on the object goes with the hands: what is seen of it must not move them any more.
         hands = self._targets(view, touch - depth, force=self.force)
         view = yield Action(standing(view), hands)
-        return (yield from wait(self, view, 0.4))
+        return (yield from wait(view, 0.4))
 
 
 class Grasp(Squeeze):
@@ -213,7 +214,7 @@ class Lift(Behaviour):
         before = seen(view, self.object).position
         goal = shifted(in_frame(view, held_targets(view), "world"), np.array([0.0, 0.0, self.height]))
         view = yield from move(self, view, lambda _: goal, speed=self.speed, tolerance=math.inf)
-        view = yield from wait(self, view, self.hold)
+        view = yield from wait(view, self.hold)
         rise = float(seen(view, self.object).position[2] - before[2])
         if rise < 0.5 * self.height:
             raise Failure(f"'{self.object}' has risen by {100 * rise:.1f} of {100 * self.height:g} cm: it slipped")
@@ -308,7 +309,7 @@ class Place(Behaviour):
             over = shifted(hands, way)
             view = yield from move(self, view, lambda _: over, speed=0.2, tolerance=0.1)
             hands = over
-        view = yield from wait(self, view, 0.3)
+        view = yield from wait(view, 0.3)
         top, begin = seen(view, self.object).position[2], view.time
         while True:
             down = self.speed * (view.time - begin)
