@@ -37,14 +37,13 @@ class GaitPlan:
         delay: by how much the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
 
-    def __init__(self, gather_time: float = 0.0, hop_gather_time: float = 0.0) -> None:
+    def __init__(self, gather_time: float = 0.0) -> None:
         """Start with a plan that stands.
 
         Args:
-            gather_time: by how much the first stance of a series of jumps and the last one of leaps are longer [s].
-            hop_gather_time: by how much the first stance of a series of hops is longer [s].
+            gather_time: by how much the first and the last stance of a series of leaps are longer [s].
         """
-        self._gather_time, self._hop_gather_time = gather_time, hop_gather_time
+        self._gather_time = gather_time
         self.reset()
 
     def reset(self) -> None:
@@ -189,7 +188,7 @@ class GaitPlan:
             self._enter(Mode.WALKING, gait, 0.5 * first_swing)
         else:
             self._enter(Mode.LEAPING, gait)
-            self._gather = self._hop_gather_time
+            self._gather = self._gather_time
         return True
 
     def _end_of_step(self, gait: Gait, *, may_stop: bool) -> bool:

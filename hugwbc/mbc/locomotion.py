@@ -41,7 +41,7 @@ class Locomotion:
 
     def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
         self._params, self._robot = params, robot or load_robot()
-        self.plan = GaitPlan(params.gather_time, params.hop_gather_time)
+        self.plan = GaitPlan(params.gather_time)
         self.ground = feet.Ground()
         self.references = References(params, self.plan, self.ground)
         self._standing = Standing(params, self.plan, self.references)

@@ -236,10 +236,7 @@ class ControllerParams:
     """Force plan: weight of the forces' departure from an even vertical push, in units of the robot's weight, per time
     [1/s]."""
     gather_time: float = 0.3
-    """Time by which the first stance of a series of jumps and the last one of leaps are longer [s]."""
-    hop_gather_time: float = 0.2
-    """Time by which the first stance of a series of hops is longer [s]. A leg without ankle roll cannot correct where
-    the weight is in the meantime, so that an error at its start grows by e^3.5 per second."""
+    """Time by which the first and the last stance of a series of leaps are longer [s]."""
     leap_width: float = 0.36
     """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12

@@ -127,7 +127,7 @@ def test_a_walk_turns_into_a_jump_by_way_of_a_stand_at_the_end_of_a_step():
 
 
 def test_a_hop_waits_for_the_weight_and_ends_on_both_feet():
-    plan = GaitPlan(gather_time=0.3, hop_gather_time=0.3)
+    plan = GaitPlan(gather_time=0.3)
     _run(plan, Gait.HOPPING_RIGHT, 1.0, may_start=False)
     assert plan.mode is Mode.SHIFTING and plan.legs == ()
     _run(plan, Gait.HOPPING_RIGHT, 0.7)
