@@ -35,10 +35,10 @@ MILESTONES = (
 )
 
 
-_DISTANCE = 0.40  # [m], from the pelvis to the middle of the box
+_DISTANCE = 0.50  # [m], from the pelvis to the middle of the box
 _LOW = Command(h=-0.3, p=0.4)
 _LIFT, _SPEED = 0.06, 0.05  # [m], [m/s], up from the stool
-_HELD_AT = np.array([0.36, 0.0, 0.2])  # [m], in the heading frame
+_HELD_AT = np.array([0.36, 0.0, 0.27])  # [m], in the heading frame
 
 
 class LiftFromStool(BoxMoves):
