@@ -95,7 +95,7 @@ class HandTargets:
         if together and (left is None or right is None):
             raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
         directions = [
-            None if value is None else direction(f"{side} pointing direction", value)
+            None if value is None else direction(f"{side} direction", value)
             for side, value in (("left", left_direction), ("right", right_direction))
         ]
         forces = [

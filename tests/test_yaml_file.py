@@ -28,7 +28,7 @@ def test_scalars(reader, method, text, value):
         ("text", "[a]", "expected text"),
         ("number", "a", "'a' is not a number"),
         ("integer", "2.5", "2.5 is not a whole number"),
-        ("integer", "inf", "inf is not a whole number"),
+        ("integer", "inf", "'inf' is not a finite number"),
         ("truth", "yes", "'yes' is neither true nor false"),
         ("nodes", "[]", "at least one entry"),
     ],

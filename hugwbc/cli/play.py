@@ -17,7 +17,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.behaviours.behaviour import Behaviour
-from hugwbc.scripts.behaviours.behaviour_file import load_plan
+from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
 from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim import ArenaChoice, Scene, load_scene
@@ -112,6 +112,8 @@ def run(words: Sequence[str]) -> int:
     arena = options.chosen
     estimator = estimator_for(arena)
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
+    if isinstance(source, BehaviourSource):
+        check_objects(source.behaviour, simulation.objects.names)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
     draw = None
     if not options.headless:

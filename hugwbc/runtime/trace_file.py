@@ -106,4 +106,4 @@ def scene_text(scene: Scene) -> str:
             given = {"kind": thing.kind, **given}
         things.append(given)
     whole = {"about": scene.about, "robot": scene.robot, "ground": scene.ground, "objects": things}
-    return json.dumps({name: value for name, value in whole.items() if value is not None})
+    return json.dumps({name: value for name, value in whole.items() if value is not None}, ensure_ascii=False)

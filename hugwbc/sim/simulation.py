@@ -105,12 +105,26 @@ class Simulation(Engine):
 
     def _check_room(self, scene: Scene) -> None:
         """Refuse an object in which the robot stands at the start."""
-        contact, names = self.data.contact, set(scene.body_names)
+        model, contact, names = self.model, self.data.contact, set(scene.body_names)
         for index in np.flatnonzero(contact.dist < -OVERLAP):
-            bodies = [self.model.body(int(self.model.geom_bodyid[geom])).name for geom in contact.geom[index]]
+            bodies = [model.body(int(model.geom_bodyid[geom])).name for geom in contact.geom[index]]
             inside = [body for body in bodies if body in names]
             if len(inside) == 1 and _FLOOR_BODY not in bodies:
-                raise SceneError(f"the robot stands in object '{inside[0]}' at the start; move it away from the origin")
+                raise self._no_room(scene, inside[0])
+        # The pelvis touches nothing: its shapes are for pictures.
+        solid, points = (model.geom_contype != 0) | (model.geom_conaffinity != 0), np.zeros(6)
+        pelvis = np.flatnonzero(model.geom_bodyid == model.body("pelvis").id)
+        for geom in np.flatnonzero(solid & (model.geom_type != mujoco.mjtGeom.mjGEOM_HFIELD)):
+            body = model.body(int(model.geom_bodyid[geom])).name
+            if body not in names:
+                continue
+            if any(mujoco.mj_geomDistance(model, self.data, g, geom, 0.1, points) < -OVERLAP for g in pelvis):
+                raise self._no_room(scene, body)
+
+    @staticmethod
+    def _no_room(scene: Scene, body: str) -> SceneError:
+        message = f"the robot stands in object '{body}' at the start; move it away from the origin"
+        return scene.error(next(i for i, thing in enumerate(scene.objects) if body in thing.body_names()), message)
 
     def redraw(self, seed: int) -> RobotState:
         """Begin another episode: draw what varies in the scene, and the sensors' errors, from a seed, and reset.

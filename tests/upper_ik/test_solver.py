@@ -333,7 +333,7 @@ def test_check_targets_says_what_the_loop_would_reject(nominal_state):
     check_targets(HandTargets(None, None, joints=np.zeros(8)), nominal_state)
     with pytest.raises(TargetError, match="give eight finite numbers"):
         check_targets(HandTargets(None, None, joints=np.zeros(7)), nominal_state)
-    with pytest.raises(TargetError, match="left pointing direction"):
+    with pytest.raises(TargetError, match="left direction"):
         check_targets(HandTargets(*COMFORTABLE, left_direction=np.zeros(3)), nominal_state)
     with pytest.raises(TargetError, match="three finite numbers"):
         check_targets(HandTargets(np.full(3, math.nan), COMFORTABLE[1]), nominal_state)

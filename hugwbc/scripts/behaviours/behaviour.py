@@ -9,6 +9,8 @@ from collections.abc import Generator, Mapping
 from hugwbc.errors import ConfigError
 from hugwbc.scripts.behaviours.view import Action, SeenObject, View, at_rest
 
+LONGEST_TIME = 3600.0  # [s], of a timeout or a wait: what never ends cannot fail with a reason
+
 Course = Generator[Action, View, View]
 """How a behaviour runs: it yields an action for every view that it is sent, and returns the last view."""
 
@@ -141,17 +143,17 @@ def check_time(name: str, value: float) -> None:
     """Refuse a time that is not above 0.
 
     Raises:
-        ConfigError: if it is not finite or not above 0.
+        ConfigError: if it is not above 0, or longer than `LONGEST_TIME`.
     """
-    if not 0.0 < value < math.inf:
-        raise ConfigError(f"{name} is {value}; give a finite number of seconds above 0")
+    if not 0.0 < value <= LONGEST_TIME:
+        raise ConfigError(f"{name} is {value}; give a finite number of seconds above 0, up to {LONGEST_TIME:g}")
 
 
-def check_hold(value: float) -> None:
-    """Refuse a time for which something is held that is below 0.
+def check_hold(hold: float, timeout: float) -> None:
+    """Refuse a time for which something is held that is below 0 or never over before the timeout [s].
 
     Raises:
-        ConfigError: if it is not finite or below 0.
+        ConfigError: if it is.
     """
-    if not 0.0 <= value < math.inf:
-        raise ConfigError(f"hold is {value} s; give a finite number of seconds from 0")
+    if not 0.0 <= hold < timeout:
+        raise ConfigError(f"hold is {hold}; give a number of seconds from 0, below the timeout of {timeout:g} s")

@@ -26,17 +26,18 @@ A step is the name of a class in `hugwbc.scripts.behaviours`, in small letters, 
 
 import inspect
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import yaml
 
-from hugwbc.errors import ScriptError, UnknownNameError
+from hugwbc.errors import HugwbcError, ScriptError, UnknownNameError
 from hugwbc.scripts.behaviours import conditions, hand_steps, haul_steps, hold_steps, walk_steps
 from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.composition import OnFailure, Parallel, Retry, Sequence, WaitUntil, in_order
 from hugwbc.scripts.script import Script
 from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+from hugwbc.targets import HAND_FRAMES
 from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
 FOLDER = pathlib.Path(__file__).parent
@@ -123,11 +124,43 @@ def load_plan(name: str | pathlib.Path) -> Script | Behaviour:
     return load_script(name)
 
 
+def check_objects(plan: object, names: Collection[str]) -> None:
+    """Check that the objects which a behaviour from a file names are there, before the robot moves.
+
+    Args:
+        plan: what plays; timed scripts and behaviours made in Python say nothing of objects.
+        names: names of the objects in the scene (`Scene.body_names`); empty without one.
+
+    Raises:
+        ScriptError: if one is missing; it names line and column.
+    """
+    for name, place in (plan.mentions if isinstance(plan, Sequence) else {}).items():
+        if name not in names:
+            problem = UnknownNameError("object", name, names) if names else f"there is no object '{name}'."
+            raise ScriptError(f"{place}: {problem} Give the scene that has it, or mend the name.")
+
+
 class _Reader(YamlReader):
     """A reader that turns YAML nodes into behaviours."""
 
     _count = 0
     _depth = 0
+
+    def __init__(self, path: pathlib.Path, error: type[HugwbcError]) -> None:
+        super().__init__(path, error)
+        self._mentions: dict[str, str] = {}
+
+    def object_name(self, node: yaml.Node) -> str:
+        """Return the name of an object, and remember where it is first named."""
+        name = self.text(node)
+        if not name:
+            self.fail(node, "expected the name of an object, found nothing")
+        self._mentions.setdefault(name, self.place(node))
+        return name
+
+    def frame(self, node: yaml.Node) -> str:
+        """Return the name of a frame: one of `HAND_FRAMES`, or that of an object."""
+        return self.text(node) if self.text(node) in HAND_FRAMES else self.object_name(node)
 
     def plan(self, root: yaml.Node) -> Script | Behaviour:
         keys = [key.value for key, _ in root.value] if isinstance(root, yaml.MappingNode) else []
@@ -135,7 +168,7 @@ class _Reader(YamlReader):
 
     def behaviour(self, root: yaml.Node) -> Behaviour:
         fields = self.fields(root, "behaviour", {"steps": _Reader.steps, "about": _Reader.text}, required=("steps",))
-        return Sequence(*fields["steps"], name=self.path.stem, about=fields.get("about", ""))
+        return Sequence(*fields["steps"], name=self.path.stem, about=fields.get("about", ""), mentions=self._mentions)
 
     def steps(self, node: yaml.Node) -> list[Behaviour]:
         """Return the behaviours of a list."""
@@ -242,7 +275,12 @@ def _condition(name: str) -> Read:
     return read
 
 
-# A reader for each type of an argument.
+# Readers of arguments that name objects.
+_NAMES: dict[str, Read] = {
+    **dict.fromkeys(("object", "before", "on"), _Reader.object_name),
+    "frame": _Reader.frame,
+}
+# A reader for each type of the others.
 _READERS: dict[str, Read] = {
     "str": _Reader.text,
     "float": _Reader.number,
@@ -264,7 +302,7 @@ def _arguments(cls: type[Any]) -> tuple[dict[str, Read], list[str]]:
             continue
         kind = argument.annotation
         name = kind.__name__ if isinstance(kind, type) and "[" not in str(kind) else str(kind)
-        readers[argument.name] = _READERS[name.removesuffix(" | None")]
+        readers[argument.name] = _NAMES.get(argument.name) or _READERS[name.removesuffix(" | None")]
         if argument.default is inspect.Parameter.empty:
             required.append(argument.name)
     return readers, required

@@ -1,11 +1,14 @@
 """Behaviours made of others: one after another, hands while walking, again after a failure, until something happens."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence as SequenceOf
 
 from hugwbc.errors import ConfigError
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run
-from hugwbc.scripts.behaviours.conditions import Condition
+from hugwbc.scripts.behaviours.conditions import Condition, Elapsed
 from hugwbc.scripts.behaviours.view import Action, View, at_rest
+
+MOST_TIMES = 100  # of a retry
 
 
 class Composite(Behaviour):
@@ -26,15 +29,23 @@ class Composite(Behaviour):
 class Sequence(Composite):
     """Behaviours one after another; the first failure ends it."""
 
-    def __init__(self, *steps: Behaviour, name: str = "sequence", about: str = "") -> None:
-        """Take at least one behaviour, a name for files and tables, and a description for people.
+    def __init__(
+        self, *steps: Behaviour, name: str = "sequence", about: str = "", mentions: Mapping[str, str] | None = None
+    ) -> None:
+        """Take at least one behaviour.
+
+        Args:
+            steps: the behaviours.
+            name: for files and tables.
+            about: a description for people.
+            mentions: names of the objects that the steps of a file name, and where they do.
 
         Raises:
             ConfigError: if there is none.
         """
         if not steps:
             raise ConfigError("a sequence is empty; give it at least one step")
-        self.steps, self.name, self.about = steps, name, about
+        self.steps, self.name, self.about, self.mentions = steps, name, about, mentions or {}
 
     @property
     def label(self) -> str:  # noqa: D102
@@ -84,10 +95,10 @@ class Retry(Composite):
         """Take the behaviour and how often it may be tried.
 
         Raises:
-            ConfigError: if that is less than once.
+            ConfigError: if that is less than once or more than `MOST_TIMES`.
         """
-        if times < 1:
-            raise ConfigError(f"times is {times}; give 1 or more")
+        if not 1 <= times <= MOST_TIMES:
+            raise ConfigError(f"times is {times}; give 1 or more, up to {MOST_TIMES}")
         self.behaviour, self.times, self.between = behaviour, times, between
 
     def course(self, view: View) -> Course:  # noqa: D102
@@ -98,7 +109,8 @@ class Retry(Composite):
                 if attempt == self.times:
                     times = "once" if attempt == 1 else f"{attempt} times"
                     raise Failure(f"{failure} (tried {times})", failure.label) from None
-            view = self.view
+            # A tick for each try: those that fail at once must not keep the control loop waiting.
+            view = yield at_rest(self.view)
             if self.between is not None:
                 view = yield from self.run(self.between, view)
         raise AssertionError("unreachable")
@@ -136,7 +148,10 @@ class WaitUntil(Behaviour):
             ConfigError: if a time is out of range.
         """
         check_time("timeout", timeout)
-        check_hold(hold)
+        check_hold(hold, timeout)
+        if isinstance(condition, Elapsed) and condition.seconds + hold >= timeout:
+            wait = f"seconds {condition.seconds:g} and a hold of {hold:g}"
+            raise ConfigError(f"elapsed with {wait} cannot come before the timeout of {timeout:g} s; give a longer one")
         self.condition, self.timeout, self.hold = condition, timeout, hold
 
     def course(self, view: View) -> Course:  # noqa: D102

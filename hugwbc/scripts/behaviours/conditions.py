@@ -1,18 +1,30 @@
 """Conditions on what is seen and felt, for `WaitUntil`, and for steps that end by them."""
 
 import dataclasses
-import math
 from typing import Protocol
 
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours.behaviour import seen
+from hugwbc.scripts.behaviours.behaviour import check_time, seen
 from hugwbc.scripts.behaviours.view import View
+from hugwbc.targets import FARTHEST
 
 HANDS = (*SIDES, "both")
+STRONGEST = 1000.0  # [N], no hand feels more
+_LEAST = 0.001  # [m] or [N]
 TOUCH = 3.0  # [N], a smaller force on a hand may be noise
+
+
+def check_place(name: str, value: tuple[float, float]) -> None:
+    """Refuse what is not two numbers, x and y of a place that can be walked to [m].
+
+    Raises:
+        ConfigError: if it is not.
+    """
+    if len(value) != 2 or not np.all(np.abs(value) <= FARTHEST):
+        raise ConfigError(f"{name} is {value}; give two finite numbers, x and y, from -{FARTHEST:g} to {FARTHEST:g} m")
 
 
 class Condition(Protocol):
@@ -39,9 +51,9 @@ def rows_of(hand: str) -> list[int]:
     return [row for row, side in enumerate(SIDES) if hand in (side, "both")]
 
 
-def _check(name: str, value: float, unit: str = "m") -> None:
-    if not 0.0 < value < math.inf:
-        raise ConfigError(f"{name} is {value} {unit}; give a finite number above 0 {unit}")
+def _check(name: str, value: float, most: float, unit: str = "m") -> None:
+    if not _LEAST <= value <= most:
+        raise ConfigError(f"{name} is {value} {unit}; give {_LEAST:g} to {most:g} {unit}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +65,7 @@ class ForceAbove:
 
     def __post_init__(self) -> None:
         rows_of(self.hand)
-        _check("force", self.force, "N")
+        _check("force", self.force, STRONGEST, "N")
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds; never where nothing tells the force."""
@@ -79,7 +91,7 @@ class Lifted:
     height: float = 0.03
 
     def __post_init__(self) -> None:
-        _check("height", self.height)
+        _check("height", self.height, 10.0)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -95,7 +107,7 @@ class Moved:
     distance: float
 
     def __post_init__(self) -> None:
-        _check("distance", self.distance)
+        _check("distance", self.distance, 100.0)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -112,9 +124,8 @@ class Arrived:
     tolerance: float = 0.03
 
     def __post_init__(self) -> None:
-        _check("tolerance", self.tolerance)
-        if len(self.position) != 2 or not np.all(np.isfinite(self.position)):
-            raise ConfigError(f"position is {self.position}; give two finite numbers, x and y")
+        _check("tolerance", self.tolerance, 10.0)
+        check_place("position", self.position)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -129,7 +140,7 @@ class Elapsed:
     seconds: float
 
     def __post_init__(self) -> None:
-        _check("seconds", self.seconds, "s")
+        check_time("seconds", self.seconds)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""

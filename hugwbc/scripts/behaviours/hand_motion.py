@@ -1,7 +1,6 @@
 """Motions of the hands that behaviours are made of: from where the hands are to points of a frame or an object."""
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +14,8 @@ from hugwbc.scripts.behaviours.view import Action, View, standing
 from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
 HAND_SPEED = 0.3  # [m/s], by default
+SLOWEST, FASTEST = 0.001, 1.0  # [m/s], that may be asked for
+FINEST = 0.001  # [m], tolerance that may be asked for
 SHORTEST = 0.4  # [s], of a motion
 ARRIVED = 0.03  # [m]
 HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
@@ -159,5 +160,25 @@ def check_above(name: str, value: float, most: float, unit: str = "m") -> None:
     Raises:
         ConfigError: if it is.
     """
-    if not 0.0 < value <= most or not math.isfinite(value):
+    if not 0.0 < value <= most:
         raise ConfigError(f"{name} is {value} {unit}; give a number above 0, up to {most:g} {unit}")
+
+
+def check_speed(value: float) -> None:
+    """Refuse a speed of a hand that is out of range [m/s].
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if not SLOWEST <= value <= FASTEST:
+        raise ConfigError(f"speed is {value} m/s; give {SLOWEST:g} to {FASTEST:g} m/s")
+
+
+def check_tolerance(value: float) -> None:
+    """Refuse a tolerance of a hand's place that is out of range [m].
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if not FINEST <= value <= 1.0:
+        raise ConfigError(f"tolerance is {value} m; give {FINEST:g} to 1 m")

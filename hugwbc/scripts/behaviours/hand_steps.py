@@ -8,7 +8,7 @@ import numpy as np
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_hold, check_time, seen
-from hugwbc.scripts.behaviours.conditions import rows_of
+from hugwbc.scripts.behaviours.conditions import STRONGEST, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     ARRIVED,
     HALF_WIDTH,
@@ -16,6 +16,8 @@ from hugwbc.scripts.behaviours.hand_motion import (
     TIP,
     Point,
     check_above,
+    check_speed,
+    check_tolerance,
     frame_of,
     held_targets,
     in_frame,
@@ -31,7 +33,6 @@ from hugwbc.scripts.behaviours.view import Action, View, standing
 from hugwbc.targets import HandTargets, direction, position
 
 STIFFNESS = 1000.0  # [N/m], about that of a hand in front of the body; targets lie this much inside what is pressed
-FASTEST = 1.0  # [m/s], of a hand
 
 
 class Reach(Behaviour):
@@ -70,8 +71,8 @@ class Reach(Behaviour):
             TargetError: if a point or direction is not three finite numbers, or a target is missing.
         """
         check_time("timeout", timeout)
-        check_above("speed", speed, FASTEST, "m/s")
-        check_above("tolerance", tolerance, 1.0)
+        check_speed(speed)
+        check_tolerance(tolerance)
         HandTargets.of(left, right, left_direction=left_direction, right_direction=right_direction, together=together)
         self.points, self.directions, self.frame = (left, right), (left_direction, right_direction), frame
         self.together, self.whole_body = together, whole_body
@@ -125,11 +126,11 @@ class MoveHands(Behaviour):
             TargetError: if a vector is not three finite numbers.
         """
         check_time("timeout", timeout)
-        check_above("speed", speed, FASTEST, "m/s")
-        check_above("tolerance", tolerance, 1.0)
+        check_speed(speed)
+        check_tolerance(tolerance)
         if (by is None) is (to is None):
             raise ConfigError("move_hands needs either by or to; give one of them")
-        position("move_hands' vector", by if to is None else to)
+        position("by" if to is None else "to", by if to is None else to)
         self.by, self.to, self.frame = by, to, frame
         self.speed, self.tolerance, self.timeout = speed, tolerance, timeout
 
@@ -190,16 +191,17 @@ class Press(Behaviour):
         check_time("timeout", timeout)
         if hand not in SIDES:
             rows_of(hand)
-            raise ConfigError("press takes one hand; give left or right")
-        for name, value in (("travel", travel), ("force", force)):
-            if value is not None and not 0.0 < value < math.inf:
-                raise ConfigError(f"{name} is {value}; give a finite number above 0")
+            raise ConfigError("hand is both; press takes one hand: give left or right")
+        if travel is not None:
+            check_above("travel", travel, 0.5)
+        if force is not None:
+            check_above("force", force, STRONGEST, "N")
         for name, value in (("depth", depth), ("approach", approach)):
             check_above(name, value, 0.5)
-        check_above("speed", speed, FASTEST, "m/s")
-        check_hold(hold)
-        self.object, self.hand, self.at = object, hand, position("press' point", at)
-        self.axis, self.travel, self.force = direction("press' axis", axis), travel, force
+        check_speed(speed)
+        check_hold(hold, timeout)
+        self.object, self.hand, self.at = object, hand, position("at", at)
+        self.axis, self.travel, self.force = direction("axis", axis), travel, force
         self.depth, self.approach, self.hold = depth, approach, hold
         self.speed, self.whole_body, self.timeout = speed, whole_body, timeout
 
@@ -281,14 +283,16 @@ class Wipe(Behaviour):
         check_time("timeout", timeout)
         if hand not in SIDES:
             rows_of(hand)
-            raise ConfigError("wipe takes one hand; give left or right")
+            raise ConfigError("hand is both; wipe takes one hand: give left or right")
         check_above("force", force, 60.0, "N")
-        check_above("speed", speed, FASTEST, "m/s")
+        check_speed(speed)
         if len(path) < 2:
-            raise ConfigError(f"wipe's path has {len(path)} points; give at least two")
+            raise ConfigError(f"path has {len(path)} points; give at least two")
         self.object, self.hand, self.force, self.speed = object, hand, force, speed
-        self.path = np.array([position("wipe's point", point) for point in path])
-        self.normal = direction("wipe's normal", normal)
+        self.path = np.array([position("path", point) for point in path])
+        if not np.linalg.norm(np.diff(self.path, axis=0), axis=1).sum() > 0.0:
+            raise ConfigError("path has points at one place only; give points along which to wipe")
+        self.normal = direction("normal", normal)
         self.whole_body, self.timeout = whole_body, timeout
 
     def course(self, view: View) -> Course:  # noqa: D102

@@ -9,12 +9,13 @@ from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run, seen
-from hugwbc.scripts.behaviours.conditions import TOUCH, rows_of
+from hugwbc.scripts.behaviours.conditions import TOUCH, check_place, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     HALF_WIDTH,
     TIP,
     Point,
     check_above,
+    check_speed,
     held_targets,
     in_frame,
     move,
@@ -23,7 +24,7 @@ from hugwbc.scripts.behaviours.hand_motion import (
     shifted,
     wait,
 )
-from hugwbc.scripts.behaviours.hand_steps import FASTEST, STIFFNESS
+from hugwbc.scripts.behaviours.hand_steps import STIFFNESS
 from hugwbc.scripts.behaviours.view import BREAKING_FORCE, Action, Grip, View, standing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.targets import HandTargets, position
@@ -75,8 +76,8 @@ class Squeeze(Behaviour):
         check_time("timeout", timeout)
         check_above("force", force, _STRONGEST, "N")
         check_above("width", width, 1.0)
-        check_above("speed", speed, FASTEST, "m/s")
-        self.object, self.force, self.width, self.at = object, force, width, position("squeeze's at", at)
+        check_speed(speed)
+        self.object, self.force, self.width, self.at = object, force, width, position("at", at)
         self.whole_body, self.speed, self.timeout = whole_body, speed, timeout
 
     def course(self, view: View) -> Course:  # noqa: D102
@@ -206,8 +207,8 @@ class Lift(Behaviour):
         """
         check_time("timeout", timeout)
         check_above("height", height, 1.0)
-        check_above("speed", speed, FASTEST, "m/s")
-        check_hold(hold)
+        check_speed(speed)
+        check_hold(hold, timeout)
         self.object, self.height, self.speed, self.hold, self.timeout = object, height, speed, hold, timeout
 
     def course(self, view: View) -> Course:  # noqa: D102
@@ -290,11 +291,11 @@ class Place(Behaviour):
         """
         check_time("timeout", timeout)
         check_above("lower", lower, 1.5)
-        check_above("speed", speed, FASTEST, "m/s")
+        check_speed(speed)
         if on is not None and at is None:
             raise ConfigError(f"place on '{on}' needs at, x and y in its frame [m]")
-        if at is not None and (len(at) != 2 or not np.all(np.isfinite(at))):
-            raise ConfigError(f"at is {at}; give two finite numbers, x and y")
+        if at is not None:
+            check_place("at", at)
         self.object, self.on, self.at, self.lower = object, on, at, lower
         self.speed, self.timeout = speed, timeout
 

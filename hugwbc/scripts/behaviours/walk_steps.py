@@ -12,7 +12,9 @@ from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_time, seen
+from hugwbc.scripts.behaviours.conditions import check_place
 from hugwbc.scripts.behaviours.view import Action, View, kept
+from hugwbc.targets import FARTHEST
 
 POSITION_TOLERANCE = 0.03  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
@@ -27,6 +29,16 @@ _MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
 _FASTEST = 0.6  # [m/s], what a behaviour may ask for
+
+
+def check_angle(name: str, value: float) -> None:
+    """Refuse an angle that is not finite, or of more than a full turn, as one in degrees [rad].
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if not abs(value) <= 2.0 * math.pi:
+        raise ConfigError(f"{name} is {value} rad; give an angle in radians, from -2 pi to 2 pi")
 
 
 class Goal(NamedTuple):
@@ -227,9 +239,13 @@ class WalkTo(Walk):
             raise ConfigError("walk_to needs either a position [x, y] or the object to stand before; give one of them")
         if before is not None and yaw is not None:
             raise ConfigError("yaw is a heading in the world; give turn, which is relative to the object's")
-        values = (*(position or ()), yaw or 0.0, distance, aside, turn)
-        if (position is not None and len(position) != 2) or not np.all(np.isfinite(values)):
-            raise ConfigError(f"walk_to's numbers are {values}; give finite ones, and a position of two")
+        if position is not None:
+            check_place("position", position)
+        for name, value in (("distance", distance), ("aside", aside)):
+            if not abs(value) <= FARTHEST:
+                raise ConfigError(f"{name} is {value} m; give -{FARTHEST:g} to {FARTHEST:g} m")
+        check_angle("yaw", yaw or 0.0)
+        check_angle("turn", turn)
         self.position, self.yaw, self.before = position, yaw, before
         self.distance, self.aside, self.turn = distance, aside, turn
 
@@ -268,8 +284,7 @@ class Face(Walk):
         super().__init__(stand=stand, tolerance=0.15, timeout=timeout)
         if (object is None) is (yaw is None):
             raise ConfigError("face needs either an object or a yaw; give one of them")
-        if yaw is not None and not math.isfinite(yaw):
-            raise ConfigError(f"yaw is {yaw} rad; give a finite number")
+        check_angle("yaw", yaw or 0.0)
         self.object, self.yaw = object, yaw
 
     def goal(self, view: View, begin: View) -> Goal:  # noqa: D102

@@ -71,6 +71,8 @@ class Door(Jointed):
         if self.hinge not in HINGES:
             raise UnknownNameError(f"hinge of {self.label}", self.hinge, HINGES)
         self._check_sizes("size", self.size, 3)
+        for value in self.size[1:]:
+            self._check("size", value, 0.2, 10.0)
         self._check("closer", self.closer, 0.0, 100.0)
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
@@ -131,6 +133,8 @@ class Drawer(Jointed):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_sizes("size", self.size, 3)
+        for value in self.size:
+            self._check("size", value, 0.05, 10.0)
         self._check("height", self.height, 0.1, 2.0)
         self._check("resistance", self.resistance, 0.0, 200.0)
         self._check("travel", self.travel, 0.01, 2.0)
@@ -191,7 +195,7 @@ class Button(Jointed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check("height", self.height, 0.2, 2.0)
+        self._check("height", self.height, 0.25, 2.0)
         self._check_sizes("radius", (self.radius,), 1, 0.2)
         self._check("force", self.force, 0.1, 200.0)
         self._check("travel", self.travel, 0.002, 0.1)

@@ -103,7 +103,9 @@ class Cart(Movable):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_sizes("size", self.size, 3)
-        self._check("height of the size", self.size[2], 0.15, 2.0)
+        for value in self.size[:2]:
+            self._check("size", value, 0.2, 10.0)
+        self._check("size's height", self.size[2], 0.15, 2.0)
         self._check("handle", self.handle, 0.3, 2.0)
         self._check("rolling resistance", self.rolling, 0.0, 1.0)
 
@@ -157,6 +159,8 @@ class Tray(Movable):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_sizes("size", self.size, 3)
+        for value in self.size[:2]:
+            self._check("size", value, 0.05, 10.0)
         self._check_sizes("cup_radius", (self.cup_radius,), 1, 0.2)
         self._check_sizes("cup_height", (self.cup_height,), 1, 0.5)
         self._check_mass("cup_mass", self.cup_mass)

@@ -149,6 +149,7 @@ class SceneObjects(Objects):
         """Begin a new run with the first picture of the motion capture."""
         self.problems.clear()
         self._left: set[str] = set()
+        self._failed = False
         self._pictures.clear()
         self._next = 0.0
         self.watch()
@@ -173,8 +174,10 @@ class SceneObjects(Objects):
 
     def note_divergence(self, time: float, dof: int) -> None:
         """Note that the physics has failed at a time [s], which MuJoCo noticed at a degree of freedom."""
-        body = self._model.body(int(self._model.dof_bodyid[min(max(dof, 0), self._model.nv - 1)])).name
-        self.problems.append(f"the physics diverged at {time:.2f} s, near '{body}'")
+        if not self._failed:  # it may fail again in every step
+            body = self._model.body(int(self._model.dof_bodyid[min(max(dof, 0), self._model.nv - 1)])).name
+            self.problems.append(f"the physics diverged at {time:.2f} s, near '{body}'")
+        self._failed = True
         self._pictures.clear()  # MuJoCo begins again at time 0
         self._next = 0.0
         self.watch()

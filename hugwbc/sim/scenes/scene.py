@@ -14,9 +14,11 @@ from hugwbc.sim.ground import GROUNDS
 from hugwbc.sim.scenes.thing import Placement, Thing
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.sim.terrain import HeightField
+from hugwbc.targets import HAND_FRAMES
 
 OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
-_FLOOR, _WORLD = "floor", "world"
+MOST_OBJECTS = 200  # each is compared with each
+_FLOOR = "floor"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,9 +30,11 @@ class Scene:
         robot: name of the robot of models/h1/h1.yaml that the scene is made for; None for any.
         ground: "firm" or "soft"; None for any.
         about: what the scene is for.
+        places: where each object is declared, "FILE:LINE:COLUMN" for messages; empty for a scene made in Python.
 
     Raises:
-        SceneError: if two objects have one name, stand on something that is not there, or overlap at the start.
+        SceneError: if there are too many objects, two have one name, one stands on what it cannot stand on, or two
+            overlap at the start.
         UnknownNameError: if there is no such robot or ground.
     """
 
@@ -38,35 +42,46 @@ class Scene:
     robot: str | None = None
     ground: str | None = None
     about: str = ""
+    places: tuple[str, ...] = dataclasses.field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.robot is not None and self.robot not in robot_names():
             raise UnknownNameError("robot", self.robot, robot_names())
         if self.ground is not None and self.ground not in GROUNDS:
             raise UnknownNameError("ground", self.ground, GROUNDS)
-        for thing, problem in self.problems():
-            raise SceneError(f"{thing.label}: {problem}")
+        if len(self.objects) > MOST_OBJECTS:
+            raise self.error(MOST_OBJECTS, f"there are {len(self.objects)} objects; give {MOST_OBJECTS} or fewer")
+        for index, problem in self._problems():
+            raise self.error(index, f"{self.objects[index].label}: {problem}")
         if not self.varies:
             self._check_overlap()
 
-    def problems(self) -> Iterator[tuple[Thing, str]]:
-        """Yield what is wrong with the names and supports of the objects, each with the object."""
+    def error(self, index: int, message: str) -> SceneError:
+        """Return an error about the object of an index, with the place where it is declared, if that is known."""
+        known = len(self.places) == len(self.objects)
+        return SceneError(f"{self.places[index]}: {message}" if known else message)
+
+    def _problems(self) -> Iterator[tuple[int, str]]:
+        """Yield what is wrong with the names and supports of the objects, each with the index of the object."""
         names = [thing.name for thing in self.objects]
-        taken = {_FLOOR, _WORLD, *_robot_parts()}
+        taken = {_FLOOR, *HAND_FRAMES, *_robot_parts()}
         for index, thing in enumerate(self.objects):
             if thing.name in names[:index]:
-                yield thing, "another object has that name; give each its own"
+                yield index, "another object has that name; give each its own"
             elif thing.name in taken:
-                yield thing, "a part of the robot or the ground has that name; choose another"
+                yield index, "a part of the robot, the ground or a frame has that name; choose another"
             if thing.on is not None:
                 support = thing.on.partition("/")[0]
                 if support not in names:
-                    yield (
-                        thing,
-                        str(UnknownNameError("thing to stand on", support, [n for n in names if n != thing.name])),
-                    )
+                    others = [name for name in names if name != thing.name]
+                    yield index, str(UnknownNameError("thing to stand on", support, others))
                 elif thing.name in self._below(thing):
-                    yield thing, "it stands on itself, directly or through others; let one of them stand on the ground"
+                    yield index, "it stands on itself, directly or through others; let one of them stand on the ground"
+                else:
+                    try:
+                        self._level_on(thing.on, np.random.default_rng(0))
+                    except SceneError as error:
+                        yield index, str(error)
 
     def _below(self, thing: Thing) -> list[str]:
         """Return the names of what an object stands on, from its support downwards, up to the first repetition."""
@@ -99,7 +114,7 @@ class Scene:
         try:
             return dataclasses.replace(self, objects=tuple(objects))
         except SceneError as error:
-            raise SceneError(f"as drawn with seed {seed}, {error}") from error
+            raise SceneError(f"{error} (as drawn with seed {seed})") from error
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -124,10 +139,19 @@ class Scene:
         if thing.on is None:
             support, level = Placement(), 0.0 if terrain is None else float(terrain.height_at(np.array([x, y])))
         else:
-            name, _, part = thing.on.partition("/")
-            below = next(other for other in self.objects if other.name == name)
-            support, level = self._placement(below, terrain), below.surface(part or None)
+            below = next(other for other in self.objects if other.name == thing.on.partition("/")[0])
+            support, level = self._placement(below, terrain), self._level_on(thing.on)
         return support.shifted(x, y, level + sum(lift), settled(thing.yaw))
+
+    def _level_on(self, on: str, rng: np.random.Generator | None = None) -> float:
+        """Return the height of what "NAME" or "NAME/PART" names above the base of NAME [m], drawn before with `rng`.
+
+        Raises:
+            SceneError: if nothing can stand there.
+        """
+        name, _, part = on.partition("/")
+        below = next(other for other in self.objects if other.name == name)
+        return (below if rng is None else below.draw(rng)).surface(part or None)
 
     def model(self) -> mujoco.MjModel:
         """Compile the objects alone, for checks and pictures; they must have been drawn.
@@ -147,14 +171,15 @@ class Scene:
         model = self.model()
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        for one, other in itertools.combinations(self.objects, 2):
+        geoms = [_geoms(model, thing) for thing in self.objects]
+        for first, second in itertools.combinations(range(len(self.objects)), 2):
+            one, other = self.objects[first], self.objects[second]
             if one.kind == other.kind == "wall":  # corners
                 continue
-            depth = _depth(model, data, _geoms(model, one), _geoms(model, other))
+            depth = _depth(model, data, geoms[first], geoms[second])
             if depth > OVERLAP:
-                raise SceneError(
-                    f"{one.label} and {other.label} overlap by {1e3 * depth:.0f} mm at the start; move one of them"
-                )
+                how = f"overlap by {1e3 * depth:.0f} mm at the start; move one of them"
+                raise self.error(second, f"{one.label} and {other.label} {how}")
 
 
 def _robot_parts() -> set[str]:

@@ -13,7 +13,7 @@ from hugwbc import rotations
 from hugwbc.errors import SceneError
 from hugwbc.sim.scenes.varied import Colour, Number, drawn, options, settled, varies
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,62}")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
 # Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
@@ -67,7 +67,7 @@ class Thing:
     """One object of a scene; numbers and colours may be a `Uniform` or a `Choice`.
 
     Attributes:
-        name: letters, digits, - and _, beginning with a letter.
+        name: up to 63 letters, digits, - and _, beginning with a letter.
         position: x and y of the middle of its lowest side, and its height above what it stands on (0 if left out) [m];
             in the axes of what it stands on, from the middle of that surface.
         yaw: heading, relative to that of what it stands on [rad].
@@ -91,13 +91,14 @@ class Thing:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
-            raise SceneError(f"a {self.kind} is named '{self.name}'; use letters, digits, - and _, first a letter")
+            wanted = "use up to 63 letters, digits, - and _, first a letter"
+            raise SceneError(f"name of a {self.kind} is '{self.name}'; {wanted}")
         if not isinstance(self.position, tuple | list) or len(self.position) not in (2, 3):
             raise SceneError(f"position of {self.label} is {self.position}; give [x, y] or [x, y, height]")
         for value in self.position[:2]:
             self._check("position", value, -FARTHEST, FARTHEST)
         for value in self.position[2:]:
-            self._check("height of the position", value, 0.0, 10.0)
+            self._check("position's height", value, 0.0, 10.0)
         self._check("yaw", self.yaw, -2.0 * math.pi, 2.0 * math.pi)
         self._check("friction", self.friction, LEAST_FRICTION, 5.0)
         for value in options(self.colour):

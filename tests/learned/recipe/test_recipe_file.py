@@ -139,7 +139,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path: pathlib.Path) -> None:
 
 
 def test_a_table_that_cannot_be_run_is_reported_with_its_line(tmp_path: pathlib.Path, services: Any) -> None:
-    with pytest.raises(RecipeError, match=r"mine\.yaml:21:14: unknown protocol 'single'"):
+    with pytest.raises(RecipeError, match=r"mine\.yaml:21:25: unknown protocol 'single'"):
         read(tmp_path, edited("protocol: single-command", "protocol: single"), check_table=services.check_table)
 
 

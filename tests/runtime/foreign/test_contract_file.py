@@ -80,7 +80,7 @@ def test_the_shipped_contract_is_unitrees():
         ("torso_joint]\ndef", "left_knee_joint]\ndef", 3, "joint 'left_knee_joint' is listed twice"),
         ("[0.3, 0]", "[0.3, 0, 0]", 4, "found 3 numbers; give 2, one per joint, or a single one for all"),
         ("kp: 100", "kp: .nan", 5, "'.nan' is not a number"),
-        ("kd: [2, 3]", "kd: [2, inf]", 6, "inf is not valid; give a finite number"),
+        ("kd: [2, 3]", "kd: [2, inf]", 6, "'inf' is not a finite number"),
         ("action_clip: 10", "action_clip: 0", 8, "0 is not above 0"),
         ("period: command", "period: 0", 10, "0 is not above 0"),
         ("frames: 3", "frames: 0", 11, "history has 0 frames; give 1 to 1000"),

@@ -11,8 +11,8 @@ from hugwbc.scripts.behaviours import (
     Action,
     Behaviour,
     Contact,
-    Elapsed,
     Failure,
+    ForceAbove,
     Lifted,
     OnFailure,
     Parallel,
@@ -105,9 +105,9 @@ def test_a_failure_that_is_recovered_and_one_that_is_tidied_up() -> None:
 
 
 def test_a_timeout_says_what_was_waited_for_and_how_far_it_was() -> None:
-    behaviour = WaitUntil(Elapsed(5.0), timeout=1.0)
+    behaviour = WaitUntil(ForceAbove(5.0), timeout=1.0)
     _run(behaviour)
-    assert behaviour.reason == "wait_until: timeout of 1 s: 1.0 of 5 s have passed"
+    assert behaviour.reason == "wait_until: timeout of 1 s: no force on the hands is known"
 
 
 def test_a_condition_has_to_hold_without_a_break() -> None:
