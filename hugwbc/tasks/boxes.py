@@ -13,7 +13,7 @@ BESIDE = 0.07  # [m], between a hand and the box before the grasp
 SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips with less (docs/log/tasks.md)
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
 DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
-CHEST = np.array([0.37, 0.0, 0.14])  # [m], where a box is carried, in the heading frame
+CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
 RISEN = 0.03  # [m], of a box that is lifted
 _LET_GO = 0.10  # [m], how far the hands open
 
