@@ -46,7 +46,7 @@ class PPOConfig:
     labels: pathlib.Path | None = None
     """File with labels of a teacher, for behaviour cloning; None for none."""
     cloning_weight: float = 0.0
-    """Weight of the cloning loss, the mean squared error of the action; meant to decay by a schedule."""
+    """Weight of the cloning loss, the smooth L1 error of the action; meant to decay by a schedule."""
     cloning_batch: int = 2048
     """Labels in the cloning loss of a gradient step."""
     entropy_weight: float = 0.002

@@ -1,6 +1,6 @@
 """Behaviour cloning inside PPO: labels of a teacher, collected once, pull the policy towards it while it learns.
 
-The term is weight * mean |pi(o) - a|^2 over labelled observations o and the teacher's actions a. A schedule lets its
+The term is weight * mean huber(pi(o) - a) over labelled observations o and the teacher's actions a. A schedule lets its
 weight decay, so that the teacher shows the way and reinforcement learning has the last word.
 """
 
@@ -78,5 +78,8 @@ class Labels:
 
 
 def cloning_loss(action: torch.Tensor, label: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Return the mean of weight * (action - label)^2 over batch and joints."""
-    return (weight * (action - label).square()).mean()
+    """Return the mean of the weighted smooth L1 loss over batch and joints.
+
+    It tolerates labels that jump where a foot of the teacher comes down; of a squared loss they would be the most.
+    """
+    return (weight * torch.nn.functional.smooth_l1_loss(action, label, reduction="none")).mean()
