@@ -265,7 +265,7 @@ class ControllerParams:
     """Gains of these joints [1/s^2], [1/s]."""
     leap_depth: float = -0.26
     """Lowest h at the bottom of the stance of a jump [m]."""
-    hop_depth: float = -0.19
+    hop_depth: float = -0.17
     """Lowest h at the bottom of the stance of a hop [m]."""
     leap_tuck: float = 0.95
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""

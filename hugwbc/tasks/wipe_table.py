@@ -8,7 +8,7 @@ from hugwbc.scripts.behaviours import Action, Course, View, seen, standing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import touched
-from hugwbc.tasks.moves import ARRIVED, NO_FORCE, NO_HAND, Moves, crouch, targets, up
+from hugwbc.tasks.moves import ARRIVED, NO_FORCE, Moves, crouch, targets, up
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -54,6 +54,9 @@ WIPING = 15.0  # [N]
 _EDGE = 0.27  # [m], from the pelvis to the edge of the table
 _ON_TOP = 0.035  # [m], of the hand frame above the table when the hand lies on it
 _SPEED = 0.08  # [m/s]
+_ASIDE = np.array(
+    [-0.05, 0.35, 0.2]
+)  # [m], of the left hand, as the corners and above the table: at rest it would lie on it
 
 
 class WipeTable(Moves):
@@ -75,23 +78,24 @@ class WipeTable(Moves):
         axes = rotations.rotation_z(table.yaw)
         points = np.column_stack([path_points() - [self._half, 0.0], np.full(len(path_points()), 0.0)])
         path = table.position * [1.0, 1.0, 0.0] + up(self._top + _ON_TOP) + points @ axes.T
+        aside = table.position * [1.0, 1.0, 0.0] + up(self._top) + axes @ (_ASIDE - [self._half, 0.0, 0.0])
         posture = crouch(self._top + 0.05)
         for height in (0.12, 0.03):
-            at = np.stack([NO_HAND, path[0] + up(height)])
+            at = np.stack([aside, path[0] + up(height)])
             view = yield from self.glide(view, at, frame="world", posture=posture, speed=0.2, settle=0.5)
         self.doing = "press on the table"
         press = NO_FORCE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, WIPING]])
         view = yield from self.glide(
-            view, np.stack([NO_HAND, path[0]]), frame="world", speed=0.04, forces=press, posture=posture, settle=1.0
+            view, np.stack([aside, path[0]]), frame="world", speed=0.04, forces=press, posture=posture, settle=1.0
         )
         self.doing = "wipe the table"
         begin, along = view.time, np.arange(len(path)) * _STEP
         while (view.time - begin) * _SPEED < along[-1] + 0.05:
             way = (view.time - begin) * _SPEED
             at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
-            view = yield Action(standing(view), targets(np.stack([NO_HAND, at]), "world", forces=press))
+            view = yield Action(standing(view), targets(np.stack([aside, at]), "world", forces=press))
         self.doing = "raise the hand"
-        at = np.stack([NO_HAND, path[-1] + up(0.12)])
+        at = np.stack([aside, path[-1] + up(0.12)])
         view = yield from self.glide(view, at, frame="world", speed=0.15)
         return (yield from self.glide(view, at, frame="world", posture=Command()))
 
