@@ -104,8 +104,7 @@ class Standing:
         dcm, com = (to_heading @ pendulum.dcm)[1], (to_heading @ pendulum.com)[1]
         growth = np.exp(pendulum.omega * max(params.shift_time - plan.elapsed, 0.05))
         cop = np.clip((wanted - growth * dcm) / (1.0 - growth), right + _SHIFT_MARGIN, left - _SHIFT_MARGIN)
-        self.com.feedforward[1] = pendulum.omega**2 * (com - cop)
-        self.com.servo[1] = 0.0
+        self._swing_over(cop, com, pendulum)
         arrived = plan.elapsed >= params.shift_time and abs(dcm - wanted) < _SHIFT_TOLERANCE
         self.ready = bool(arrived or plan.elapsed >= params.max_shift_time)
 
@@ -128,12 +127,16 @@ class Standing:
         ramp = (pivot - middle) / duration if share < 1.0 else np.zeros(2)
         rate = to_heading[1].dot(ramp + params.hop_shift_gain * (self.com.target - pendulum.dcm))
         cop = to_heading[1].dot(pendulum.dcm) - rate / pendulum.omega
-        self.com.feedforward[1] = pendulum.omega**2 * (to_heading[1].dot(pendulum.com) - cop)
-        self.com.servo[1] = 0.0
+        self._swing_over(cop, to_heading[1].dot(pendulum.com), pendulum)
         gap = np.abs(to_heading.dot(pendulum.dcm - pivot)).max()
         # The tolerance grows with time, because an estimated position may never quite arrive.
         patience = max(self._plan.elapsed / duration - 2.0, 1.0)
         self.ready = share >= 1.0 and gap < params.hop_shift_tolerance * min(patience, _MOST_PATIENCE)
+
+    def _swing_over(self, cop: float, com: float, pendulum: Pendulum) -> None:
+        """Let the centre of mass follow the pendulum across the heading: no servo, a centre of pressure [m]."""
+        self.com.feedforward[1] = pendulum.omega**2 * (com - cop)
+        self.com.servo[1] = 0.0
 
     def _watch_balance(self, deviation: np.ndarray, between_feet: np.ndarray) -> None:
         """Start stepping when the divergent component leaves what two standing feet can hold.

@@ -47,17 +47,8 @@ def test_the_main_job(tmp_path):
         assert controllers[name]["safety"]["failures"] == 0
 
 
-def test_compare_does_a_task_with_each_controller(tmp_path, capsys):
-    task, out = tmp_path / "stand.py", tmp_path / "out"
-    task.write_text(
-        "from hugwbc.scripts.behaviours import Elapsed, WaitUntil\n"
-        "from hugwbc.sim import Scene\n"
-        "from hugwbc.sim.scenes import Wall\n"
-        "from hugwbc.tasks import Milestone, Task\n"
-        "TASK = Task(name='stand', about='Stand.', scene=Scene((Wall(name='wall', position=(2.0, 0.0)),)), limit=3.0,\n"
-        "    behaviour=lambda shapes: WaitUntil(Elapsed(0.1)),\n"
-        "    milestones=(Milestone('the robot did not stand', lambda record: 1.0),))\n"
-    )
+def test_compare_does_a_task_with_each_controller(tmp_path, capsys, standing_task):
+    task, out = standing_task("Milestone('the robot did not stand', lambda record: 1.0)"), tmp_path / "out"
     words = ["compare", "--task", str(task), "--controllers", "hold", "--seed", "0", "--no-video", "--sensing", "exact"]
     assert main([*words, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())

@@ -1,6 +1,6 @@
-import os
 import pathlib
 import signal
+from collections.abc import Callable
 
 import pytest
 
@@ -31,15 +31,9 @@ def test_a_missing_start_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_signal_keeps_what_was_learnt(
-    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], signal_while_fitting: Callable[[type, int], None]
 ) -> None:
-    fit = Distiller.fit
-
-    def fit_and_stop(self: Distiller) -> dict[str, float]:
-        os.kill(os.getpid(), signal.SIGTERM)
-        return fit(self)
-
-    monkeypatch.setattr(Distiller, "fit", fit_and_stop)
+    signal_while_fitting(Distiller, signal.SIGTERM)
     words = ["distil", "--out", str(tmp_path / "d"), "--samples", "200", "--env.count", "2", "--updates", "1"]
     teachers = [word for gait in ("--standing", "--walking", "--jumping") for word in (gait, SNAPSHOT)]
     assert main([*words, "--start-from", SNAPSHOT, *teachers]) == INTERRUPTED

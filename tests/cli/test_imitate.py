@@ -1,6 +1,6 @@
-import os
 import pathlib
 import signal
+from collections.abc import Callable
 
 import pytest
 
@@ -22,15 +22,9 @@ def test_a_bad_setting_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_ctrl_c_keeps_what_was_learnt(
-    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], signal_while_fitting: Callable[[type, int], None]
 ) -> None:
-    fit = Imitator.fit
-
-    def fit_and_stop(self: Imitator) -> dict[str, float]:
-        os.kill(os.getpid(), signal.SIGINT)
-        return fit(self)
-
-    monkeypatch.setattr(Imitator, "fit", fit_and_stop)
+    signal_while_fitting(Imitator, signal.SIGINT)
     words = ["imitate", "--out", str(tmp_path / "start"), "--samples", "800", "--env.count", "2", "--updates", "1"]
     assert main(words) == INTERRUPTED
     assert "stopped after 80 of 800 labels" in capsys.readouterr().out

@@ -74,17 +74,8 @@ def test_a_task_beside_something_else_is_refused(words, message, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_a_task_is_played(tmp_path, capsys):
-    path = tmp_path / "stand.py"
-    path.write_text(
-        "from hugwbc.scripts.behaviours import Elapsed, WaitUntil\n"
-        "from hugwbc.sim import Scene\n"
-        "from hugwbc.sim.scenes import Wall\n"
-        "from hugwbc.tasks import Milestone, Task\n"
-        "TASK = Task(name='stand', about='Stand.', scene=Scene((Wall(name='wall', position=(2.0, 0.0)),)), limit=3.0,\n"
-        "    behaviour=lambda shapes: WaitUntil(Elapsed(0.1)),\n"
-        "    milestones=(Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0)),))\n"
-    )
+def test_a_task_is_played(capsys, standing_task):
+    path = standing_task("Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0))")
     assert main(["play", "--task", str(path), "--controller", "hold", "--headless", "--sensing", "exact"]) == 0
     out = capsys.readouterr().out
     assert "stand with hold, seed 0: not done: the robot did not fly" in out and "score: 0.00" in out

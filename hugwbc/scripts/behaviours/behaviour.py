@@ -157,3 +157,13 @@ def check_hold(hold: float, timeout: float) -> None:
     """
     if not 0.0 <= hold < timeout:
         raise ConfigError(f"hold is {hold}; give a number of seconds from 0, below the timeout of {timeout:g} s")
+
+
+def check_within(name: str, value: float, least: float, most: float, unit: str = "m") -> None:
+    """Refuse a number outside of a range, and NaN.
+
+    Raises:
+        ConfigError: if it is.
+    """
+    if not least <= value <= most:
+        raise ConfigError(f"{name} is {value} {unit}; give {least:g} to {most:g} {unit}")

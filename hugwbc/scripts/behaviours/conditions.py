@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours.behaviour import check_time, seen
+from hugwbc.scripts.behaviours.behaviour import check_time, check_within, seen
 from hugwbc.scripts.behaviours.view import View
 from hugwbc.targets import FARTHEST
 
@@ -51,11 +51,6 @@ def rows_of(hand: str) -> list[int]:
     return [row for row, side in enumerate(SIDES) if hand in (side, "both")]
 
 
-def _check(name: str, value: float, most: float, unit: str = "m") -> None:
-    if not _LEAST <= value <= most:
-        raise ConfigError(f"{name} is {value} {unit}; give {_LEAST:g} to {most:g} {unit}")
-
-
 @dataclasses.dataclass(frozen=True)
 class ForceAbove:
     """The force on a hand, or on each of both, is above a limit [N]."""
@@ -65,7 +60,7 @@ class ForceAbove:
 
     def __post_init__(self) -> None:
         rows_of(self.hand)
-        _check("force", self.force, STRONGEST, "N")
+        check_within("force", self.force, _LEAST, STRONGEST, "N")
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds; never where nothing tells the force."""
@@ -91,7 +86,7 @@ class Lifted:
     height: float = 0.03
 
     def __post_init__(self) -> None:
-        _check("height", self.height, 10.0)
+        check_within("height", self.height, _LEAST, 10.0)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -107,7 +102,7 @@ class Moved:
     distance: float
 
     def __post_init__(self) -> None:
-        _check("distance", self.distance, 100.0)
+        check_within("distance", self.distance, _LEAST, 100.0)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:
         """Return whether it holds."""
@@ -124,7 +119,7 @@ class Arrived:
     tolerance: float = 0.03
 
     def __post_init__(self) -> None:
-        _check("tolerance", self.tolerance, 10.0)
+        check_within("tolerance", self.tolerance, _LEAST, 10.0)
         check_place("position", self.position)
 
     def __call__(self, view: View, begin: View) -> tuple[bool, str]:

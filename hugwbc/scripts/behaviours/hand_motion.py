@@ -9,7 +9,7 @@ from hugwbc import rotations
 from hugwbc.blends import smooth_step
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, seen
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_within, seen
 from hugwbc.scripts.behaviours.view import Action, View, standing
 from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
 
@@ -170,8 +170,7 @@ def check_speed(value: float) -> None:
     Raises:
         ConfigError: if it is.
     """
-    if not SLOWEST <= value <= FASTEST:
-        raise ConfigError(f"speed is {value} m/s; give {SLOWEST:g} to {FASTEST:g} m/s")
+    check_within("speed", value, SLOWEST, FASTEST, "m/s")
 
 
 def check_tolerance(value: float) -> None:
@@ -180,5 +179,4 @@ def check_tolerance(value: float) -> None:
     Raises:
         ConfigError: if it is.
     """
-    if not FINEST <= value <= 1.0:
-        raise ConfigError(f"tolerance is {value} m; give {FINEST:g} to 1 m")
+    check_within("tolerance", value, FINEST, 1.0)

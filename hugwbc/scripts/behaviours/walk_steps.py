@@ -11,7 +11,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_time, seen
+from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_time, check_within, seen
 from hugwbc.scripts.behaviours.conditions import check_place
 from hugwbc.scripts.behaviours.view import Action, View, kept
 from hugwbc.targets import FARTHEST
@@ -91,10 +91,8 @@ class Walk(Behaviour):
             ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
-        if not 0.05 <= speed <= _FASTEST:
-            raise ConfigError(f"speed is {speed} m/s; give 0.05 to {_FASTEST} m/s")
-        if not 0.01 <= tolerance <= 1.0:
-            raise ConfigError(f"tolerance is {tolerance} m; give 0.01 to 1 m")
+        check_within("speed", speed, 0.05, _FASTEST, "m/s")
+        check_within("tolerance", tolerance, 0.01, 1.0)
         self.speed, self.stand, self.tolerance, self.timeout = speed, stand, tolerance, timeout
 
     @abc.abstractmethod
@@ -242,8 +240,7 @@ class WalkTo(Walk):
         if position is not None:
             check_place("position", position)
         for name, value in (("distance", distance), ("aside", aside)):
-            if not abs(value) <= FARTHEST:
-                raise ConfigError(f"{name} is {value} m; give -{FARTHEST:g} to {FARTHEST:g} m")
+            check_within(name, value, -FARTHEST, FARTHEST)
         check_angle("yaw", yaw or 0.0)
         check_angle("turn", turn)
         self.position, self.yaw, self.before = position, yaw, before
