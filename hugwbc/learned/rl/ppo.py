@@ -79,6 +79,11 @@ def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tens
     return torch.max((value - returns).square(), (clipped - returns).square()).mean()
 
 
+def explained_variance(value: torch.Tensor, returns: torch.Tensor) -> float:
+    """Return 1 - var(R - V) / var(R): 1 for a critic that knows the returns, 0 for one that says the same of all."""
+    return float(1.0 - (returns - value).var() / returns.var().clamp(min=1e-12))
+
+
 @dataclasses.dataclass(eq=False)
 class Rollout:
     """Experience of one iteration; all tensors have shape (horizon, n, ...).
@@ -254,6 +259,7 @@ class PPO:
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
         # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]
+        explained = explained_variance(batch["value"], batch["returns"])
         groups = batch.pop("group") if c.advantages == "gait" else None
         batch["advantage"] = distributed.standardised(advantage.flatten(), groups, len(_GROUPS))
         old_log_std = self.network.exploration().detach().clone()
@@ -273,6 +279,7 @@ class PPO:
         return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
             "learning_rate": self.learning_rate,
             "std": float(std.mean()),
+            "explained_variance": explained,
             "skipped": float(self.skipped),
         }
 

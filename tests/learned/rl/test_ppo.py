@@ -1,3 +1,4 @@
+import copy
 import math
 from typing import Any
 
@@ -8,6 +9,7 @@ from torch.distributions import Independent, Normal, kl_divergence
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import PPOConfig, TrainConfig
 from hugwbc.learned.env.readings import StepResult
+from hugwbc.learned.policy.networks import SymmetricCritic
 from hugwbc.learned.policy.observations import CRITIC_SIZE, Observation
 from hugwbc.learned.rl import ppo
 from hugwbc.learned.rl.ppo import PPO
@@ -81,6 +83,13 @@ def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: floa
     assert least < float(learner.value(observation.critic).detach().mean()) - before < most
 
 
+def test_explained_variance_of_perfect_and_constant_critics() -> None:
+    returns = torch.tensor([1.0, 2.0, 3.0, 6.0])
+    assert ppo.explained_variance(returns, returns) == pytest.approx(1.0)
+    assert ppo.explained_variance(torch.full((4,), 3.0), returns) == pytest.approx(0.0)
+    assert ppo.explained_variance(-returns, returns) == pytest.approx(-3.0)
+
+
 def make_learner(**changes: Any) -> PPO:
     torch.manual_seed(0)
     return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
@@ -120,6 +129,16 @@ def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
         torch.nn.init.zeros_(parameter)
     mean, _ = learner.network.actor(history, command)
     assert learner._symmetry_loss(history, command, mean).item() == 0.0
+
+
+def test_values_are_finer_than_the_reward_of_a_step() -> None:
+    """A step of perfect tracking earns some .3 and values are near 30: bfloat16 would round them to .125."""
+    learner = make_learner()
+    assert isinstance(learner.network.critic, SymmetricCritic)
+    torch.nn.init.constant_(learner.network.critic.output.bias, 30.0)
+    rows = torch.randn(8, CRITIC_SIZE)
+    exact = copy.deepcopy(learner.network.critic).double()(rows.double())
+    torch.testing.assert_close(learner.value(rows).double(), exact, atol=1e-4, rtol=0.0)
 
 
 @pytest.mark.parametrize("changes", [{"gamma": 1.5}, {"horizon": 0}, {"std_min": float("nan")}])
