@@ -5,6 +5,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Action, Course, View, seen, standing
+from hugwbc.scripts.behaviours.hand_motion import Pressing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import touched
@@ -89,9 +90,10 @@ class WipeTable(Moves):
         )
         self.doing = "wipe the table"
         begin, along = view.time, np.arange(len(path)) * _STEP
+        pressing = Pressing(view, row=1, normal=up(1.0), force=WIPING)
         while (view.time - begin) * _SPEED < along[-1] + 0.05:
             way = (view.time - begin) * _SPEED
-            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
+            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)]) - up(pressing.depth(view))
             view = yield Action(standing(view), targets(np.stack([aside, at]), "world", forces=press))
         self.doing = "raise the hand"
         at = np.stack([aside, path[-1] + up(0.12)])

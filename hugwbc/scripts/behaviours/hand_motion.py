@@ -22,6 +22,10 @@ HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
 TIP = 0.04  # [m], from the hand's origin to the end of the forearm
 _PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
 
+STIFFNESS = 1000.0  # [N/m], about that of a hand in front of the body
+PRESSING_GAIN = 2.0  # [1/s], at which the depth of a pressing hand goes to where its force is the wanted one
+DEEPEST = 0.06  # [m], of a pressing hand's target
+
 Point = tuple[float, float, float]
 Aim = Callable[[View], HandTargets]
 
@@ -152,6 +156,35 @@ def wait(view: View, seconds: float) -> Course:
     while view.time - begin < seconds:
         view = yield Action(standing(view), view.last.hands)
     return view
+
+
+class Pressing:
+    """How deep inside a surface the target of a hand lies that presses with a force.
+
+    A force that is fed forward arrives only if the place of the surface is known to a few millimetres. Where forces on
+    the hands are known, their error moves the target.
+    """
+
+    def __init__(self, view: View, row: int, normal: np.ndarray, force: float) -> None:
+        """Begin.
+
+        Args:
+            view: now.
+            row: of the hand, 0 for the left one.
+            normal: unit vector away from the surface, in the world, shape (3,).
+            force: wanted, against the surface [N].
+        """
+        self._row, self._normal, self._force = row, normal, force
+        self._time, self._depth = view.time, 0.0
+
+    def depth(self, view: View) -> float:
+        """Return the depth of the target at this tick [m]."""
+        if view.hand_force is not None:
+            missing = self._force - float(view.hand_force[self._row] @ self._normal)
+            step = PRESSING_GAIN * (view.time - self._time) * missing / STIFFNESS
+            self._depth = float(np.clip(self._depth + step, -DEEPEST, DEEPEST))
+        self._time = view.time
+        return self._depth
 
 
 def check_above(name: str, value: float, most: float, unit: str = "m") -> None:

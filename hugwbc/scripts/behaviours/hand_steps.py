@@ -15,6 +15,7 @@ from hugwbc.scripts.behaviours.hand_motion import (
     HAND_SPEED,
     TIP,
     Point,
+    Pressing,
     check_above,
     check_speed,
     check_tolerance,
@@ -31,8 +32,6 @@ from hugwbc.scripts.behaviours.hand_motion import (
 )
 from hugwbc.scripts.behaviours.view import Action, View, standing
 from hugwbc.targets import HandTargets, direction, position
-
-STIFFNESS = 1000.0  # [N/m], about that of a hand in front of the body; targets lie this much inside what is pressed
 
 
 class Reach(Behaviour):
@@ -310,11 +309,11 @@ class Wipe(Behaviour):
             targets = HandTargets(hands[0], hands[1], "world", whole_body=self.whole_body)
             return dataclasses.replace(targets, **{f"{self.hand}_force": -force * up}) if force else targets
 
-        depth = self.force / STIFFNESS
         view = yield from move(self, view, lambda v: on(v, 0.0, 0.08, 0.0), tolerance=0.05)
-        view = yield from move(self, view, lambda v: on(v, 0.0, -depth, self.force), speed=0.1, tolerance=math.inf)
+        view = yield from move(self, view, lambda v: on(v, 0.0, 0.0, self.force), speed=0.1, tolerance=math.inf)
         begin, length = view.time, float(ends[-1])
+        pressing = Pressing(view, row, seen(view, self.object).direction(self.normal), self.force)
         while (way := self.speed * (view.time - begin)) < length + 0.3 * self.speed:
             self.progress = f"{100 * min(way, length):.0f} of {100 * length:.0f} cm are wiped"
-            view = yield Action(standing(view), on(view, way, -depth, self.force))
+            view = yield Action(standing(view), on(view, way, -pressing.depth(view), self.force))
         return (yield from move(self, view, lambda v: on(v, length, 0.08, 0.0), tolerance=math.inf))

@@ -12,6 +12,7 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Stat
 from hugwbc.scripts.behaviours.conditions import TOUCH, check_place, rows_of
 from hugwbc.scripts.behaviours.hand_motion import (
     HALF_WIDTH,
+    STIFFNESS,
     TIP,
     Point,
     check_above,
@@ -24,7 +25,6 @@ from hugwbc.scripts.behaviours.hand_motion import (
     shifted,
     wait,
 )
-from hugwbc.scripts.behaviours.hand_steps import STIFFNESS
 from hugwbc.scripts.behaviours.view import BREAKING_FORCE, Action, Grip, View, standing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.targets import HandTargets, position
