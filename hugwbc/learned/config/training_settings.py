@@ -73,8 +73,8 @@ class PPOConfig:
     std_min: float = 0.03
     """Smallest exploration std."""
     mixed_precision: bool = False
-    """Use bfloat16 in the critic and in the mirrored branch of the symmetry loss; the actor has float32. A value of 30
-    is then rounded to .125, as much as what a step of better tracking is worth."""
+    """Use bfloat16 in the critic and in the mirrored branch of the symmetry loss; the actor has float32. A value of 10
+    is then rounded to .06, more than what a step of perfect tracking is worth."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
