@@ -130,7 +130,7 @@ class Episode:
                 state = self._loop.step(self._command, self.simulation.timestep)
                 self._watch.look(state, self._loop.estimate)
             self._ticks += 1
-            self.time = self._ticks * self._loop.period
+            self.time = round(self._ticks * self._loop.period, 9)  # rounding errors would show in `info`
             self._samples.fell = self.simulation.fallen
             self._decide()
             if self._samples.fell:

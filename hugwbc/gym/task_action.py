@@ -8,6 +8,8 @@ from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours import Action, View
+from hugwbc.scripts.behaviours.hand_motion import points_in, points_of
 
 GRIP_KINDS = ("squeeze", "attach", None)
 
@@ -76,6 +78,24 @@ class Wish:
     points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
     squeeze: float = 0.0
     grips: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
+
+    @classmethod
+    def of(cls, action: Action, view: View) -> "Wish":
+        """Return what the action of a behaviour asks for, as far as actions of a learner can.
+
+        Args:
+            action: of a behaviour that was shown the view; joint targets and directions of the forearms are left out.
+            view: what is known now. A gripper that holds something goes on unless it is told to let go.
+        """
+        hands = None if action.hands is None or action.hands.joints is not None else action.hands
+        grips = np.array([name is not None for name in view.held])
+        for grip in action.grips:
+            grips[SIDES.index(grip.side)] = grip.name is not None
+        if hands is None:
+            return cls(action.command, grips=grips)
+        points = np.nan_to_num(points_in(view, points_of(view, hands), "heading"))
+        force = hands.forces() if hands.together else np.zeros((1, 3))
+        return cls(action.command, hands.given, points, float(np.linalg.norm(force[0])), grips)
 
 
 class ActionLayout:

@@ -14,9 +14,10 @@ from hugwbc.gym.task_action import ActionFilter, ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
+from hugwbc.scripts.behaviours import View
 from hugwbc.sim import ArenaChoice, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
-from hugwbc.tasks import Task, Verdict, load_task, shapes_of
+from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
 from hugwbc.upper_ik import UpperBodySource
 
 PERIOD = 0.1  # [s] between two actions
@@ -137,9 +138,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ConfigError: if the action is not one number for each name, or there was no `reset`.
         """
-        episode = self._episode
-        if episode is None:
-            raise ConfigError("there is no episode; call reset first")
+        episode = self._running
         episode.behaviour.wish = self.actions.decode(self._filter(action))
         episode.advance(self._ticks)
         verdict = episode.judge()
@@ -150,6 +149,30 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         over = episode.time >= self._limit - 1e-9
         ended = "done" if done else "failed" if failed else "time" if over else ""
         return self._observation(episode), reward, done or failed, over, self._info(episode, verdict, ended)
+
+    @property
+    def view(self) -> View:
+        """What behaviours would be shown now: the observation in words, for those who imitate them.
+
+        Raises:
+            ConfigError: if there was no `reset`.
+        """
+        return self._running.view
+
+    @property
+    def shapes(self) -> Shapes:
+        """Dimensions of the objects of this episode.
+
+        Raises:
+            ConfigError: if there was no `reset`.
+        """
+        return self._running.shapes
+
+    @property
+    def _running(self) -> Episode:
+        if self._episode is None:
+            raise ConfigError("there is no episode; call reset first")
+        return self._episode
 
     def close(self) -> None:
         """Let go of the simulation."""

@@ -56,9 +56,7 @@ class ObservationLayout:
         parts = _ROBOT_FIELDS | {f"object/{name}": _OBJECT for name in bodies}
         parts |= {f"shape/{name}": size for name, size in sizes.items() if size}
         ends = np.cumsum(list(parts.values())).tolist()
-        self.fields = {
-            name: slice(end - size, end) for (name, size), end in zip(parts.items(), ends, strict=True)
-        }
+        self.fields = {name: slice(end - size, end) for (name, size), end in zip(parts.items(), ends, strict=True)}
         self.size = ends[-1]
 
     def row(self, view: View, shapes: Shapes, points: np.ndarray, gone: float) -> np.ndarray:
@@ -92,7 +90,9 @@ class ObservationLayout:
             *dimensions(shapes).values(),
         ]
         row = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
-        return np.clip(np.nan_to_num(row, nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST).astype(np.float32)
+        return np.clip(np.nan_to_num(row, nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST).astype(
+            np.float32
+        )
 
 
 def _numbers_of(command: Command) -> tuple[float, ...]:
