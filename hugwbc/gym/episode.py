@@ -15,7 +15,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.behaviours import BehaviourSource, View
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import REACH
-from hugwbc.tasks import Ending, Shapes, Task, Verdict, shapes_of
+from hugwbc.tasks import Ending, Task, Verdict, shapes_of
 from hugwbc.tasks.record import TaskWatch
 from hugwbc.upper_ik import UpperBodySource
 
@@ -93,7 +93,8 @@ class Episode:
             estimator: estimates the state from the sensors; None if the controller reads them itself.
 
         Raises:
-            ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
+            ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time
+                step.
         """
         if simulation.scene is None:
             raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")

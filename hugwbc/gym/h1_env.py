@@ -53,8 +53,8 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             num_envs: number of robots.
             config: settings of the environment; its `count` gives way to `num_envs`. None for those of the training.
             threads: threads of the simulation.
-            curriculum: whether levels of noise, speed and penalties rise as in the training; otherwise they stay as they
-                begin.
+            curriculum: whether levels of noise, speed and penalties rise as in the training; otherwise they stay as
+                they begin.
             render_mode: None; there is nothing to render.
 
         Raises:

@@ -232,6 +232,7 @@ def _ticks_in(duration: float, period: float, name: str) -> int:
     ticks = round(duration / period)
     if ticks < 1 or abs(ticks * period - duration) > 1e-9:
         raise ConfigError(
-            f"the period of controller '{name}' is {period:g} s, which does not divide {duration:g} s; choose another one"
+            f"the period of controller '{name}' is {period:g} s, which does not divide {duration:g} s; choose another "
+            "controller"
         )
     return ticks

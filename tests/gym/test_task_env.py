@@ -128,7 +128,7 @@ def test_a_scene_and_a_task_of_ones_own(tmp_path):
     assert observation[env.observations.fields["object/button"]][0] == pytest.approx(0.62, abs=0.02)
     own = tmp_path / "own.py"
     own.write_text(
-        "import dataclasses\nfrom hugwbc.tasks.press_button import TASK as P\nTASK = dataclasses.replace(P, limit=1.0)\n"
+        "import dataclasses\nfrom hugwbc.tasks.press_button import TASK\nTASK = dataclasses.replace(TASK, limit=1.0)\n"
     )
     env = gymnasium.make("hugwbc/Task-v0", task=str(own), controller="hold").unwrapped
     env.reset(seed=3)

@@ -147,8 +147,8 @@ class StepResult:
         done: whether the episode ended for any reason, shape (n,), bool.
         timed_out: indices of the robots whose episode only ran out of time.
         final_critic: critic observation of those robots before their reset, for bootstrapping.
-        final: observations of all robots that are done, in order, before their reset; None in a result that was not made
-            by an environment.
+        final: observations of all robots that are done, in order, before their reset; None in a result that was not
+            made by an environment.
     """
 
     reward: torch.Tensor
