@@ -29,7 +29,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One episode after another of a task.
 
     The reward of a step is by how much the task's score has grown in it; it is negative where the score falls. The sum
-    over an episode is the final score, 1 for a success, less what the score was at the start.
+    over an episode is the final score, 1 for a success, less what the score was at the start: 0 in every shipped task.
 
     Attributes:
         task: the task.

@@ -34,7 +34,9 @@ def play(env: TaskEnv, seed: int, steps: int = 8) -> list[np.ndarray]:
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", TASK_ENVIRONMENTS)
 def test_gymnasiums_checker_is_content(name):
-    check_env(gymnasium.make(name, controller="hold", disable_env_checker=True).unwrapped, skip_render_check=True)
+    env = gymnasium.make(name, controller="hold", disable_env_checker=True).unwrapped
+    check_env(env, skip_render_check=True)
+    assert env.reset(seed=3)[1]["score"] == 0.0
 
 
 def test_the_same_seed_is_the_same_episode():
