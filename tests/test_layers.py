@@ -1,7 +1,7 @@
 """Which room may import which, and that no modules import each other in a circle.
 
 core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {tasks, viz, deploy} <- {evaluation, gym} <- benchmarks,
-report <- cli. Evaluation is above tasks, because a protocol of it runs them; gym is, because its environments are tasks.
+report <- cli. Evaluation is above tasks, because a protocol of it runs them; so is gym, whose environments are tasks.
 Nothing imports gym: it is for other people's learners.
 """
 
