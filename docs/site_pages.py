@@ -36,6 +36,7 @@ LAYERS = (
     "deploy",
     "viz",
     "tasks",
+    "gym",
     "evaluation",
     "benchmarks",
     "report",

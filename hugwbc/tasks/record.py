@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -9,13 +10,52 @@ from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.moment import Moment
-from hugwbc.runtime.trace import RECORD_PERIOD, Trace
+from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Thing
 from hugwbc.state import RobotState
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
+
+
+class Samples(Protocol):
+    """The part of a `Trace` of which a record is made: that of a whole run, or of one that still goes on."""
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the samples [s], shape (T,)."""
+        ...
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (T, 26)."""
+        ...
+
+    @property
+    def hand_force(self) -> np.ndarray:
+        """Force on each hand from outside in the world [N], shape (T, 2, 3)."""
+        ...
+
+    @property
+    def hand_error(self) -> np.ndarray:
+        """Distance of each hand from its target [m], shape (T, 2); NaN without one."""
+        ...
+
+    @property
+    def object_pose(self) -> np.ndarray:
+        """Position [m] and quaternion of every body of the scene, shape (T, bodies, 7)."""
+        ...
+
+    @property
+    def fell(self) -> bool:
+        """Whether the robot fell."""
+        ...
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What went wrong with the objects."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,8 +206,13 @@ class TaskWatch:
         held = [None if gripper is None else gripper.held(side) for side in SIDES]
         self._held.append([-1 if name is None else names.index(name) for name in held])
 
-    def record(self, trace: Trace, ending: Ending) -> TaskRecord:
-        """Return the record of the episode, once it is over."""
+    def record(self, trace: Samples, ending: Ending) -> TaskRecord:
+        """Return the record of the episode up to now.
+
+        Args:
+            trace: has as many samples as `sample` was called.
+            ending: how the behaviour ended.
+        """
         travel = np.array(self._travel).reshape(len(trace.time), len(self._jointed))
         return TaskRecord(
             scene=self._scene,

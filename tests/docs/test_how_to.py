@@ -39,6 +39,15 @@ def test_add_a_task(folder: pathlib.Path) -> None:
     assert figures["success"] == 1.0 and figures["reasons"] == {}
 
 
+def test_use_gymnasium(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "use-gymnasium.md", folder)
+
+
+@pytest.mark.slow
+def test_use_gymnasium_to_the_end(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "use-gymnasium.md", folder, slow=True)
+
+
 def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-behaviour.md", folder, package)
 

@@ -194,16 +194,16 @@ class HumanoidEnv:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
+        ended = done.nonzero().squeeze(1)
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
-        final_critic = self.observe(timed_out).critic
+        final = self.observe(ended)
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
         self._judge_speeds(done, due, fallen)
         self._draw_commands(due)
-        ended = done.nonzero().squeeze(1)
         if self.ground is not None:
             self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
         self.begin_episodes(ended)
-        return StepResult(reward, done, timed_out, final_critic)
+        return StepResult(reward, done, timed_out, final.critic[~fallen[ended]], final)
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from hugwbc.learned.env.rough_ground import RoughGround
+from hugwbc.learned.policy.observations import Observation
 from hugwbc.robot import Robot
 from hugwbc.sim.batch import BatchSimulation
 
@@ -146,12 +147,15 @@ class StepResult:
         done: whether the episode ended for any reason, shape (n,), bool.
         timed_out: indices of the robots whose episode only ran out of time.
         final_critic: critic observation of those robots before their reset, for bootstrapping.
+        final: observations of all robots that are done, in order, before their reset; None in a result that was not
+            made by an environment.
     """
 
     reward: torch.Tensor
     done: torch.Tensor
     timed_out: torch.Tensor
     final_critic: torch.Tensor
+    final: Observation | None = None
 
 
 def _names(kind: type) -> list[str]:

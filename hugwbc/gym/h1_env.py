@@ -1,0 +1,220 @@
+"""The training environment of the learned policy for gymnasium: joint targets at 50 Hz in, its observations out."""
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from hugwbc.errors import ConfigError
+from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.env import HumanoidEnv
+from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.observations import Observation
+
+LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
+_LARGEST = 1e4  # bound of every number of an observation
+_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE
+_LAST_SEED = 2**31 - 1
+
+ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.float32)
+OBSERVATION_SPACE = spaces.Box(-_LARGEST, _LARGEST, (_SIZE,), np.float32)
+
+
+class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many H1s at once in `HumanoidEnv`, without a loop over them in Python.
+
+    Robots whose episode has ended begin the next one in the same step. `info["final_obs"]` then has the last
+    observation of the episode that ended, for bootstrapping.
+
+    Attributes:
+        config: the settings.
+        env: the training environment; None before the first `reset`.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 50, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        config: EnvConfig | None = None,
+        threads: int = 1,
+        curriculum: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        """Set up spaces; the robots are built by `reset`.
+
+        Args:
+            num_envs: number of robots.
+            config: settings of the environment; its `count` gives way to `num_envs`. None for those of the training.
+            threads: threads of the simulation.
+            curriculum: whether levels of noise, speed and penalties rise as in the training; otherwise they stay as
+                they begin.
+            render_mode: None; there is nothing to render.
+
+        Raises:
+            ConfigError: if a number is out of range.
+        """
+        if render_mode is not None:
+            raise ConfigError(f"render_mode is {render_mode!r}; give None")
+        self.config = dataclasses.replace(config or EnvConfig(), count=num_envs)
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.single_action_space, self.single_observation_space = ACTION_SPACE, OBSERVATION_SPACE
+        self.action_space = batch_space(ACTION_SPACE, num_envs)
+        self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
+        self.env: HumanoidEnv | None = None
+        self._threads, self._curriculum = threads, curriculum
+        self._steps = self._not_finite = self._clamped = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode of every robot.
+
+        Args:
+            seed: of all random numbers. With a seed the robots are built anew, with other masses, frictions and delays;
+                without one, they stay the same, and so do the levels of the curricula.
+            options: none are known.
+
+        Returns:
+            Observations, shape (num_envs, 333), and `info` with "critic", the privileged observations of the training.
+
+        Raises:
+            ConfigError: if the seed is negative.
+        """
+        if seed is not None and seed < 0:
+            raise ConfigError(f"seed is {seed}; give 0 or more")
+        super().reset(seed=seed)
+        if self.env is None or seed is not None:
+            drawn = int(self.np_random.integers(_LAST_SEED)) if seed is None else seed
+            self.env = HumanoidEnv(self.config, seed=drawn, threads=self._threads)
+            self._steps = 0
+        self._not_finite = self._clamped = 0
+        # The training starts episodes at random ages; here all start together.
+        self.env.begin_episodes(torch.arange(self.num_envs))
+        observation = self.env.observe()
+        return _actor(observation), {"critic": _rows(observation.critic)}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance all robots by 20 ms.
+
+        Args:
+            actions: outputs of a policy, shape (num_envs, 19): joint targets relative to the nominal pose, in
+                `config.action_scales` [rad]. NaN counts as 0, and what is beyond `LARGEST_ACTION` is clamped.
+
+        Returns:
+            Observations after the step, or of a new episode where one has ended, shape (num_envs, 333); rewards, falls
+            and time-outs, shape (num_envs,); and `info`: "critic", "not_finite", "clamped" (numbers of actions that
+            were changed since `reset`), and where an episode has ended "final_obs" and "final_info" with "critic" and
+            "reason", with the masks "_final_obs" and "_final_info".
+
+        Raises:
+            ConfigError: if there was no `reset`, or the actions have another shape.
+        """
+        env = self.env
+        if env is None:
+            raise ConfigError("there is no episode; call reset first")
+        result = env.step(torch.from_numpy(self._admitted(actions)))
+        self._steps += self.num_envs
+        if self._curriculum and self._steps // self.config.curriculum.steps > (
+            (self._steps - self.num_envs) // self.config.curriculum.steps
+        ):
+            env.update_curriculum()
+        observation = env.observe()
+        done = result.done.numpy()
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        truncated[result.timed_out.numpy()] = True
+        info: dict[str, Any] = {
+            "critic": _rows(observation.critic),
+            "not_finite": self._not_finite,
+            "clamped": self._clamped,
+        }
+        if done.any() and result.final is not None:
+            info |= self._last(result.final, done, truncated)
+        return _actor(observation), result.reward.numpy().astype(np.float64), done & ~truncated, truncated, info
+
+    def _admitted(self, actions: np.ndarray) -> np.ndarray:
+        """Return finite actions within the space, and count what was changed."""
+        given = np.array(actions, dtype=np.float32)
+        if given.shape != (self.num_envs, obs.JOINTS):
+            raise ConfigError(f"the actions have the shape {given.shape}; give ({self.num_envs}, {obs.JOINTS})")
+        missing = np.isnan(given)
+        given[missing] = 0.0
+        clipped = np.clip(given, -LARGEST_ACTION, LARGEST_ACTION)
+        self._not_finite += int(missing.sum())
+        self._clamped += int((clipped != given).sum())
+        return clipped
+
+    def _last(self, final: Observation, done: np.ndarray, truncated: np.ndarray) -> dict[str, Any]:
+        """Return the last observations of the episodes that have ended, in the places of their robots."""
+        last, critic = np.full(self.num_envs, None, dtype=object), np.full(self.num_envs, None, dtype=object)
+        reason = np.full(self.num_envs, None, dtype=object)
+        for place, row, privileged in zip(np.flatnonzero(done), _actor(final), _rows(final.critic), strict=True):
+            last[place], critic[place] = row, privileged
+            reason[place] = "the time was over" if truncated[place] else "the robot fell"
+        told = {"critic": critic, "_critic": done, "reason": reason, "_reason": done}
+        return {"final_obs": last, "_final_obs": done, "final_info": told, "_final_info": done}
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401  the signature of gymnasium
+        """Let go of the robots."""
+        self.env = None
+
+
+class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One robot of `H1VectorEnv`."""
+
+    metadata = {"render_modes": [], "render_fps": 50}  # noqa: RUF012  as gymnasium declares it
+
+    def __init__(
+        self, *, config: EnvConfig | None = None, curriculum: bool = True, render_mode: str | None = None
+    ) -> None:
+        """Set up spaces; arguments as of `H1VectorEnv`."""
+        self._robots = H1VectorEnv(1, config=config, curriculum=curriculum, render_mode=render_mode)
+        self.render_mode = render_mode
+        self.action_space, self.observation_space = ACTION_SPACE, OBSERVATION_SPACE
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; see `H1VectorEnv.reset`.
+
+        Returns:
+            The observation, shape (333,), and `info` with "critic".
+        """
+        super().reset(seed=seed)
+        observation, info = self._robots.reset(seed=seed)
+        return observation[0], {"critic": info["critic"][0]}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance by 20 ms; see `H1VectorEnv.step`.
+
+        Returns:
+            Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic",
+            "not_finite", "clamped" and at the end "reason".
+        """
+        observation, reward, fell, over, info = self._robots.step(np.asarray(action)[None])
+        told = {"critic": info["critic"][0], "not_finite": info["not_finite"], "clamped": info["clamped"]}
+        last = observation[0]
+        if "final_obs" in info:
+            last = info["final_obs"][0]
+            told |= {name: info["final_info"][name][0] for name in ("critic", "reason")}
+        return last, float(reward[0]), bool(fell[0]), bool(over[0]), told
+
+    def close(self) -> None:
+        """Let go of the robot."""
+        self._robots.close()
+
+
+def _actor(observation: Observation) -> np.ndarray:
+    """Return what the policy reads: history and command, shape (k, 333)."""
+    return _rows(torch.cat((observation.history, observation.command), dim=1))
+
+
+def _rows(tensor: torch.Tensor) -> np.ndarray:
+    """Return a tensor as an array of its own; a diverged robot's NaN becomes 0."""
+    return np.clip(np.nan_to_num(tensor.numpy(), nan=0.0, posinf=_LARGEST, neginf=-_LARGEST), -_LARGEST, _LARGEST)

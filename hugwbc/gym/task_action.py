@@ -1,0 +1,191 @@
+"""Actions of the task environments: a few numbers from -1 to 1, and what they ask of robot and hands."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours import Action, View
+from hugwbc.scripts.behaviours.hand_motion import points_in, points_of
+
+GRIP_KINDS = ("squeeze", "attach", None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One number of an action.
+
+    Attributes:
+        name: what it is.
+        low, high: the values that -1 and 1 stand for; a switch has none and is on above 0.
+        unit: of these values; empty for a switch.
+    """
+
+    name: str
+    low: float = 0.0
+    high: float = 0.0
+    unit: str = ""
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is on above 0, and off otherwise."""
+        return not self.unit
+
+
+def _hand(side: str) -> tuple[Entry, ...]:
+    """Return the entries of one hand; the box of its targets is mirrored for the right one."""
+    low, high = (-0.2, 0.6) if side == "left" else (-0.6, 0.2)
+    return (
+        Entry(f"{side}_hand"),
+        Entry(f"{side}_x", 0.0, 0.7, "m"),
+        Entry(f"{side}_y", low, high, "m"),
+        Entry(f"{side}_z", -0.5, 0.6, "m"),
+    )
+
+
+_BODY = (
+    Entry("walk"),
+    Entry("v_x", -0.6, 0.6, "m/s"),
+    Entry("v_y", -0.3, 0.3, "m/s"),
+    Entry("omega", -0.6, 0.6, "rad/s"),
+    Entry("h", -0.3, 0.0, "m"),
+    Entry("p", 0.0, 0.4, "rad"),
+    Entry("w", -1.0, 1.0, "rad"),
+)
+_SQUEEZE = (Entry("squeeze", -60.0, 60.0, "N"),)
+_GRIPS = tuple(Entry(f"{side}_grip") for side in SIDES)
+_VELOCITIES = ("v_x", "v_y", "omega")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Wish:
+    """What an action asks for.
+
+    Attributes:
+        command: to the controller.
+        used: whether the left and the right hand have targets, shape (2,), bool; the controller moves the arms where
+            neither has one.
+        points: targets of both hands in the heading frame, level and at the pelvis [m], shape (2, 3).
+        squeeze: force between two used hands [N].
+        grips: whether the left and the right idealised gripper shall hold, shape (2,), bool.
+    """
+
+    command: Command = dataclasses.field(default_factory=Command)
+    used: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
+    points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
+    squeeze: float = 0.0
+    grips: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
+
+    @classmethod
+    def of(cls, action: Action, view: View) -> "Wish":
+        """Return what the action of a behaviour asks for, as far as actions of a learner can.
+
+        Args:
+            action: of a behaviour that was shown the view; joint targets and directions of the forearms are left out.
+            view: what is known now. A gripper that holds something goes on unless it is told to let go.
+        """
+        hands = None if action.hands is None or action.hands.joints is not None else action.hands
+        grips = np.array([name is not None for name in view.held])
+        for grip in action.grips:
+            grips[SIDES.index(grip.side)] = grip.name is not None
+        if hands is None:
+            return cls(action.command, grips=grips)
+        points = np.nan_to_num(points_in(view, points_of(view, hands), "heading"))
+        force = hands.forces() if hands.together else np.zeros((1, 3))
+        return cls(action.command, hands.given, points, float(np.linalg.norm(force[0])), grips)
+
+
+class ActionLayout:
+    """The numbers of an action, in order, and both directions between them and a `Wish`.
+
+    Attributes:
+        entries: what each number is.
+        names: their names.
+    """
+
+    def __init__(self, grip: str | None) -> None:
+        """Set the order.
+
+        Args:
+            grip: how the task's hands grip: "squeeze" for a force between both, "attach" for the idealised gripper of
+                each, None for not at all.
+
+        Raises:
+            ConfigError: if there is no such grip.
+        """
+        if grip not in GRIP_KINDS:
+            raise ConfigError(f"grip is {grip!r}; give one of {', '.join(map(repr, GRIP_KINDS))}")
+        last = {"squeeze": _SQUEEZE, "attach": _GRIPS, None: ()}[grip]
+        self.entries = (*_BODY, *_hand("left"), *_hand("right"), *last)
+        self.names = tuple(entry.name for entry in self.entries)
+        self._switch = np.array([entry.is_switch for entry in self.entries])
+        low, high = np.array([(entry.low, entry.high) for entry in self.entries]).T
+        self._middle, self._half = 0.5 * (low + high), np.where(self._switch, 1.0, 0.5 * (high - low))
+        self.rest = self.encode(Wish())
+
+    def decode(self, action: np.ndarray) -> Wish:
+        """Return what an action of finite numbers from -1 to 1 asks for, shape (len(names),)."""
+        value = dict(zip(self.names, (self._middle + self._half * action).tolist(), strict=True))
+        walks = value["walk"] > 0.0
+        numbers = {name: value[name] for name in ("h", "p", "w")}
+        if walks:
+            numbers |= {name: value[name] for name in _VELOCITIES}
+        return Wish(
+            command=Command(**numbers, gait=Gait.WALKING if walks else Gait.STANDING),
+            used=np.array([value[f"{side}_hand"] > 0.0 for side in SIDES]),
+            points=np.array([[value[f"{side}_{axis}"] for axis in "xyz"] for side in SIDES]),
+            squeeze=max(value.get("squeeze", 0.0), 0.0),
+            grips=np.array([value.get(f"{side}_grip", -1.0) > 0.0 for side in SIDES]),
+        )
+
+    def encode(self, wish: Wish) -> np.ndarray:
+        """Return the action that asks for something, clipped to what can be asked for, shape (len(names),)."""
+        command = wish.command
+        value = {name: getattr(command, name) for name in (*_VELOCITIES, "h", "p", "w")} | {"squeeze": wish.squeeze}
+        on = {"walk": command.gait is not Gait.STANDING}
+        for index, side in enumerate(SIDES):
+            value |= {f"{side}_{axis}": wish.points[index, k] for k, axis in enumerate("xyz")}
+            on |= {f"{side}_hand": wish.used[index], f"{side}_grip": wish.grips[index]}
+        numbers = [(1.0 if on[name] else -1.0) if name in on else value[name] for name in self.names]
+        return np.clip((np.array(numbers) - self._middle) / self._half, -1.0, 1.0).astype(np.float32)
+
+
+class ActionFilter:
+    """Makes finite numbers from -1 to 1 of any numbers, and counts what it changed since `reset`.
+
+    Attributes:
+        not_finite: numbers that were NaN; the last good one took their place.
+        clamped: numbers that were beyond -1 or 1, infinite ones among them.
+    """
+
+    def __init__(self, rest: np.ndarray) -> None:
+        """Start from an action, shape (n,)."""
+        self._rest = rest
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past before a new episode."""
+        self.not_finite, self.clamped, self._last = 0, 0, self._rest.astype(float)
+
+    def __call__(self, action: object) -> np.ndarray:
+        """Return the action to carry out, shape (n,).
+
+        Raises:
+            ConfigError: if the action is not n numbers.
+        """
+        try:
+            given = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != self._rest.shape:
+            raise ConfigError(f"the action is {action!r}; give {self._rest.size} numbers from -1 to 1")
+        missing = np.isnan(given)
+        filled = np.where(missing, self._last, given)
+        clipped = np.clip(filled, -1.0, 1.0)
+        self.not_finite += int(missing.sum())
+        self.clamped += int((clipped != filled).sum())
+        self._last = clipped
+        return clipped

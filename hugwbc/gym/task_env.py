@@ -1,0 +1,238 @@
+"""A task of the suite as a gymnasium environment: commands and hand targets at 10 Hz in, what a robot has out."""
+
+import math
+import pathlib
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from hugwbc.errors import ConfigError
+from hugwbc.gym.episode import Episode
+from hugwbc.gym.task_action import ActionFilter, ActionLayout
+from hugwbc.gym.task_observation import LARGEST, ObservationLayout
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.scripts.behaviours import View
+from hugwbc.sim import ArenaChoice, Scene, Simulation, load_scene
+from hugwbc.sim.scenes import Box
+from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
+from hugwbc.upper_ik import UpperBodySource
+
+PERIOD = 0.1  # [s] between two actions
+SUCCESS_TIME = 1.0  # [s], for which everything has to stay as it should be, since things may still tip over
+_FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes without a seed of their own: neither for choice nor for reports
+
+
+class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One episode after another of a task.
+
+    The reward of a step is by how much the task's score has grown in it; it is negative where the score falls. The sum
+    over an episode is the final score, 1 for a success, less what the score was at the start: 0 in every shipped task.
+
+    Attributes:
+        task: the task.
+        actions: order, units and ranges of the numbers of an action.
+        observations: order of the numbers of an observation.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  as gymnasium declares it
+
+    def __init__(
+        self,
+        task: str | Task,
+        controller: str = "learned",
+        *,
+        policy: str | None = None,
+        scene: Scene | str | pathlib.Path | None = None,
+        limit: float | None = None,
+        arena: int = 2,
+        robot: str | None = None,
+        drives: str | None = None,
+        sensing: str | None = None,
+        ground: str | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Build controller, arms and estimator; the scene is drawn by `reset`.
+
+        Args:
+            task: one of the suite, the path of a Python file with a TASK, or a task.
+            controller: name or path, as on the command line; it does what the actions ask for.
+            policy: of the controller.
+            scene: objects instead of the task's own, by the same names; a name or path of a scene is loaded.
+            limit: duration after which an episode is truncated [s]; None for the task's.
+            arena: number of the arena (docs/arena.md).
+            robot: robot instead of the arena's.
+            drives: drives instead of the arena's.
+            sensing: sensors instead of the arena's.
+            ground: ground instead of the arena's.
+            render_mode: None; there is nothing to render.
+
+        Raises:
+            ConfigError: if a number is out of range, or the controller's period does not divide 0.1 s.
+            UnknownNameError: if a name is unknown.
+            SceneError: if the scene cannot be read.
+        """
+        if render_mode is not None:
+            raise ConfigError(f"render_mode is {render_mode!r}; give None: watch an episode with `hugwbc play --task`")
+        self.task = task if isinstance(task, Task) else load_task(task)
+        limit = self.task.limit if limit is None else limit
+        if not PERIOD <= limit < math.inf:
+            raise ConfigError(f"limit is {limit} s; give a finite time from {PERIOD} s")
+        self.render_mode, self._limit = render_mode, limit
+        self._arena = ArenaChoice(arena, robot, drives, sensing, ground).chosen
+        self._scene = _scene_of(self.task, scene)
+        self._controller = ControllerSpec(controller, policy).told(self._arena).build()
+        self._ticks = _ticks_in(PERIOD, self._controller.period, controller)
+        self._arms = UpperBodySource(robot=self._arena.known_robot)
+        self._estimator = estimator_for(self._arena)
+        self._simulation: Simulation | None = None
+        self._episode: Episode | None = None
+        self.actions = ActionLayout(_grip_of(self.task, self._scene))
+        self._filter = ActionFilter(self.actions.rest)
+        robot_told, scene_told = self._arena.known_robot, self._scene
+        self.observations = ObservationLayout(robot_told, scene_told.body_names, shapes_of(scene_told))
+        self.action_space = spaces.Box(-1.0, 1.0, (len(self.actions.names),), np.float32)
+        self.observation_space = spaces.Box(-LARGEST, LARGEST, (self.observations.size,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: of what varies in the scene and of the sensors' errors, as in `hugwbc play --task NAME --seed SEED`.
+                Without it, the next one is drawn.
+            options: none are known.
+
+        Returns:
+            The observation, and `info` as `step` returns it.
+        """
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(_FIRST_SEED, _LAST_SEED))
+        self._seed = drawn if seed is None else seed
+        if self._simulation is None:
+            self._simulation = self._arena.simulation(scene=self._scene, seed=self._seed)
+        else:
+            self._simulation.redraw(self._seed)
+        self._filter.reset()
+        self._episode = Episode(self.task, self._simulation, self._controller, self._arms, self._estimator)
+        self._since = math.inf  # when everything came to be as it should be
+        verdict = self._episode.judge()
+        self._score = verdict.score
+        return self._observation(self._episode), self._info(self._episode, verdict, "")
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Do what an action asks for, for 0.1 s.
+
+        Args:
+            action: `actions.names`, each from -1 to 1. NaN stands for the last value, and what is beyond is clamped;
+                `info` counts both.
+
+        Returns:
+            Observation, reward, whether the task is done or has failed, whether the time is over, and `info`:
+            "score", "success", "reason" (why the episode ended, or what is missing so far), "detail", "time" [s],
+            "seed", "not_finite" and "clamped" (numbers of actions that were changed in this episode).
+
+        Raises:
+            ConfigError: if the action is not one number for each name, or there was no `reset`.
+        """
+        episode = self._running
+        episode.behaviour.wish = self.actions.decode(self._filter(action))
+        episode.advance(self._ticks)
+        verdict = episode.judge()
+        reward, self._score = verdict.score - self._score, verdict.score
+        self._since = min(self._since, episode.time) if verdict.success else math.inf
+        done = verdict.success and episode.time - self._since >= SUCCESS_TIME - 1e-9
+        failed = bool(episode.fell or self._problems or episode.problem)
+        over = episode.time >= self._limit - 1e-9
+        ended = "done" if done else "failed" if failed else "time" if over else ""
+        return self._observation(episode), reward, done or failed, over, self._info(episode, verdict, ended)
+
+    @property
+    def view(self) -> View:
+        """What behaviours would be shown now: the observation in words, for those who imitate them.
+
+        Raises:
+            ConfigError: if there was no `reset`.
+        """
+        return self._running.view
+
+    @property
+    def shapes(self) -> Shapes:
+        """Dimensions of the objects of this episode.
+
+        Raises:
+            ConfigError: if there was no `reset`.
+        """
+        return self._running.shapes
+
+    @property
+    def _running(self) -> Episode:
+        if self._episode is None:
+            raise ConfigError("there is no episode; call reset first")
+        return self._episode
+
+    def close(self) -> None:
+        """Let go of the simulation."""
+        self._simulation = self._episode = None
+
+    @property
+    def _problems(self) -> list[str]:
+        assert self._simulation is not None
+        return self._simulation.objects.problems
+
+    def _observation(self, episode: Episode) -> np.ndarray:
+        gone = episode.time / self._limit
+        return self.observations.row(episode.view, episode.shapes, episode.behaviour.points, gone)
+
+    def _info(self, episode: Episode, verdict: Verdict, ended: str) -> dict[str, Any]:
+        missing = verdict.reason or episode.problem
+        return {
+            "score": verdict.score,
+            "success": ended == "done",
+            "reason": f"the time was over: {missing}" if ended == "time" else missing,
+            "detail": "; ".join(self._problems),
+            "time": episode.time,
+            "seed": self._seed,
+            "not_finite": self._filter.not_finite,
+            "clamped": self._filter.clamped,
+        }
+
+
+def _scene_of(task: Task, scene: Scene | str | pathlib.Path | None) -> Scene:
+    """Return the objects of the episodes.
+
+    Raises:
+        ConfigError: if one of the task's own is missing.
+    """
+    if scene is None:
+        return task.scene
+    given = scene if isinstance(scene, Scene) else load_scene(str(scene))
+    missing = [name for name in task.scene.body_names if name not in given.body_names]
+    if missing:
+        raise ConfigError(f"the scene has no {', '.join(missing)}; task '{task.name}' needs objects of these names")
+    return given
+
+
+def _grip_of(task: Task, scene: Scene) -> str | None:
+    """Return how hands grip in a task: idealised if it says so, by friction if there are boxes."""
+    if "attach" in task.idealised:
+        return "attach"
+    return "squeeze" if any(isinstance(thing, Box) for thing in scene.objects) else None
+
+
+def _ticks_in(duration: float, period: float, name: str) -> int:
+    """Return how many control periods [s] are in a duration [s].
+
+    Raises:
+        ConfigError: if the period does not divide it.
+    """
+    ticks = round(duration / period)
+    if ticks < 1 or abs(ticks * period - duration) > 1e-9:
+        raise ConfigError(
+            f"the period of controller '{name}' is {period:g} s, which does not divide {duration:g} s; choose another "
+            "controller"
+        )
+    return ticks

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError
+from hugwbc.gym.follow_wish import HAND_SPEED, FollowWish
+from hugwbc.gym.task_action import GRIP_KINDS, ActionFilter, ActionLayout, Wish
+from hugwbc.robot import load_robot
+from hugwbc.scripts.behaviours import Action, Grip, View
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+HANDS = np.array([[1.3, 2.2, 1.1], [1.3, 1.8, 1.1]])
+
+
+def view(time: float = 0.0, yaw: float = 0.0, held: tuple[str | None, str | None] = (None, None)) -> View:
+    """A robot at (1, 2), with its hands in front of it for a heading of 0."""
+    state = RobotState(
+        q=load_robot().nominal,
+        dq=np.zeros(19),
+        orientation=np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
+        angular_velocity=np.zeros(3),
+        position=np.array([1.0, 2.0, 1.0]),
+        velocity=np.zeros(3),
+        time=time,
+    )
+    return View(time=time, state=state, hands=HANDS, held=held)
+
+
+@pytest.mark.parametrize("grip", GRIP_KINDS)
+def test_what_is_asked_for_comes_back(grip):
+    layout = ActionLayout(grip)
+    wish = Wish(
+        Command(v_x=0.3, v_y=-0.1, omega=0.5, h=-0.2, p=0.1, w=-0.4, gait=Gait.WALKING),
+        np.array([True, False]),
+        np.array([[0.4, 0.3, -0.2], [0.2, -0.5, 0.1]]),
+        25.0,
+        np.array([False, True]),
+    )
+    action = layout.encode(wish)
+    back = layout.decode(action)
+    assert action.dtype == np.float32 and np.abs(action).max() <= 1.0
+    np.testing.assert_allclose(back.command.array(), wish.command.array(), atol=1e-6)
+    np.testing.assert_allclose(back.points, wish.points, atol=1e-6)
+    assert back.command.gait is Gait.WALKING and back.used.tolist() == [True, False]
+    assert back.squeeze == pytest.approx(25.0 if grip == "squeeze" else 0.0, abs=1e-4)
+    assert back.grips.tolist() == [False, grip == "attach"]
+
+
+def test_at_rest_the_robot_stands_upright_with_free_arms():
+    layout = ActionLayout(None)
+    wish = layout.decode(layout.rest)
+    assert wish.command == Command() and not wish.used.any()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_action_is_a_valid_command(seed):
+    layout = ActionLayout("squeeze")
+    action = np.random.default_rng(seed).uniform(-1.0, 1.0, len(layout.names))
+    wish = layout.decode(action)
+    assert wish.command.validate() is wish.command and wish.squeeze >= 0.0
+    assert layout.decode(layout.rest).squeeze == 0.0
+
+
+def test_an_unknown_grip_is_refused():
+    with pytest.raises(ConfigError, match="'squeeze', 'attach', None"):
+        ActionLayout("glue")
+
+
+def test_bad_numbers_are_replaced_and_counted():
+    admit = ActionFilter(np.array([0.5, -1.0, 0.0]))
+    assert admit([np.nan, 2.0, -np.inf]).tolist() == [0.5, 1.0, -1.0]
+    assert (admit.not_finite, admit.clamped) == (1, 2)
+    assert admit([0.1, np.nan, 0.2]).tolist() == [0.1, 1.0, 0.2], "the last good one"
+    admit.reset()
+    assert (admit.not_finite, admit.clamped) == (0, 0)
+    assert admit([np.nan] * 3).tolist() == [0.5, -1.0, 0.0]
+
+
+@pytest.mark.parametrize("action", [[0.0], np.zeros((3, 1)), "stand", None, [1.0, 2.0, "x"]])
+def test_what_is_no_action_is_refused(action):
+    with pytest.raises(ConfigError, match="give 3 numbers from -1 to 1"):
+        ActionFilter(np.zeros(3))(action)
+
+
+def test_hands_go_to_their_targets_no_faster_than_they_may():
+    behaviour = FollowWish(lambda side: None)
+    behaviour.begin(view())
+    assert behaviour.update(view()).hands is None
+    behaviour.wish = Wish(used=np.array([True, False]), points=np.array([[0.5, 0.2, 0.1], [0.0, 0.0, 0.0]]))
+    hands = behaviour.update(view(0.1)).hands
+    assert hands is not None and hands.frame == "heading" and hands.right is None
+    np.testing.assert_allclose(hands.left, [0.3 + 0.1 * HAND_SPEED, 0.2, 0.1], atol=1e-9)
+    hands = behaviour.update(view(5.0)).hands
+    assert hands is not None
+    np.testing.assert_allclose(hands.left, [0.5, 0.2, 0.1])
+    behaviour.wish = Wish()
+    assert behaviour.update(view(5.1)).hands is None and np.isnan(behaviour.points).all()
+
+
+def test_hands_squeeze_along_the_line_between_them():
+    behaviour = FollowWish(lambda side: None)
+    behaviour.begin(view())
+    points = np.array([[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]])
+    behaviour.wish = Wish(used=np.array([True, True]), points=points, squeeze=30.0)
+    hands = behaviour.update(view()).hands
+    assert hands is not None and hands.together
+    np.testing.assert_allclose(hands.forces(), [[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]], atol=1e-9)
+    behaviour.wish = Wish(used=np.array([True, True]), points=np.array([points[0], points[0]]), squeeze=30.0)
+    hands = behaviour.update(view(9.0)).hands
+    assert hands is not None and not hands.forces().any(), "no line between hands at one place"
+
+
+def test_a_gripper_takes_hold_once_and_has_to_be_opened_first_after_its_grip_broke():
+    behaviour = FollowWish(lambda side: ("tray", False))
+    behaviour.begin(view())
+    behaviour.wish = Wish(grips=np.array([True, False]))
+    assert behaviour.update(view(0.1)).grips == (Grip("left", "tray"),)
+    assert behaviour.update(view(0.2, held=("tray", None))).grips == ()
+    assert behaviour.update(view(0.3)).grips == (), "it broke"
+    behaviour.wish = Wish()
+    assert behaviour.update(view(0.4)).grips == ()
+    behaviour.wish = Wish(grips=np.array([True, True]))
+    first, second = behaviour.update(view(0.5, held=(None, None))).grips
+    assert first == Grip("left", "tray") and second == Grip("right", "tray")
+    (second,) = behaviour.update(view(0.6, held=("tray", None))).grips
+    assert second == Grip("right", "tray", hook=True), "the second hand on it may turn"
+    behaviour.wish = Wish()
+    assert behaviour.update(view(0.7, held=("tray", None))).grips == (Grip("left", None),)
+
+
+def test_a_behaviours_action_becomes_a_wish_in_the_heading_frame():
+    squeezed = HandTargets.of((1.0, 2.4, 1.2), None, "world")
+    wish = Wish.of(Action(Command(h=-0.1), squeezed, (Grip("right", "box"),)), view(yaw=np.pi / 2))
+    np.testing.assert_allclose(wish.points[0], [0.4, 0.0, 0.2], atol=1e-9)
+    assert wish.used.tolist() == [True, False] and wish.grips.tolist() == [False, True] and wish.command.h == -0.1
+    assert Wish.of(Action(), view(held=("box", None))).grips.tolist() == [True, False]
+    assert Wish.of(Action(grips=(Grip("left", None),)), view(held=("box", None))).grips.tolist() == [False, False]

@@ -1,0 +1,175 @@
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import hugwbc.gym  # noqa: F401  registers the environments
+from hugwbc import Command, Gait
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.gym import TASK_ENVIRONMENTS
+from hugwbc.gym.task_action import Wish
+from hugwbc.gym.task_env import TaskEnv
+from hugwbc.robot import load_robot
+from hugwbc.sim import Scene
+from hugwbc.sim.scenes import Button, Uniform, Wall
+from hugwbc.tasks import load_task, shapes_of
+
+NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
+
+
+def press(controller: str = "hold", **options: object) -> TaskEnv:
+    return gymnasium.make("hugwbc/PressButton-v0", controller=controller, **options).unwrapped  # type: ignore[return-value]
+
+
+def play(env: TaskEnv, seed: int, steps: int = 8) -> list[np.ndarray]:
+    """Observations and rewards of an episode of random actions."""
+    observation, _ = env.reset(seed=seed)
+    rng, rows = np.random.default_rng(0), [observation]
+    for _ in range(steps):
+        observation, reward, _, _, _ = env.step(rng.uniform(-1.0, 1.0, env.action_space.shape))
+        rows.append(np.append(observation, reward))
+    return rows
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", TASK_ENVIRONMENTS)
+def test_gymnasiums_checker_is_content(name):
+    env = gymnasium.make(name, controller="hold", disable_env_checker=True).unwrapped
+    check_env(env, skip_render_check=True)
+    assert env.reset(seed=3)[1]["score"] == 0.0
+
+
+def test_the_same_seed_is_the_same_episode():
+    env = press("learned")
+    first, other = play(env, 3), play(env, 4)
+    for again in (play(env, 3), play(press("learned"), 3)):
+        assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0], other[0])
+
+
+def test_without_a_seed_every_episode_is_another_one():
+    env = press()
+    env.reset(seed=3)
+    seeds = [env.reset()[1]["seed"] for _ in range(3)]
+    assert len(set(seeds)) == 3 and min(seeds) >= 3000, "neither seeds of selection nor of reports"
+    env.reset(seed=3)
+    assert [env.reset()[1]["seed"] for _ in range(3)] == seeds
+
+
+def test_bad_numbers_do_no_harm():
+    env = press("learned")
+    env.reset(seed=3)
+    size = len(env.actions.names)
+    for action in (np.full(size, np.nan), np.full(size, np.inf), np.full(size, -np.inf), np.full(size, 1e30)):
+        observation, reward, terminated, _, info = env.step(action)
+        assert env.observation_space.contains(observation) and np.isfinite(reward) and not terminated
+    assert info["not_finite"] == size and info["clamped"] == 3 * size
+
+
+def test_a_fall_ends_the_episode_and_the_rewards_are_what_the_score_grew_by():
+    env = press()
+    _, info = env.reset(seed=3)
+    start, total, terminated = info["score"], 0.0, False
+    walk = env.actions.encode(Wish(used=np.array([True, True]), points=np.array([[0.7, 0.6, 0.6], [0.7, -0.6, -0.5]])))
+    for _ in range(100):
+        _, reward, terminated, truncated, info = env.step(walk)
+        total += reward
+        if terminated or truncated:
+            break
+    assert terminated and not truncated and not info["success"] and info["reason"] == "the robot fell"
+    assert total == pytest.approx(info["score"] - start)
+
+
+def test_the_time_limit_truncates():
+    env = press("learned", limit=0.3)
+    env.reset(seed=3)
+    ends = [env.step(env.actions.rest)[1:] for _ in range(3)]
+    assert [(terminated, truncated) for _, terminated, truncated, _ in ends] == [(False, False)] * 2 + [(False, True)]
+    assert ends[-1][3]["reason"] == "the time was over: no hand touched the button"
+    assert ends[-1][3]["time"] == 0.3
+
+
+def test_an_observation_is_what_a_robot_has():
+    env = press("learned", sensing="exact", drives="ideal")
+    observation, _ = env.reset(seed=3)
+    assert env.observation_space.contains(observation)
+    simulation = env._simulation
+    assert simulation is not None
+    part = {name: observation[place] for name, place in env.observations.fields.items()}
+    assert sum(value.size for value in part.values()) == observation.size
+    truth = simulation.objects["button"]
+    np.testing.assert_allclose(part["object/button"][:3], truth.position - simulation.qpos[:3], atol=1e-5)
+    np.testing.assert_allclose(part["q"], simulation.qpos[7:] - load_robot().nominal, atol=1e-5)
+    hands = np.ravel([simulation.hand_position(side) - simulation.qpos[:3] for side in ("left", "right")])
+    np.testing.assert_allclose(part["hands"], hands, atol=1e-4)
+    button = shapes_of(load_task("press_button").scene.draw(3))["button"]
+    told = [number for value in button.values() for number in np.ravel(value)]
+    np.testing.assert_allclose(part["shape/button"], told, atol=1e-6)
+    for _ in range(15):
+        observation, *_ = env.step(env.actions.encode(Wish(Command(v_x=0.3, gait=Gait.WALKING))))
+    part = {name: observation[place] for name, place in env.observations.fields.items()}
+    assert part["walk"] == 1.0 and part["command"][0] == pytest.approx(0.3)
+    np.testing.assert_allclose(part["velocity"], simulation.qvel[:3], atol=0.05)
+    assert part["velocity"][0] > 0.1 and part["time"] == pytest.approx(1.5 / 60.0)
+
+
+def test_many_run_one_after_another_in_a_sync_vector():
+    envs = gymnasium.make_vec("hugwbc/PressButton-v0", num_envs=2, controller="hold", limit=0.2)
+    assert isinstance(envs, gymnasium.vector.SyncVectorEnv)
+    observations, info = envs.reset(seed=5)
+    assert observations.shape == envs.observation_space.shape and info["seed"].tolist() == [5, 6]
+    for _ in range(2):
+        _, _, _, truncated, _ = envs.step(envs.action_space.sample())
+    assert truncated.all()
+    envs.close()
+
+
+def test_a_scene_and_a_task_of_ones_own(tmp_path):
+    env = press(scene=NEAR)
+    observation, _ = env.reset(seed=3)
+    assert observation[env.observations.fields["object/button"]][0] == pytest.approx(0.62, abs=0.02)
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import dataclasses\nfrom hugwbc.tasks.press_button import TASK\nTASK = dataclasses.replace(TASK, limit=1.0)\n"
+    )
+    env = gymnasium.make("hugwbc/Task-v0", task=str(own), controller="hold").unwrapped
+    env.reset(seed=3)
+    assert env.task.limit == 1.0  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"controller": "none"}, UnknownNameError, "unknown controller"),
+        ({"limit": 0.0}, ConfigError, "limit is 0.0 s"),
+        ({"limit": float("nan")}, ConfigError, "limit is nan s"),
+        ({"arena": 7}, ConfigError, "no arena 7"),
+        ({"sensing": "perfect"}, UnknownNameError, "perfect"),
+        ({"scene": Scene((Wall(name="wall", position=(2.0, 0.0)),))}, ConfigError, "the scene has no button"),
+    ],
+)
+def test_bad_options_are_refused(options, error, message):
+    with pytest.raises(error, match=message):
+        TaskEnv("press_button", **({"controller": "hold"} | options))
+
+
+def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():
+    with pytest.raises(ConfigError, match="hugwbc play --task"):
+        TaskEnv("press_button", "hold", render_mode="human")
+    env = TaskEnv("press_button", "hold")
+    with pytest.raises(ConfigError, match="call reset first"):
+        env.step(env.actions.rest)
+
+
+@pytest.mark.slow
+def test_the_tasks_own_behaviour_presses_the_button_by_these_actions():
+    env = press("learned", scene=NEAR)
+    env.reset(seed=3)
+    behaviour = env.task.behaviour(env.shapes)
+    behaviour.begin(env.view)
+    total, over, info = 0.0, False, {}
+    while not over:
+        view = env.view
+        _, reward, terminated, truncated, info = env.step(env.actions.encode(Wish.of(behaviour.update(view), view)))
+        total, over = total + reward, terminated or truncated
+    assert info["success"] and info["reason"] == "" and total == pytest.approx(1.0)
