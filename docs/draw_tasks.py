@@ -5,6 +5,7 @@ The QP does each task once. Its records are kept in out/tasks, so that the next 
 
 import dataclasses
 import pathlib
+import sys
 import tempfile
 
 import imageio.v2 as imageio
@@ -23,6 +24,7 @@ RECORDS, IMAGES = ROOT / "out" / "tasks", ROOT / "docs" / "images"
 SHOTS = {  # seed, and time of the picture [s]
     "press_button": (0, 11.0),
     "fetch_box": (0, 18.2),
+    "lift_from_stool": (0, 18.0),
     "push_cart": (0, 11.0),
     "open_drawer": (0, 14.0),
     "hold_payload": (0, 16.0),
@@ -77,9 +79,12 @@ def save(path: pathlib.Path, picture: np.ndarray, width: int) -> None:
 
 
 def main() -> None:
-    """Draw all pictures."""
-    for name, (_, moment) in SHOTS.items():
-        save(IMAGES / "tasks" / f"{name}.jpg", still(record(name), moment, (240, 1000)), 380)
+    """Draw the pictures of the tasks that the command line names, or of all."""
+    names = sys.argv[1:] or list(SHOTS)
+    for name in names:
+        save(IMAGES / "tasks" / f"{name}.jpg", still(record(name), SHOTS[name][1], (240, 1000)), 380)
+    if "fetch_box" not in names:
+        return
     story = [still(record("fetch_box"), moment, (290, 910)) for moment in STORY]
     save(IMAGES / "fetch_box.jpg", np.concatenate(story, axis=1), 1240)
 
