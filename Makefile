@@ -12,23 +12,25 @@ export OMP_NUM_THREADS ?= 1
 # Processes that share the tests, file by file.
 TEST_PROCESSES ?= 2
 
-.PHONY: help install compare play evaluate bench train check test lint test-slow docs models picture curve clean
+.PHONY: help install compare compare-tasks play evaluate bench train check test lint test-slow docs models picture task-pictures curve clean
 
 help:
-	@echo "make compare     play loco_manipulation with both controllers; results in out/compare"
-	@echo "make test        linter, formatter, type checker and tests, as CI runs them"
-	@echo "make test-slow   the tests that take longer"
-	@echo "make lint        linter, formatter and type checker only"
-	@echo "make play        watch a controller in the browser"
-	@echo "make evaluate    the paper's single-command protocol"
-	@echo "make bench       speed of the parts"
-	@echo "make check       verify the installation"
-	@echo "make train       train a policy"
-	@echo "make docs        build the documentation into site/, failing on a broken link"
-	@echo "make models      write h1.xml and h1.urdf from h1.yaml"
-	@echo "make picture     take the README's picture"
-	@echo "make curve       draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
-	@echo "make clean       remove .venv, caches, site and out"
+	@echo "make compare        play loco_manipulation with both controllers; results in out/compare"
+	@echo "make compare-tasks  do fetch_box and press_button with both, side by side; results in out/compare-TASK"
+	@echo "make test           linter, formatter, type checker and tests, as CI runs them"
+	@echo "make test-slow      the tests that take longer"
+	@echo "make lint           linter, formatter and type checker only"
+	@echo "make play           watch a controller in the browser"
+	@echo "make evaluate       the paper's single-command protocol"
+	@echo "make bench          speed of the parts"
+	@echo "make check          verify the installation"
+	@echo "make train          train a policy"
+	@echo "make docs           build the documentation into site/, failing on a broken link"
+	@echo "make models         write h1.xml and h1.urdf from h1.yaml"
+	@echo "make picture        take the README's picture of both controllers"
+	@echo "make task-pictures  take the pictures of the tasks, docs/tasks.md"
+	@echo "make curve          draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
+	@echo "make clean          remove .venv, caches, site and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
 
 install: $(STAMP)
@@ -42,6 +44,11 @@ $(STAMP): pyproject.toml constraints.txt
 
 compare: $(STAMP)
 	$(BIN)/hugwbc compare --script loco_manipulation --seed 0 $(ARGS)
+
+# Minutes of computing each, because the QP is asked 500 times for each second: `compare` stays without them.
+compare-tasks: $(STAMP)
+	$(BIN)/hugwbc compare --task fetch_box --seed 0 --out out/compare-fetch_box $(ARGS)
+	$(BIN)/hugwbc compare --task press_button --seed 0 --out out/compare-press_button $(ARGS)
 
 play evaluate bench train check: $(STAMP)
 	$(BIN)/hugwbc $@ $(ARGS)
@@ -67,6 +74,9 @@ models: $(STAMP)
 picture: ARGS += --hide balance
 picture: compare
 	$(BIN)/python docs/picture.py
+
+task-pictures: $(STAMP)
+	$(BIN)/python docs/draw_tasks.py
 
 curve: $(STAMP)
 	$(BIN)/python docs/draw_curve.py $(RUN)

@@ -1,4 +1,4 @@
-"""Make the README's picture from frames of the video that `hugwbc compare` wrote; `make picture` runs both."""
+"""Make the README's picture of both controllers from frames of `hugwbc compare`'s video; `make picture` runs both."""
 
 import pathlib
 

@@ -31,7 +31,7 @@ def _run(name, *arguments, folder):
         [sys.executable, str(EXAMPLES / name), *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=400,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         cwd=folder,
         check=False,
@@ -82,9 +82,18 @@ def test_pick_from_the_floor(run):
 
 
 def test_carry_a_box(run):
-    out = run("06_carry_a_box.py", "--controller", "learned", "--duration", "5.5")
-    assert number(r"([\d]+) samples with the box", out) > 50
-    assert number(r"hands ([\d.]+) cm apart", out) == pytest.approx(32, abs=8)
+    out = run("06_carry_a_box.py", "--controller", "learned", "--duration", "1.5")
+    assert 24 <= number(r"a box of ([\d.]+) cm", out) <= 32
+    assert number(r"lifted by ([\d.]+) cm", out) < 1, "the robot is still on its way"
+    assert "stayed up for 1.5 s; the task is not done: no hand touched the box" in out
+
+
+@pytest.mark.slow
+def test_a_box_is_really_carried(run):
+    out = run("06_carry_a_box.py")
+    assert number(r"lifted by ([\d.]+) cm", out) > 5
+    assert number(r"brought ([\d.]+) m away", out) > 1
+    assert "the task is done" in out
 
 
 def test_compare_controllers(run, tmp_path):

@@ -12,6 +12,7 @@ VERBS = {
     "report": "run all protocols with each controller and write all tables and figures",
     "compare": "play one script with each controller and compare the results",
     "evaluate": "run one of the protocols and print its figures next to the paper's",
+    "tasks": "list the tasks of loco-manipulation, or record demonstrations of them",
     "play": "watch a controller live in the browser",
     "deploy": "control a robot over the network: a real H1, or a simulated one",
     "simulate-robot": "simulate an H1 behind the messages of a real one",

@@ -40,6 +40,8 @@ from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
 FOLDER = pathlib.Path(__file__).parent
 SCRIPT_NAMES = shipped_names(FOLDER)
+REPLACED = {"carry_box": "fetch_box", "push_button": "press_button"}
+"""Former scripts with imagined objects, and the tasks in which these are real."""
 _HINT = "write `segments:` and below it a list, each with label and duration; `file` names long paths"
 
 
@@ -51,8 +53,14 @@ def load_script(name: str | pathlib.Path) -> Script:
 
     Raises:
         UnknownNameError: if no shipped script has that name.
-        ScriptError: if the file cannot be read or is not a valid script; it names the line.
+        ScriptError: if the file cannot be read or is not a valid script; it names the line. Or if the script has become
+            a task.
     """
+    if str(name) in REPLACED:
+        raise ScriptError(
+            f"script '{name}' is a task now, with real objects in place of imagined ones: give `--task "
+            f"{REPLACED[str(name)]}` to play or compare, or load_task('{REPLACED[str(name)]}') in Python"
+        )
     return read_script(yaml_path("script", name, FOLDER))
 
 

@@ -6,10 +6,11 @@ import pytest
 from hugwbc.commands import VELOCITY_NAMES
 from hugwbc.errors import ScriptError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.scripts.behaviours import load_plan
 from hugwbc.scripts.hand_paths import Circle, Hold, Line
 from hugwbc.scripts.motion import generate_motions, load_motion
 from hugwbc.scripts.script import HandMotion, Segment
-from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script, parse_script
+from hugwbc.scripts.script_file import REPLACED, SCRIPT_NAMES, load_script, parse_script
 
 GOOD = """\
 about: everything a segment can say
@@ -153,9 +154,16 @@ def test_files_that_cannot_be_read(tmp_path):
 
 
 def test_the_library():
-    scenes = {"wave", "reach_grid", "carry_box", "push_button", "wipe_table", "pick_from_floor", "hand_over"}
+    scenes = {"wave", "reach_grid", "wipe_table", "pick_from_floor", "hand_over"}
     assert scenes | {"arms_random_walk", "loco_manipulation", "stand", "walk", "squat"} == set(SCRIPT_NAMES)
     assert all(load_script(name).about for name in SCRIPT_NAMES)
+
+
+@pytest.mark.parametrize("load", [load_script, load_plan])
+@pytest.mark.parametrize(("name", "task"), REPLACED.items())
+def test_a_script_that_became_a_task_says_which(load, name, task):
+    with pytest.raises(ScriptError, match=f"--task {task}"):
+        load(name)
 
 
 def test_the_documented_example_is_a_script_and_its_mistake_is_told_so():

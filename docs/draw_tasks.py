@@ -1,0 +1,93 @@
+"""Draw the pictures of docs/tasks.md, and the first one of the README; `make task-pictures` runs this.
+
+The QP does each task once. Its records are kept in out/tasks, so that the next drawing takes seconds.
+"""
+
+import dataclasses
+import pathlib
+import sys
+import tempfile
+
+import imageio.v2 as imageio
+import numpy as np
+from PIL import Image
+
+from hugwbc.runtime import Trace, load_controller
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.sim import ARENAS
+from hugwbc.tasks import load_task, run_task
+from hugwbc.viz.marks import LAYERS
+from hugwbc.viz.video import write_video
+
+ROOT = pathlib.Path(__file__).parents[1]
+RECORDS, IMAGES = ROOT / "out" / "tasks", ROOT / "docs" / "images"
+SHOTS = {  # seed, and time of the picture [s]
+    "press_button": (0, 11.0),
+    "fetch_box": (0, 18.2),
+    "lift_from_stool": (0, 18.0),
+    "push_cart": (0, 11.0),
+    "open_drawer": (0, 14.0),
+    "hold_payload": (0, 16.0),
+}
+STORY = (9.1, 18.2, 27.3, 36.2)  # [s] of fetch_box: take, carry, turn and walk, let go
+BELOW_CAPTION = 60  # [pixel]
+QUALITY = 90  # of the pictures, from 1 to 100
+
+
+def record(name: str) -> Trace:
+    """Return the record of a task, from its file or by doing the task."""
+    seed, _ = SHOTS[name]
+    path = RECORDS / f"{name}-{seed}.npz"
+    if not path.is_file():
+        task, arena = load_task(name), ARENAS[2]
+        simulation = arena.simulation(scene=task.scene, seed=seed)
+        run = run_task(task, load_controller("qp"), simulation, estimator_for(arena))
+        print(f"{name}, seed {seed}: {'done' if run.verdict.success else run.verdict.reason}")
+        RECORDS.mkdir(parents=True, exist_ok=True)
+        run.trace.save(path)
+    return Trace.load(path)
+
+
+def still(trace: Trace, moment: float, edges: tuple[int, int]) -> np.ndarray:
+    """Return a picture of one moment [s] between two columns of pixels, shape (height, width, 3), uint8.
+
+    Raises:
+        RuntimeError: if this machine cannot render.
+    """
+    sample = min(int(np.searchsorted(trace.time, moment)), len(trace.time) - 1)
+    fields = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
+    one = {
+        name: value[sample : sample + 1]
+        for name, value in fields.items()
+        if isinstance(value, np.ndarray) and len(value) == len(trace.time)
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        film = pathlib.Path(folder) / "still.mp4"
+        obstacle = write_video(film, [dataclasses.replace(trace, **one)], hide=LAYERS)
+        if obstacle is not None:
+            raise RuntimeError(obstacle)
+        with imageio.get_reader(film) as reader:
+            return np.asarray(reader.get_data(0))[BELOW_CAPTION:, slice(*edges)]
+
+
+def save(path: pathlib.Path, picture: np.ndarray, width: int) -> None:
+    """Write a picture, scaled to a width [pixel]."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = Image.fromarray(picture)
+    image = image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS)
+    image.save(path, quality=QUALITY, optimize=True)
+
+
+def main() -> None:
+    """Draw the pictures of the tasks that the command line names, or of all."""
+    names = sys.argv[1:] or list(SHOTS)
+    for name in names:
+        save(IMAGES / "tasks" / f"{name}.jpg", still(record(name), SHOTS[name][1], (240, 1000)), 380)
+    if "fetch_box" not in names:
+        return
+    story = [still(record("fetch_box"), moment, (290, 910)) for moment in STORY]
+    save(IMAGES / "fetch_box.jpg", np.concatenate(story, axis=1), 1240)
+
+
+if __name__ == "__main__":
+    main()

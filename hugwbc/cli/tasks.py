@@ -1,0 +1,102 @@
+"""`hugwbc tasks`: list the suite of tasks, or record demonstrations of them."""
+
+import dataclasses
+import pathlib
+from collections.abc import Sequence
+
+from hugwbc.cli.output import output_folder, parse, progress, say
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.sim import ArenaChoice
+from hugwbc.tasks import TASK_NAMES, load_task
+
+
+@dataclasses.dataclass(frozen=True)
+class TasksOptions(ArenaChoice):
+    """List the tasks of loco-manipulation; with `--record`, do them and write all episodes as demonstrations.
+
+    `hugwbc play --task NAME` shows a task, `hugwbc evaluate tasks` gives success rates.
+    """
+
+    task: tuple[str, ...] = TASK_NAMES
+    """Names of tasks, or Python files with tasks of your own; all of the suite by default."""
+    record: pathlib.Path | None = None
+    """New folder for a data set in the layout of LeRobot v3 (docs/demonstrations.md). Needs the extra [record]."""
+    controller: str = "learned"
+    """With `--record`: learned, qp, a plug-in's name, or the path of a policy or of a contract for a foreign policy."""
+    policy: str | None = None
+    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
+    episodes: int = 10
+    """With `--record`: number of episodes of each task."""
+    seed: int = 0
+    """With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Parse, then list or record."""
+    options = parse(TasksOptions, words, "tasks", TasksOptions.__doc__)
+    if not options.task or len(set(options.task)) < len(options.task):
+        raise ConfigError(f"tasks are {', '.join(options.task) or 'none'}; give at least one, each once")
+    if options.record is None:
+        _refuse_options_of_recordings(options)
+        _list(options.task)
+        return 0
+    if options.episodes < 1:
+        raise ConfigError(f"episodes is {options.episodes}; give at least 1")
+    _record(options, options.record)
+    return 0
+
+
+def _list(names: Sequence[str]) -> None:
+    tasks = [load_task(name) for name in names]
+    width = max(len(task.name) for task in tasks)
+    for task in tasks:
+        idealised = f" Idealised: {', '.join(task.idealised)}." if task.idealised else ""
+        say(f"{task.name:<{width}}  {task.about}{idealised}")
+
+
+def _refuse_options_of_recordings(options: TasksOptions) -> None:
+    """Refuse options that would do nothing without `--record`.
+
+    Raises:
+        ConfigError: if there are any; the message names them.
+    """
+    default = TasksOptions()
+    names = [field.name for field in dataclasses.fields(options) if field.name not in ("task", "record")]
+    given = [f"--{name}" for name in names if getattr(options, name) != getattr(default, name)]
+    if given:
+        raise ConfigError(f"{', '.join(given)} is for recording; add --record FOLDER, or leave it out")
+
+
+def _record(options: TasksOptions, folder: pathlib.Path) -> None:
+    try:
+        from hugwbc.tasks.demonstration import FPS, demonstrate
+        from hugwbc.tasks.lerobot_dataset import DatasetWriter
+    except ImportError as error:
+        raise ConfigError(f"--record needs pyarrow ({error}); run `pip install 'hugwbc[record]'`") from error
+    tasks, arena = [load_task(name) for name in options.task], options.chosen
+    total, done = options.episodes * len(tasks), 0
+    with (
+        output_folder(folder.absolute().parent),
+        DatasetWriter(folder, tasks, load_robot(arena.robot)) as writer,
+        progress(f"{options.controller}, recording: {total} episodes") as advance,
+    ):
+        controller = ControllerSpec(options.controller, options.policy).told(arena).build()
+
+        def on_progress(part: float) -> None:
+            advance((done + part) / total)
+
+        for task in tasks:
+            for seed in range(options.seed, options.seed + options.episodes):
+                simulation = arena.simulation(seed=seed, scene=task.scene)
+                episode = demonstrate(
+                    task, controller, simulation, estimator_for(arena), seed=seed, on_progress=on_progress
+                )
+                writer.add(episode)
+                done += 1
+                verdict = episode.verdict
+                words = "done" if verdict.success else f"not done: {verdict.reason}"
+                say(f"{task.name}, seed {seed}: {words}, {len(episode.state) / FPS:.1f} s")
+    say(f"wrote {total} episodes to {folder}")

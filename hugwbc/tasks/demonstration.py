@@ -1,0 +1,235 @@
+"""Demonstrations: what a behaviour knew and asked for in an episode of a task, as frames to learn from.
+
+A frame pairs what was known at one time with what the robot was then told to do. All of it is estimated or seen, as on
+a robot; only the verdict is the truth.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.controller import Controller
+from hugwbc.robot import SIDES, Robot
+from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Status, View
+from hugwbc.scripts.behaviours.hand_motion import in_frame, points_in
+from hugwbc.sim import Simulation
+from hugwbc.tasks.run_task import run_task
+from hugwbc.tasks.task import Task
+from hugwbc.tasks.verdict import Verdict
+
+FPS = round(1.0 / RECORD_PERIOD)  # frames per second: the rate of the learned controller and of every other record
+_AXES = ("x", "y", "z")
+_POSE = (*_AXES, "qw", "qx", "qy", "qz")
+_BASE = (*_POSE, *(f"v_{axis}" for axis in _AXES), *(f"omega_{axis}" for axis in _AXES))
+_BOTH = ("together", "whole_body")
+
+
+def _of_hands(*names: str) -> tuple[str, ...]:
+    return tuple(f"{side}_hand.{name}" for side in SIDES for name in names)
+
+
+ACTION_NAMES = (
+    *COMMAND_NAMES,
+    "gait",
+    *_of_hands(*_AXES),
+    *_of_hands("given"),
+    *_of_hands(*(f"direction_{axis}" for axis in _AXES)),
+    *_of_hands(*(f"force_{axis}" for axis in _AXES)),
+    *_of_hands("grip"),
+    *_BOTH,
+)
+"""Numbers of an action, in order; `docs/demonstrations.md` says what each of them means."""
+
+
+def state_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the numbers of a state, in order."""
+    return (
+        *(f"{name}.pos" for name in robot.joint_names),
+        *(f"{name}.vel" for name in robot.joint_names),
+        *(f"base.{name}" for name in _BASE),
+        *_of_hands(*_AXES),
+        *_of_hands(*(f"force_{axis}" for axis in _AXES)),
+        *_of_hands("holds"),
+    )
+
+
+def pose_names(body: str) -> tuple[str, ...]:
+    """Return the names of the seven numbers of an object's pose."""
+    return tuple(f"{body}.{name}" for name in _POSE)
+
+
+def state_vector(view: View) -> np.ndarray:
+    """Return what is known of the robot as one vector, in the order of `state_names`; 0 for what is not known."""
+    state = view.state
+    return np.concatenate(
+        (
+            state.q,
+            state.dq,
+            view.position,
+            state.orientation,
+            np.zeros(3) if state.velocity is None else state.velocity,
+            state.angular_velocity,
+            view.hands.ravel(),
+            np.zeros(6) if view.hand_force is None else view.hand_force.ravel(),
+            [float(name is not None) for name in view.held],
+        )
+    )
+
+
+def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
+    """Return what was asked for as one vector, in the order of `ACTION_NAMES`.
+
+    Targets of hands are in the heading frame, level and at the pelvis, whatever frame the behaviour used. A hand
+    without a target has `given` 0 and the place where it is.
+
+    Args:
+        view: what was known then.
+        action: what was asked for.
+        grip: whether the idealised gripper of each hand is asked to hold something, shape (2,).
+    """
+    command, hands = action.command, action.hands
+    points = points_in(view, view.hands, "heading")
+    given, directions, forces, both = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2)
+    if hands is not None:
+        hands = in_frame(view, hands, "heading")
+        given = hands.given.astype(float)
+        points = np.where(hands.given[:, None], hands.array(), points)
+        pointing = (hands.left_direction, hands.right_direction)
+        directions = np.stack([np.zeros(3) if value is None else value for value in pointing])
+        forces = hands.forces()
+        both = np.array([float(getattr(hands, name)) for name in _BOTH])
+    parts = (points, given, directions, forces, grip, both)
+    return np.concatenate((command.array(), [float(command.gait)], *(np.ravel(part) for part in parts)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Demonstration:
+    """One episode of a task: T frames, `FPS` per second, from the start until the behaviour ended.
+
+    Attributes:
+        task: the task.
+        seed: seed of the scene and of the sensors.
+        controller: name of the controller.
+        robot: name of the robot.
+        state: what was known of the robot, shape (T, names of `state_names`).
+        objects: poses of the bodies of the scene as they were seen: position [m] and quaternion (w, x, y, z), in the
+            order of `Scene.body_names`, shape (T, bodies, 7).
+        action: what was asked for, shape (T, names of `ACTION_NAMES`).
+        steps: what the robot was at, in the words of the behaviour, one for each frame.
+        verdict: whether the task was done, from the true states.
+    """
+
+    task: Task
+    seed: int
+    controller: str
+    robot: str
+    state: np.ndarray
+    objects: np.ndarray
+    action: np.ndarray
+    steps: tuple[str, ...]
+    verdict: Verdict
+
+
+def demonstrate(
+    task: Task,
+    controller: Controller,
+    simulation: Simulation,
+    estimator: StateEstimator | None = None,
+    *,
+    seed: int,
+    on_progress: Callable[[float], None] | None = None,
+) -> Demonstration:
+    """Run one episode of a task and return it as a demonstration; recording changes nothing of the episode.
+
+    Args:
+        task: the task.
+        controller: any object with the members of `Controller`.
+        simulation: a robot among the objects of the task's scene: `arena.simulation(scene=task.scene, seed=seed)`.
+        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        seed: that of the simulation, to be noted.
+        on_progress: called with the fraction of the time limit.
+
+    Raises:
+        ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
+    """
+    made: list[_Watched] = []
+
+    def watched(shapes: object) -> Behaviour:
+        made.append(_Watched(task.behaviour(shapes)))  # type: ignore[arg-type]
+        return made[-1]
+
+    run = run_task(
+        dataclasses.replace(task, behaviour=watched), controller, simulation, estimator, on_progress=on_progress
+    )
+    (watch,) = made
+    count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
+    bodies = len(task.scene.body_names)
+    return Demonstration(
+        task=task,
+        seed=seed,
+        controller=run.trace.name,
+        robot=run.trace.robot,
+        state=np.array(watch.states[:count]).reshape(count, -1),
+        objects=np.array(watch.objects[:count]).reshape(count, bodies, 7),
+        action=np.array(watch.actions).reshape(count, len(ACTION_NAMES)),
+        steps=tuple(watch.steps[:count]),
+        verdict=run.verdict,
+    )
+
+
+class _Watched(Behaviour):
+    """A behaviour that runs another one, and notes what it knows and asks for.
+
+    A command reaches the robot softened, so each action is taken from the next view, which says what was carried out.
+    """
+
+    def __init__(self, inner: Behaviour) -> None:
+        self._inner = inner
+        self.states: list[np.ndarray] = []
+        self.objects: list[np.ndarray] = []
+        self.actions: list[np.ndarray] = []
+        self.steps: list[str] = []
+        self._grip = np.zeros(2)
+        self._open: View | None = None  # of a frame that has no action yet
+
+    @property
+    def label(self) -> str:
+        return self._inner.label
+
+    @property
+    def step(self) -> str:
+        return self._inner.step
+
+    def course(self, view: View) -> Course:
+        self._inner.begin(view)
+        while True:
+            self._close(view.last)
+            action = self._inner.update(view)
+            if self._inner.status is Status.SUCCESS:
+                return view
+            if self._inner.status is Status.FAILURE:
+                raise Failure(self._inner.reason, self._inner.label)
+            self._frame(view)
+            view = yield action
+
+    def _close(self, action: Action) -> None:
+        """Give the last frame its action, if there is a frame that waits for one."""
+        for grip in action.grips:
+            self._grip[SIDES.index(grip.side)] = float(grip.name is not None)
+        if self._open is not None:
+            self.actions.append(action_vector(self._open, action, self._grip))
+            self._open = None
+
+    def _frame(self, view: View) -> None:
+        """Begin a frame, if one is due: controllers may be faster than `FPS`."""
+        if view.time < len(self.states) * RECORD_PERIOD - 1e-9:
+            return
+        self._open = view
+        self.states.append(state_vector(view))
+        poses = [np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()]
+        self.objects.append(np.array(poses))
+        self.steps.append(self._inner.step)

@@ -1,0 +1,283 @@
+"""Demonstrations in files: a data set in the layout of LeRobot, version 3.
+
+FOLDER/
+  meta/info.json                                  features with their names, counts, templates of the paths
+  meta/stats.json                                 minimum, maximum, mean, deviation and quantiles of each number
+  meta/tasks.parquet                              what is to be done, in words
+  meta/subtasks.parquet                           the steps of the behaviours, in words
+  meta/episodes/chunk-000/file-000.parquet        a row for each episode: its frames, its verdict, its statistics
+  data/chunk-000/file-000.parquet                 a row for each frame
+"""
+
+import json
+import os
+import pathlib
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from hugwbc.errors import ConfigError
+from hugwbc.robot import Robot
+from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, pose_names, state_names
+from hugwbc.tasks.task import Task
+
+VERSION = "v3.0"
+_FILES_IN_CHUNK = 1000
+_FILE_SIZE = 100  # [MB] of frames after which another file begins
+_PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_DATA, _EPISODES = f"data/{_PLACE}", f"meta/episodes/{_PLACE}"
+_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
+_COUNTED = ("frame_index", "episode_index", "index", "task_index", "subtask_index")
+Stats = dict[str, list[float] | list[int]]
+
+
+def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]]:
+    """Return the columns of the frames: type, shape and the names of their numbers.
+
+    A body has the same seven numbers in all episodes of a task. Where several tasks are in one data set, they share the
+    numbers: body k of each of them is `object_k`, and unused ones are 0.
+    """
+    scenes = [task.scene.body_names for task in tasks]
+    most = max(len(bodies) for bodies in scenes)
+    bodies = scenes[0] if len(set(scenes)) == 1 else [f"object_{place}" for place in range(most)]
+    vectors = {
+        "observation.state": state_names(robot),
+        "observation.environment_state": [name for body in bodies for name in pose_names(body)],
+        "action": ACTION_NAMES,
+    }
+    return {
+        **{key: {"dtype": "float32", "shape": [len(names)], "names": list(names)} for key, names in vectors.items()},
+        **{key: {"dtype": "bool", "shape": [1], "names": None} for key in ("next.done", "next.success")},
+        "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+        **{key: {"dtype": "int64", "shape": [1], "names": None} for key in _COUNTED},
+    }
+
+
+class DatasetWriter:
+    """A data set that is written episode by episode, and is there completely or not at all.
+
+    Use it in a `with` statement. Everything goes into a hidden folder beside the one that is asked for, which gets its
+    name at the end; an error or Ctrl-C removes it.
+    """
+
+    def __init__(self, folder: pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
+        """Prepare the columns.
+
+        Args:
+            folder: where the data set shall be; it must not exist.
+            tasks: tasks of which there will be episodes, at least one.
+            robot: the robot.
+
+        Raises:
+            ConfigError: if the folder exists.
+        """
+        self.folder = folder.absolute()
+        if os.path.lexists(self.folder):
+            raise ConfigError(f"{folder} is there already; give a new folder, because recordings are never overwritten")
+        self._tasks = [task.name for task in tasks]
+        self._abouts = [task.about for task in tasks]
+        self._robot = robot
+        self._features = features_of(tasks, robot)
+        self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in self._features.items()])
+        self._staging = self.folder.with_name(f".{self.folder.name}.{secrets.token_hex(4)}.partial")
+        self._steps: dict[str, int] = {}
+        self._episodes: list[dict[str, Any]] = []
+        self._frames, self._file, self._size = 0, 0, 0.0
+        self._writer: pq.ParquetWriter | None = None
+
+    def __enter__(self) -> Self:
+        """Make the hidden folder.
+
+        Raises:
+            ConfigError: if it cannot be made.
+        """
+        try:
+            self._staging.mkdir(parents=True)
+        except OSError as error:
+            raise ConfigError(
+                f"cannot write {self.folder}: {error.strerror}; give a folder that can be made"
+            ) from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Give the data set its name, or remove what there is of it.
+
+        Raises:
+            ConfigError: if there is no episode, or something has taken the name meanwhile.
+        """
+        try:
+            self._close()
+            if kind is None:
+                self._finish()
+        finally:
+            shutil.rmtree(self._staging, ignore_errors=True)
+
+    def add(self, episode: Demonstration) -> None:
+        """Write one episode.
+
+        Raises:
+            ConfigError: if it has no frames, or is of another task or robot than the data set is made for.
+        """
+        if episode.task.name not in self._tasks or episode.robot != self._robot.name or not len(episode.state):
+            raise ConfigError(
+                f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "
+                f"is for another data set: this one has {', '.join(self._tasks)} with robot {self._robot.name}"
+            )
+        columns = self._columns(episode)
+        arrays = [_arrow(columns[key], self._schema.field(key).type) for key in self._schema.names]
+        table = pa.Table.from_arrays(arrays, schema=self._schema)
+        if self._size > _FILE_SIZE:
+            self._close()
+            self._file, self._size = self._file + 1, 0.0
+        if self._writer is None:
+            path = self._staging / _DATA.format(**_place(self._file))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pq.ParquetWriter(path, self._schema)
+        self._writer.write_table(table)  # one group of rows for each episode
+        self._size += table.nbytes / 2**20
+        count, verdict, place = len(episode.state), episode.verdict, _place(self._file)
+        self._episodes.append(
+            {
+                "episode_index": len(self._episodes),
+                "tasks": [episode.task.about],
+                "length": count,
+                "dataset_from_index": self._frames,
+                "dataset_to_index": self._frames + count,
+                **{f"data/{name}": value for name, value in place.items()},
+                **{f"meta/episodes/{name}": value for name, value in _place(0).items()},
+                "suite_task": episode.task.name,
+                "seed": episode.seed,
+                "controller": episode.controller,
+                "objects": list(episode.task.scene.body_names),
+                "success": verdict.success,
+                "score": verdict.score,
+                "reason": verdict.reason,
+                "detail": verdict.detail,
+                **_flat(columns),
+            }
+        )
+        self._frames += count
+
+    def _columns(self, episode: Demonstration) -> dict[str, np.ndarray]:
+        """Return the frames of an episode as columns, shapes (T,) or (T, numbers)."""
+        count, numbers = len(episode.state), np.arange(len(episode.state))
+        objects = np.zeros((count, self._features["observation.environment_state"]["shape"][0]))
+        objects[:, : episode.objects[0].size] = episode.objects.reshape(count, -1)
+        last = numbers == count - 1
+        steps = [self._steps.setdefault(step, len(self._steps)) for step in episode.steps]
+        return {
+            "observation.state": episode.state,
+            "observation.environment_state": objects,
+            "action": episode.action,
+            "next.done": last,
+            "next.success": last & episode.verdict.success,
+            "timestamp": numbers / FPS,
+            "frame_index": numbers,
+            "episode_index": np.full(count, len(self._episodes)),
+            "index": self._frames + numbers,
+            "task_index": np.full(count, self._tasks.index(episode.task.name)),
+            "subtask_index": np.array(steps),
+        }
+
+    def _close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _finish(self) -> None:
+        if not self._episodes:
+            raise ConfigError("no episode was recorded; add at least one")
+        meta = self._staging / "meta"
+        path = self._staging / _EPISODES.format(**_place(0))
+        path.parent.mkdir(parents=True)
+        pq.write_table(pa.Table.from_pylist(self._episodes), path)
+        _write_words(meta / "tasks.parquet", "task", self._abouts)
+        _write_words(meta / "subtasks.parquet", "subtask", list(self._steps))
+        _write_json(meta / "stats.json", {key: _stats(self._whole(key)) for key in self._features})
+        _write_json(meta / "info.json", self._info())
+        try:
+            os.rename(self._staging, self.folder)
+        except OSError as error:
+            problem = f"cannot give the data set its name {self.folder}: {error.strerror}"
+            raise ConfigError(f"{problem}; nothing was kept, because something has taken the name meanwhile") from error
+
+    def _whole(self, key: str) -> np.ndarray:
+        """Return a column of all frames, read back from the files."""
+        paths = sorted((self._staging / "data").glob("*/*.parquet"))
+        tables = [pq.read_table(path, columns=[key]) for path in paths]
+        column = pa.concat_tables(tables).column(key)
+        if pa.types.is_fixed_size_list(column.type):
+            return pc.list_flatten(column).to_numpy().reshape(len(column), -1)
+        return column.to_numpy()
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "codebase_version": VERSION,
+            "robot_type": f"unitree_{self._robot.name}",
+            "total_episodes": len(self._episodes),
+            "total_frames": self._frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": _FILES_IN_CHUNK,
+            "data_files_size_in_mb": _FILE_SIZE,
+            "video_files_size_in_mb": 2 * _FILE_SIZE,
+            "fps": FPS,
+            "splits": {"train": f"0:{len(self._episodes)}"},
+            "data_path": _DATA,
+            "video_path": None,
+            "features": self._features,
+        }
+
+
+def _place(number: int) -> dict[str, int]:
+    """Return the indices in the path of a file by its number."""
+    return {"chunk_index": number // _FILES_IN_CHUNK, "file_index": number % _FILES_IN_CHUNK}
+
+
+def _arrow_type(feature: Mapping[str, Any]) -> pa.DataType:
+    kind, (length,) = _ARROW[feature["dtype"]], feature["shape"]
+    return kind if feature["names"] is None else pa.list_(kind, length)
+
+
+def _arrow(values: np.ndarray, kind: pa.DataType) -> pa.Array:
+    if pa.types.is_fixed_size_list(kind):
+        return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel().astype(np.float32)), type=kind)
+    return pa.array(values).cast(kind)
+
+
+def _stats(values: np.ndarray) -> Stats:
+    """Return the statistics of each number of a column, shape (T,) or (T, numbers)."""
+    rows = values.reshape(len(values), -1).astype(float)
+    found = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
+    quantiles = np.quantile(rows, list(_QUANTILES.values()), axis=0)
+    found |= dict(zip(_QUANTILES, quantiles, strict=True))
+    return {**{name: value.tolist() for name, value in found.items()}, "count": [len(rows)]}
+
+
+def _flat(columns: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return the statistics of an episode as columns of its row."""
+    return {f"stats/{key}/{name}": value for key, rows in columns.items() for name, value in _stats(rows).items()}
+
+
+def _write_words(path: pathlib.Path, what: str, words: list[str]) -> None:
+    """Write a table from words to numbers, the words as its index: readers look a number up with pandas."""
+    table = pa.table({what: pa.array(words, pa.string()), f"{what}_index": pa.array(range(len(words)), pa.int64())})
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+        for name, kind, numpy in ((f"{what}_index", "int64", "int64"), (what, "unicode", "object"))
+    ]
+    pandas = {"index_columns": [what], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
+    pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(pandas)}), path)
+
+
+def _write_json(path: pathlib.Path, content: object) -> None:
+    path.write_text(json.dumps(content, indent=4) + "\n", encoding="utf-8")

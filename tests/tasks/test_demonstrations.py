@@ -1,0 +1,335 @@
+"""Demonstrations: what is in a frame, and a data set that LeRobot's own reader of Parquet files reads."""
+
+import dataclasses
+import json
+import pathlib
+
+import datasets
+import numpy as np
+import pandas
+import pyarrow.parquet as pq
+import pytest
+
+from hugwbc import rotations
+from hugwbc.cli import USAGE_ERROR, main
+from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.scripts.behaviours import Action, Behaviour, Grip, Reach, Sequence, Stand
+from hugwbc.sim import ARENAS
+from hugwbc.sim.scenes import Box, Scene, Table
+from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
+from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, demonstrate, state_names
+from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of
+
+ROBOT = load_robot("h1")
+EXACT = dataclasses.replace(ARENAS[2], sensing="exact")
+SCENE = Scene(
+    (
+        Table(name="desk", position=(0.6, 0.0), size=(0.4, 1.2), height=0.8),
+        Box(name="box", on="desk", size=(0.1, 0.1, 0.1), mass=0.5),
+    )
+)
+NUMBER = {name: place for place, name in enumerate(ACTION_NAMES)}
+STATE = {name: place for place, name in enumerate(state_names(ROBOT))}
+PLACE = [NUMBER[f"left_hand.{axis}"] for axis in "xyz"]
+OWN = """
+from hugwbc.scripts.behaviours import Stand
+from hugwbc.sim import Scene
+from hugwbc.sim.scenes import Wall
+from hugwbc.tasks import Milestone, Task
+
+TASK = Task(
+    name="own", about="Stand.", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)),
+    behaviour=lambda shapes: Stand(seconds=0.1), limit=0.5, milestones=(Milestone("never", lambda record: 1.0),),
+)
+"""
+
+
+def small(*steps, limit=2.0) -> Task:
+    return Task(
+        name="small",
+        about="Do next to nothing.",
+        scene=SCENE,
+        behaviour=lambda shapes: Sequence(*steps, name="small"),
+        limit=limit,
+        milestones=(Milestone("it is not over", lambda record: float(record.ending.succeeded)),),
+    )
+
+
+def made_up(
+    name: str, frames: int, *, success: bool = True, steps: tuple[str, ...] = ("walk", "press")
+) -> Demonstration:
+    task, rng = load_task(name), np.random.default_rng(frames)
+    return Demonstration(
+        task=task,
+        seed=frames,
+        controller="qp",
+        robot="h1",
+        state=rng.normal(size=(frames, len(STATE))),
+        objects=rng.normal(size=(frames, len(task.scene.body_names), 7)),
+        action=rng.normal(size=(frames, len(ACTION_NAMES))),
+        steps=tuple(steps[place * len(steps) // frames] for place in range(frames)),
+        verdict=Verdict(success, "" if success else "nobody pressed", "", 1.0 if success else 0.25),
+    )
+
+
+def written(folder: pathlib.Path, *episodes: Demonstration) -> pathlib.Path:
+    tasks = list({episode.task.name: episode.task for episode in episodes}.values())
+    with DatasetWriter(folder, tasks, ROBOT) as writer:
+        for episode in episodes:
+            writer.add(episode)
+    return folder
+
+
+def read_info(folder: pathlib.Path) -> dict:
+    return json.loads((folder / "meta" / "info.json").read_text())
+
+
+def hugging_face(info: dict) -> datasets.Features:
+    """Types of the columns as LeRobot derives them from the features."""
+    kinds = {}
+    for key, feature in info["features"].items():
+        kind, shape = datasets.Value(feature["dtype"]), feature["shape"]
+        kinds[key] = kind if shape == [1] else datasets.Sequence(kind, length=shape[0])
+    return datasets.Features(kinds)
+
+
+def test_recording_changes_nothing_of_an_episode():
+    task = small(Stand(seconds=0.1), Reach(left=(0.3, 0.25, 0.2), frame="pelvis", timeout=0.4))
+    plain = run_task(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4))
+    told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
+    assert told.verdict == plain.verdict and told.controller == plain.trace.name
+    count = len(told.state)
+    assert 0 < count <= len(plain.trace.time)
+    joints = told.state[:, : len(ROBOT.joint_names)]
+    np.testing.assert_array_equal(joints, plain.trace.qpos[:count, 7:])
+    np.testing.assert_array_equal(told.objects, plain.trace.object_pose[:count])
+    np.testing.assert_allclose(told.action[:, :8], plain.trace.command[:count])
+    given = ~np.isnan(plain.trace.hand_target_world[:count, 0, 0])
+    np.testing.assert_array_equal(told.action[:, NUMBER["left_hand.given"]], given)
+    assert given.any() and not given.all()
+    for row in np.flatnonzero(given):
+        pelvis = plain.trace.qpos[row, :7]
+        away = plain.trace.hand_target_world[row, 0] - pelvis[:3]
+        wanted = away @ rotations.rotation_z(float(rotations.yaw_of(pelvis[3:])))
+        np.testing.assert_allclose(told.action[row, PLACE], wanted, atol=1e-9)
+
+
+def test_a_frame_without_a_target_holds_the_place_of_the_hand_and_the_step():
+    task = small(Stand(seconds=0.1), Reach(left=(0.3, 0.25, 0.1), frame="pelvis", timeout=0.4))
+    told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
+    assert set(told.steps) == {"stand", "reach"} and told.steps[0] == "stand"
+    assert told.steps == tuple(sorted(told.steps, reverse=True)), "one step after the other"
+    here = [STATE[f"left_hand.{axis}"] for axis in "xyz"]
+    base = [STATE[f"base.{axis}"] for axis in "xyz"]
+    first = told.action[0]
+    assert first[NUMBER["left_hand.given"]] == 0.0
+    np.testing.assert_allclose(first[PLACE], told.state[0, here] - told.state[0, base], atol=1e-6)
+    last = told.action[-1]
+    assert last[NUMBER["left_hand.given"]] == 1.0 and last[NUMBER["right_hand.given"]] == 0.0
+
+
+class Asks(Behaviour):
+    """Asks for a grip at one tick, waits, lets go at another, and waits."""
+
+    def course(self, view):
+        for name in ("box", None):
+            view = yield Action(grips=(Grip("right", name),))
+            for _ in range(4):
+                view = yield Action()
+        return view
+
+
+def test_a_gripper_stays_asked_until_it_is_let_go():
+    told = demonstrate(small(Asks()), HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
+    assert told.action[:, NUMBER["right_hand.grip"]].tolist() == [1.0] * 5 + [0.0] * 5
+    assert set(told.action[:, NUMBER["left_hand.grip"]]) == {0.0}
+    assert set(told.state[:, STATE["right_hand.holds"]]) == {0.0}, "it is out of reach"
+
+
+def test_the_time_limit_leaves_whole_frames():
+    told = demonstrate(
+        small(Stand(seconds=10.0), limit=0.3), HoldController(ROBOT), EXACT.simulation(scene=SCENE), seed=0
+    )
+    assert len(told.state) == len(told.action) == len(told.objects) == len(told.steps) == round(0.3 / RECORD_PERIOD) - 1
+    assert not told.verdict.success
+
+
+def test_the_layout_is_that_of_lerobot(tmp_path):
+    episodes = (made_up("press_button", 40), made_up("press_button", 25, success=False, steps=("walk", "wait")))
+    folder = written(tmp_path / "demos", *episodes)
+    info = read_info(folder)
+    assert info["codebase_version"] == "v3.0" and info["fps"] == FPS == 50
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (2, 65, 1)
+    assert info["splits"] == {"train": "0:2"}
+    paths = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert paths == {
+        "meta/info.json",
+        "meta/stats.json",
+        "meta/tasks.parquet",
+        "meta/subtasks.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+        info["data_path"].format(chunk_index=0, file_index=0),
+    }
+    rows = datasets.Dataset.from_parquet(
+        str(folder / "data/chunk-000/file-000.parquet"), features=hugging_face(info), cache_dir=str(tmp_path / "cache")
+    ).with_format("numpy")
+    assert rows.features == hugging_face(info) and len(rows) == 65
+    for index, (episode, begin) in enumerate(zip(episodes, (0, 40), strict=True)):
+        part = rows[begin : begin + len(episode.state)]
+        np.testing.assert_allclose(part["observation.state"], episode.state, rtol=1e-6)
+        np.testing.assert_allclose(part["action"], episode.action, rtol=1e-6)
+        np.testing.assert_allclose(
+            part["observation.environment_state"], episode.objects.reshape(len(episode.state), -1), rtol=1e-6
+        )
+        np.testing.assert_array_equal(part["frame_index"], range(len(episode.state)))
+        np.testing.assert_allclose(part["timestamp"], np.arange(len(episode.state)) / FPS, rtol=1e-6)
+        assert set(part["episode_index"]) == {index} and set(part["task_index"]) == {0}
+        assert part["next.done"].tolist() == [False] * (len(episode.state) - 1) + [True]
+        assert bool(part["next.success"][-1]) == episode.verdict.success
+    np.testing.assert_array_equal(rows["index"], range(65))
+
+
+def test_words_are_looked_up_with_pandas(tmp_path):
+    episodes = (made_up("press_button", 4), made_up("press_button", 4, steps=("walk", "wait")))
+    folder = written(tmp_path / "demos", *episodes)
+    tasks = pandas.read_parquet(folder / "meta" / "tasks.parquet")
+    assert tasks.index.name == "task" and tasks.iloc[0].name == load_task("press_button").about
+    assert tasks["task_index"].tolist() == [0]
+    steps = pandas.read_parquet(folder / "meta" / "subtasks.parquet")
+    frames = pq.read_table(folder / "data/chunk-000/file-000.parquet", columns=["subtask_index"])["subtask_index"]
+    named = [steps.iloc[int(place)].name for place in frames.to_numpy()]
+    assert named == ["walk", "walk", "press", "press", "walk", "walk", "wait", "wait"]
+
+
+def test_episodes_say_where_their_frames_are_and_how_they_ended(tmp_path):
+    folder = written(tmp_path / "demos", made_up("press_button", 40), made_up("press_button", 25, success=False))
+    table = pandas.read_parquet(folder / "meta/episodes/chunk-000/file-000.parquet")
+    assert table["episode_index"].tolist() == [0, 1] and table["length"].tolist() == [40, 25]
+    assert table["dataset_from_index"].tolist() == [0, 40] and table["dataset_to_index"].tolist() == [40, 65]
+    assert set(table["data/chunk_index"]) == set(table["data/file_index"]) == {0}
+    assert [list(words) for words in table["tasks"]] == [[load_task("press_button").about]] * 2
+    assert table["success"].tolist() == [True, False] and table["reason"].tolist() == ["", "nobody pressed"]
+    assert table["suite_task"].tolist() == ["press_button"] * 2 and table["seed"].tolist() == [40, 25]
+    assert list(table["objects"][0]) == list(load_task("press_button").scene.body_names)
+
+
+def test_statistics_are_those_of_all_frames_and_of_each_episode(tmp_path):
+    episodes = (made_up("press_button", 40), made_up("press_button", 25))
+    folder = written(tmp_path / "demos", *episodes)
+    stats = json.loads((folder / "meta" / "stats.json").read_text())
+    assert set(stats) == set(read_info(folder)["features"])
+    actions = np.concatenate([episode.action for episode in episodes])
+    for name, value in (("min", actions.min(0)), ("mean", actions.mean(0)), ("std", actions.std(0))):
+        np.testing.assert_allclose(stats["action"][name], value, atol=1e-6)
+    np.testing.assert_allclose(stats["action"]["q50"], np.median(actions, axis=0), atol=1e-6)
+    assert stats["action"]["count"] == [65] and len(stats["timestamp"]["mean"]) == 1
+    rows = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    np.testing.assert_allclose(rows[1]["stats/action/max"], episodes[1].action.max(0), atol=1e-12)
+
+
+def test_several_tasks_share_the_numbers_of_their_objects(tmp_path):
+    one, other = made_up("press_button", 6), made_up("fetch_box", 5)
+    counts = [len(episode.task.scene.body_names) for episode in (one, other)]
+    folder = written(tmp_path / "demos", one, other)
+    feature = read_info(folder)["features"]["observation.environment_state"]
+    assert feature["shape"] == [7 * max(counts)] and feature["names"][7] == "object_1.x"
+    frames = pq.read_table(folder / "data/chunk-000/file-000.parquet")
+    assert frames["task_index"].to_pylist() == [0] * 6 + [1] * 5
+    column = np.array(frames["observation.environment_state"].to_pylist())
+    fewer = int(np.argmin(counts))
+    rows = column[:6] if fewer == 0 else column[6:]
+    assert not rows[:, 7 * min(counts) :].any() and rows[:, : 7 * min(counts)].all()
+    alone = features_of([one.task], ROBOT)["observation.environment_state"]["names"]
+    assert alone[0] == f"{one.task.scene.body_names[0]}.x"
+
+
+def test_frames_go_on_in_another_file(tmp_path, monkeypatch):
+    monkeypatch.setattr("hugwbc.tasks.lerobot_dataset._FILE_SIZE", 0.01)
+    folder = written(tmp_path / "demos", *(made_up("press_button", 40 + k) for k in range(3)))
+    rows = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["data/file_index"] for row in rows] == [0, 1, 2]
+    assert pq.read_table(folder / "data/chunk-000/file-002.parquet")["index"].to_pylist() == list(range(81, 123))
+    assert json.loads((folder / "meta/stats.json").read_text())["action"]["count"] == [123]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ConfigError])
+def test_nothing_is_left_of_a_recording_that_was_stopped(tmp_path, error):
+    task = load_task("press_button")
+    with pytest.raises(error), DatasetWriter(tmp_path / "demos", [task], ROBOT) as writer:
+        writer.add(made_up("press_button", 5))
+        raise error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_never_overwritten(tmp_path):
+    folder = tmp_path / "demos"
+    folder.mkdir()
+    with pytest.raises(ConfigError, match="never overwritten"):
+        DatasetWriter(folder, [load_task("press_button")], ROBOT)
+    with (
+        pytest.raises(ConfigError, match="its name"),
+        DatasetWriter(tmp_path / "new", [load_task("press_button")], ROBOT) as writer,
+    ):
+        writer.add(made_up("press_button", 5))
+        (tmp_path / "new").mkdir()
+        (tmp_path / "new" / "mine.txt").write_text("mine")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["demos", "new"]
+    assert (tmp_path / "new" / "mine.txt").read_text() == "mine"
+
+
+def test_what_does_not_belong_into_a_data_set_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="no episode"), DatasetWriter(tmp_path / "a", [load_task("push_cart")], ROBOT):
+        pass
+    with DatasetWriter(tmp_path / "b", [load_task("push_cart")], ROBOT) as writer:
+        with pytest.raises(ConfigError, match="press_button"):
+            writer.add(made_up("press_button", 5))
+        with pytest.raises(ConfigError, match="0 frames"):
+            writer.add(made_up("push_cart", 0))
+        writer.add(made_up("push_cart", 5))
+    assert read_info(tmp_path / "b")["total_episodes"] == 1
+
+
+def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tasks", "--task", "fetch_box", "open_drawer"]) == 0
+    listed = capsys.readouterr().out
+    assert load_task("fetch_box").about in listed and "attach" in listed
+    pathlib.Path("own.py").write_text(OWN)
+    words = [
+        "tasks",
+        "--task",
+        "own.py",
+        "--controller",
+        "hold",
+        "--episodes",
+        "2",
+        "--seed",
+        "7",
+        "--record",
+        "d/demos",
+    ]
+    assert main(words) == 0
+    assert "own, seed 8" in capsys.readouterr().out
+    assert read_info(tmp_path / "d" / "demos")["total_episodes"] == 2
+    assert main(words) == USAGE_ERROR
+    assert "never overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--episodes", "3"], "--record"),
+        (["--record", "new", "--episodes", "0"], "at least 1"),
+        (["--task", "fetch_bx"], "fetch_box"),
+        (["--task", "fetch_box", "fetch_box"], "each once"),
+        (["--record", "new", "--controller", "nobody"], "nobody"),
+    ],
+)
+def test_the_verb_refuses_bad_options_and_leaves_nothing(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tasks", *words]) == USAGE_ERROR
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
