@@ -1,8 +1,9 @@
 """`hugwbc tasks`: list the suite of tasks, or record demonstrations of them."""
 
+import contextlib
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from hugwbc.cli.output import output_folder, parse, progress, say
 from hugwbc.errors import ConfigError
@@ -70,6 +71,17 @@ def _refuse_options_of_recordings(options: TasksOptions) -> None:
         raise ConfigError(f"{', '.join(given)} is for recording; add --record FOLDER, or leave it out")
 
 
+@contextlib.contextmanager
+def _said(words: Callable[[], str]) -> Iterator[None]:
+    """Say what there is at the end, also when Ctrl-C has come before it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        say(words())
+        raise
+    say(words())
+
+
 def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     try:
         from hugwbc.tasks.demonstration import FPS, demonstrate
@@ -79,6 +91,7 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     tasks, arena = [load_task(name) for name in options.task], options.chosen
     total, done = options.episodes * len(tasks), 0
     with (
+        _said(lambda: f"wrote {done} of {total} episodes to {folder}" if done else "no episode was complete"),
         output_folder(folder.absolute().parent),
         DatasetWriter(folder, tasks, load_robot(arena.robot)) as writer,
         progress(f"{options.controller}, recording: {total} episodes") as advance,
@@ -99,4 +112,3 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
                 verdict = episode.verdict
                 words = "done" if verdict.success else f"not done: {verdict.reason}"
                 say(f"{task.name}, seed {seed}: {words}, {len(episode.state) / FPS:.1f} s")
-    say(f"wrote {total} episodes to {folder}")

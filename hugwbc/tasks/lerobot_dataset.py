@@ -62,10 +62,10 @@ def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]
 
 
 class DatasetWriter:
-    """A data set that is written episode by episode, and is there completely or not at all.
+    """A data set that is written episode by episode, and is never there half-written.
 
     Use it in a `with` statement. Everything goes into a hidden folder beside the one that is asked for, which gets its
-    name at the end; an error or Ctrl-C removes it.
+    name at the end. An error or Ctrl-C ends the data set after the last complete episode.
     """
 
     def __init__(self, folder: pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
@@ -92,6 +92,8 @@ class DatasetWriter:
         self._episodes: list[dict[str, Any]] = []
         self._frames, self._file, self._size = 0, 0, 0.0
         self._writer: pq.ParquetWriter | None = None
+        self._torn = False  # whether the frames of an episode are written in part
+        self._complete = False
 
     def __enter__(self) -> Self:
         """Make the hidden folder.
@@ -110,17 +112,19 @@ class DatasetWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Give the data set its name, or remove what there is of it.
+        """Give the data set its name; after an error, with the episodes that are complete, if there are any.
 
         Raises:
             ConfigError: if there is no episode, or something has taken the name meanwhile.
         """
         try:
             self._close()
-            if kind is None:
+            if kind is None or (self._episodes and not self._torn):
                 self._finish()
+                self._name()
         finally:
-            shutil.rmtree(self._staging, ignore_errors=True)
+            if not self._complete:
+                shutil.rmtree(self._staging, ignore_errors=True)
 
     def add(self, episode: Demonstration) -> None:
         """Write one episode.
@@ -143,6 +147,7 @@ class DatasetWriter:
             path = self._staging / _DATA.format(**_place(self._file))
             path.parent.mkdir(parents=True, exist_ok=True)
             self._writer = pq.ParquetWriter(path, self._schema)
+        self._torn = True
         self._writer.write_table(table)  # one group of rows for each episode
         self._size += table.nbytes / 2**20
         count, verdict, place = len(episode.state), episode.verdict, _place(self._file)
@@ -167,6 +172,7 @@ class DatasetWriter:
             }
         )
         self._frames += count
+        self._torn = False
 
     def _columns(self, episode: Demonstration) -> dict[str, np.ndarray]:
         """Return the frames of an episode as columns, shapes (T,) or (T, numbers)."""
@@ -205,11 +211,16 @@ class DatasetWriter:
         _write_words(meta / "subtasks.parquet", "subtask", list(self._steps))
         _write_json(meta / "stats.json", {key: _stats(self._whole(key)) for key in self._features})
         _write_json(meta / "info.json", self._info())
+        self._complete = True
+
+    def _name(self) -> None:
         try:
             os.rename(self._staging, self.folder)
         except OSError as error:
-            problem = f"cannot give the data set its name {self.folder}: {error.strerror}"
-            raise ConfigError(f"{problem}; nothing was kept, because something has taken the name meanwhile") from error
+            raise ConfigError(
+                f"cannot give the data set its name {self.folder}: {error.strerror}, something has taken it meanwhile; "
+                f"it is in {self._staging}, rename that folder"
+            ) from error
 
     def _whole(self, key: str) -> np.ndarray:
         """Return a column of all frames, read back from the files."""

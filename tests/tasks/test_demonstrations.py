@@ -256,11 +256,28 @@ def test_frames_go_on_in_another_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ConfigError])
-def test_nothing_is_left_of_a_recording_that_was_stopped(tmp_path, error):
-    task = load_task("press_button")
-    with pytest.raises(error), DatasetWriter(tmp_path / "demos", [task], ROBOT) as writer:
+def test_a_recording_that_was_stopped_keeps_its_complete_episodes(tmp_path, error):
+    task, folder = load_task("press_button"), tmp_path / "demos"
+    with pytest.raises(error), DatasetWriter(folder, [task], ROBOT) as writer:
         writer.add(made_up("press_button", 5))
         raise error
+    assert list(tmp_path.iterdir()) == [folder]
+    assert read_info(folder)["total_frames"] == 5
+
+
+def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path, monkeypatch):
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT):
+        raise KeyboardInterrupt
+    with (
+        pytest.raises(KeyboardInterrupt),
+        DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
+    ):
+        writer.add(made_up("press_button", 5))
+        monkeypatch.setattr(pq.ParquetWriter, "write_table", stop)  # in the middle of the second episode
+        writer.add(made_up("press_button", 5))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -276,7 +293,9 @@ def test_a_folder_is_never_overwritten(tmp_path):
         writer.add(made_up("press_button", 5))
         (tmp_path / "new").mkdir()
         (tmp_path / "new" / "mine.txt").write_text("mine")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["demos", "new"]
+    (kept,) = tmp_path.glob(".new.*")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [kept.name, "demos", "new"]
+    assert read_info(kept)["total_frames"] == 5
     assert (tmp_path / "new" / "mine.txt").read_text() == "mine"
 
 

@@ -172,15 +172,20 @@ class TrainingStage:
     # Measurements ---------------------------------------------------------------------------------------------------
 
     def measured_env(self) -> EnvConfig:
-        """Return the environment of the measurements: that of the stage's end, so that all of them are alike."""
+        """Return the environment of the measurements: that of the stage's end, so that all of them are alike.
+
+        A policy runs in it with the feed-forward of squats that it has learned with.
+        """
         highest = {name: len(schedule.values) - 1 for name, schedule in self.stage.schedules.items()}
         return self.stage.config(1.0, levels=highest, own=self.work.paths).env
 
     def _measure(self, trainer: Trainer) -> dict[str, float]:
         """Return the figures of the evaluator, at a seed of selection, and the training's own over the segment."""
         state = self.state
+        evaluator = self._evaluator_of_stage()
+        evaluator.adopt(trainer.config.at(trainer.steps).env)
         # In the form in which the policy runs, on the CPU.
-        figures = self._evaluator_of_stage().run(copy.deepcopy(trainer.ppo.network.actor).cpu().plain())
+        figures = evaluator.run(copy.deepcopy(trainer.ppo.network.actor).cpu().plain())
         earlier = state.measurements[-1]["iteration"] if state.measurements else state.begin_iteration
         if state.branch and not self._branch_has_measurements():
             earlier = state.best_measurement().get("iteration", state.begin_iteration)

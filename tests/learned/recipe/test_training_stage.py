@@ -87,6 +87,21 @@ def test_a_schedule_is_read_at_every_segment(
     assert [config.steps for config in configs] == [32, 64, 96, 128, 160, 192, 224]
 
 
+def test_a_policy_is_measured_with_the_squats_that_it_has_learned_with(
+    tmp_path: pathlib.Path, make_recipe: Callable[..., Recipe], services: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gains, real = [], Evaluator.run
+
+    def noted(self: Evaluator, actor: Any) -> dict[str, float]:
+        gains.append(self._env.config.squat_gain)
+        return real(self, actor)
+
+    monkeypatch.setattr(Evaluator, "run", noted)
+    run(alone(make_recipe, "    schedules: {env.squat_gain: {steps: {0: 0, 0.5: 1}}}\n"), tmp_path / "run", services)
+    _, *gaits = gains
+    assert gaits == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+
+
 def test_a_gated_schedule_moves_on_with_the_figures(
     tmp_path: pathlib.Path,
     make_recipe: Callable[..., Recipe],
