@@ -2,6 +2,8 @@
 
 import importlib
 import itertools
+import os
+import select
 import sys
 import types
 from collections.abc import Sequence
@@ -57,6 +59,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("hugwbc: stopped", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:
+        if _is_read(sys.stdout.fileno()):
+            raise
+        # What is left in the buffer would make Python complain when it flushes it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _is_read(pipe: int) -> bool:
+    """Return whether somebody still reads a pipe, which `hugwbc evaluate --help | head` stops doing."""
+    poll = select.poll()
+    poll.register(pipe, select.POLLOUT)
+    return not any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _usage() -> str:

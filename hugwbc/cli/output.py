@@ -27,6 +27,7 @@ Options = TypeVar("Options")
 
 def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
+    description = inspect.cleandoc(description) if description else description
     return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
 
 

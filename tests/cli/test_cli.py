@@ -270,3 +270,19 @@ def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(cap
 def test_what_is_refused_leaves_no_folder_behind(words, tmp_path, capsys):
     assert main(words) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+def test_a_reader_who_has_enough_is_no_error(buffered: bool) -> None:
+    words = [sys.executable, *([] if buffered else ["-u"]), "-m", "hugwbc.cli", "evaluate", "hands", "--help"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
+
+
+def test_the_words_above_the_options_are_not_indented(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["tasks", "--help"])
+    assert "\n`hugwbc play --task NAME`" in capsys.readouterr().out
