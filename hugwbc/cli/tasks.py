@@ -91,7 +91,7 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     tasks, arena = [load_task(name) for name in options.task], options.chosen
     total, done = options.episodes * len(tasks), 0
     with (
-        _said(lambda: f"wrote {done} of {total} episodes to {folder}" if done else "no episode was complete"),
+        _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
         output_folder(folder.absolute().parent),
         DatasetWriter(folder, tasks, load_robot(arena.robot)) as writer,
         progress(f"{options.controller}, recording: {total} episodes") as advance,
