@@ -7,8 +7,8 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
     r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
 
 What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share what the pelvis and the legs
-feel by least squares, as if nothing touched the hands. Each sole is a narrow line: it transmits a force and the moments
-about its lateral and its vertical axis.
+feel by least squares, as if nothing touched the hands. Soles that part cannot both stand: the one with more load then
+bears it all. Each sole is a narrow line: it transmits a force and the moments about its lateral and its vertical axis.
 """
 
 import dataclasses
@@ -42,6 +42,9 @@ class ContactParams:
     base_weight: float = 0.3
     """Weight of the floating base's six rows of the residual against the legs' rows: the estimated velocity of the
     pelvis is less certain than the joints'."""
+    parting: float = 0.5
+    """Speed of one sole against the other above which they do not both stand [m/s]: the one with less load is then in
+    the air, whatever its leg's joints seem to feel of a leg whose mass is known wrongly."""
     hands: HandForceParams = dataclasses.field(default_factory=HandForceParams)
     """Of the observer of the forces on the hands."""
 
@@ -124,10 +127,16 @@ class ContactObserver:
         self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
         self.residual = params.rate * (momentum - self._start - self._integral)
         self.hands.infer(self.residual, dt)
-        wrenches = self._weight * self._wrench_jacobians()[:, self._rows]
+        jacobians = self._wrench_jacobians()
+        parting = (jacobians[_WRENCH : _WRENCH + 3] - jacobians[:3]) @ v
+        wrenches, felt = self._weight * jacobians[:, self._rows], self._weight * self.residual[self._rows]
         normal = wrenches @ wrenches.T + self._ridge
-        solution = np.linalg.solve(normal, wrenches @ (self._weight * self.residual[self._rows]))
-        self.force = solution.reshape(_FEET, _WRENCH)[:, :3]
+        self.force = np.linalg.solve(normal, wrenches @ felt).reshape(_FEET, _WRENCH)[:, :3]
+        if parting @ parting > params.parting**2:
+            loaded = int(self.force[1, 2] > self.force[0, 2])
+            rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
+            self.force = np.zeros((_FEET, 3))
+            self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows] @ felt)[:3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 
