@@ -1,4 +1,8 @@
-"""A way down for a robot that no longer knows its state: it folds its legs, and then only slows its joints."""
+"""A way down for a robot that no longer knows its state: it kneels, and then only slows its joints.
+
+The knees and the toes carry a kneeling robot without any balance. Its thighs stand upright on them, so that the trunk
+keeps its momentum of a walk for no longer than the legs fold.
+"""
 
 import dataclasses
 
@@ -22,12 +26,12 @@ class LoweringParams:
         hold: how long the folded legs are held before the joints are only damped [s].
     """
 
-    time: float = 0.7
-    hip: float = -1.5
+    time: float = 0.35
+    hip: float = 0.1
     knee: float = 2.0
-    ankle: float = -0.8
-    stiffness: float = 0.5
-    damping: float = 4.0
+    ankle: float = 0.5
+    stiffness: float = 1.0
+    damping: float = 2.0
     hold: float = 1.0
 
 
@@ -38,7 +42,11 @@ class Lowering:
         """Set up for a robot that does not go down yet."""
         self._robot, self.params = robot, params or LoweringParams()
         self._folded = robot.nominal.copy()
-        for name, position in (("hip_pitch", self.params.hip), ("knee", self.params.knee), ("ankle", self.params.ankle)):
+        for name, position in (
+            ("hip_pitch", self.params.hip),
+            ("knee", self.params.knee),
+            ("ankle", self.params.ankle),
+        ):
             self._folded[robot.indices([f"{side}_{name}_joint" for side in SIDES])] = position
         self._folded = np.clip(self._folded, robot.lower, robot.upper)
         self._from: np.ndarray | None = None

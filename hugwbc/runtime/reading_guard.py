@@ -164,7 +164,9 @@ class ReadingGuard:
         p, names = self.params, (IMU, *self._robot.joint_names)
         given = self._patched(raw, bad)
         self._gone = np.where(bad, self._gone + self._period, 0.0)
-        devices = (ALL,) if bad.all() else tuple(name for name, refused in zip(names, bad.tolist(), strict=True) if refused)
+        devices = (
+            (ALL,) if bad.all() else tuple(name for name, refused in zip(names, bad.tolist(), strict=True) if refused)
+        )
         for name in devices:
             self.rejected[name] = self.rejected.get(name, 0) + 1
         if not self._lost:
