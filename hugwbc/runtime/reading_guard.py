@@ -72,10 +72,8 @@ class ReadingGuard:
         """Take ranges and limits from a robot."""
         self.params, self._robot = params or GuardParams(), robot
         joints = len(robot.joint_names)
-        self._gyro, self._accelerometer, self._q, self._dq, self._torque = (
-            slice(a, b)
-            for a, b in zip((0, 3, 6, 6 + joints, 6 + 2 * joints), (3, 6, 6 + joints, 6 + 2 * joints, 6 + 3 * joints))
-        )
+        ends = np.cumsum((0, 3, 3, joints, joints, joints)).tolist()
+        self._gyro, self._accelerometer, self._q, self._dq, self._torque = map(slice, ends[:-1], ends[1:])
         p = self.params
         self._low, self._high = robot.lower - p.beyond, robot.upper + p.beyond
         self._fastest, self._strongest = p.speed * robot.velocity_limit, p.torque * robot.torque_limit

@@ -92,7 +92,7 @@ class FaultInjector:
             UnknownNameError: if a joint does not exist.
         """
         self._faults = faults
-        self._columns = {f.joint: robot.index(f.joint) for f in faults if f.joint is not None}
+        self._columns = {f: robot.index(f.joint) for f in faults if f.joint is not None}
         self._seed = seed
         self.reset()
 
@@ -129,7 +129,7 @@ class FaultInjector:
             return dataclasses.replace(held, time=reading.time, age=reading.age)
         if fault.kind == DISORDERED:
             return dataclasses.replace(reading, time=reading.time + self._rng.uniform(-_DISORDER, _DISORDER))
-        joint, q, dq = self._columns[fault.joint], reading.q.copy(), reading.dq.copy()
+        joint, q, dq = self._columns[fault], reading.q.copy(), reading.dq.copy()
         if fault.kind == ENCODER_STUCK:
             q[joint], dq[joint] = held.q[joint], held.dq[joint]
         else:

@@ -59,8 +59,14 @@ def test_sound_readings_pass_unchanged(walked):
 
 @pytest.mark.parametrize(
     ("name", "value", "device"),
-    [("dq", 500.0, NAME), ("q", np.nan, NAME), ("q", 1.9, NAME), ("imu_gyro", 36.0, IMU), ("imu_gyro", np.inf, IMU)]
-    + [("imu_accelerometer", -240.0, IMU)],
+    [
+        ("dq", 500.0, NAME),
+        ("q", np.nan, NAME),
+        ("q", 1.9, NAME),
+        ("imu_gyro", 36.0, IMU),
+        ("imu_gyro", np.inf, IMU),
+        ("imu_accelerometer", -240.0, IMU),
+    ],
 )
 def test_a_wrong_reading_is_replaced_by_a_likely_one(walked, name, value, device):
     guard, rng = walked
