@@ -23,7 +23,7 @@ help:
 	@echo "make play           watch a controller in the browser"
 	@echo "make evaluate       the paper's single-command protocol"
 	@echo "make bench          speed of the parts"
-	@echo "make soak           reliability: faults, random commands, absurd states (20 minutes; EPISODES=20 ROUNDS=360: hours)"
+	@echo "make soak           reliability: faults, random commands, absurd states (longer: EPISODES=20 ROUNDS=360)"
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"

@@ -1,4 +1,4 @@
-"""Commands and hand targets from another program: the documented client, what is malformed, and a client that is gone."""
+"""Commands and hand targets from another program: the documented client, what is malformed, a client that is gone."""
 
 import json
 import pathlib
