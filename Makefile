@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Processes that share the tests, file by file.
 TEST_PROCESSES ?= 2
 
-.PHONY: help install compare compare-tasks play evaluate bench train check test lint test-slow docs models picture task-pictures curve clean
+.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures curve clean
 
 help:
 	@echo "make compare        play loco_manipulation with both controllers; results in out/compare"
@@ -23,6 +23,7 @@ help:
 	@echo "make play           watch a controller in the browser"
 	@echo "make evaluate       the paper's single-command protocol"
 	@echo "make bench          speed of the parts"
+	@echo "make soak           reliability: faults, random commands, absurd states (longer: EPISODES=20 ROUNDS=360)"
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"
@@ -52,6 +53,16 @@ compare-tasks: $(STAMP)
 
 play evaluate bench train check: $(STAMP)
 	$(BIN)/hugwbc $@ $(ARGS)
+
+# Episodes of each fault, and rounds of ten seconds at random commands, with each controller.
+EPISODES ?= 2
+ROUNDS ?= 6
+soak: $(STAMP)
+	$(BIN)/hugwbc evaluate faults --controller learned --episodes $(EPISODES) $(ARGS)
+	$(BIN)/hugwbc evaluate faults --controller qp --episodes $(EPISODES) $(ARGS)
+	$(BIN)/hugwbc evaluate random-commands --controller learned --gait walking --episodes $(ROUNDS) $(ARGS)
+	$(BIN)/hugwbc evaluate random-commands --controller qp --gait walking --episodes $(ROUNDS) $(ARGS)
+	$(BIN)/python -m hugwbc.benchmarks.absurd_states
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

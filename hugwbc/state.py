@@ -29,6 +29,8 @@ class RobotState:
         torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (19,), or None.
         time: time of the reading [s].
         age: how long ago the reading was taken [s].
+        coasted: sensors whose reading was refused and replaced (`hugwbc.runtime.reading_guard`).
+        lost: why the state is no longer known well enough to balance; empty as long as it is.
     """
 
     q: np.ndarray
@@ -44,6 +46,8 @@ class RobotState:
     torque: np.ndarray | None = None
     time: float = 0.0
     age: float = 0.0
+    coasted: tuple[str, ...] = ()
+    lost: str = ""
 
     @property
     def projected_gravity(self) -> np.ndarray:
@@ -68,7 +72,8 @@ class RobotState:
         return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
-_VECTORS = tuple(field.name for field in dataclasses.fields(RobotState) if field.name not in ("time", "age"))
+_NO_VECTORS = ("time", "age", "coasted", "lost")
+_VECTORS = tuple(field.name for field in dataclasses.fields(RobotState) if field.name not in _NO_VECTORS)
 
 
 def pelvis_from_torso_imu(

@@ -20,6 +20,7 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
 from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
+from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import load_task, run_task
@@ -29,7 +30,12 @@ from hugwbc.viz.show import at_real_time, open_view, run_live
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
 _COMMANDING = ("gait", "left_hand", "right_hand", *COMMAND_NAMES)
-_DRIVING = ("script", "headless", *_COMMANDING)  # what says what the robot does in place of a person at a page
+_DRIVING = (
+    "script",
+    "listen",
+    "headless",
+    *_COMMANDING,
+)  # what says what the robot does in place of a person at a page
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +81,9 @@ class PlayOptions(ArenaChoice):
     """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
+    listen: int | None = None
+    """Follow the messages of another program on this UDP port of this machine (docs/how-to/teleoperate.md);
+    0 for any free port."""
     duration: float | None = None
     """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
     headless: bool = False
@@ -133,7 +142,9 @@ def _run_task(options: PlayOptions) -> int:
     Raises:
         ConfigError: if other options give commands or a scene as well, which the task has of its own.
     """
-    _refuse_beside("--task", "the task has its own", options, (*_COMMANDING, "script", "scene", "duration", "live"))
+    _refuse_beside(
+        "--task", "the task has its own", options, (*_COMMANDING, "script", "listen", "scene", "duration", "live")
+    )
     _refuse_options_of_the_page(options)
     task, arena = load_task(str(options.task)), options.chosen
     controller = ControllerSpec(options.controller, options.policy).told(arena).build()
@@ -249,9 +260,15 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
     """Return what to command, and for how long [s].
 
     Raises:
+        ConfigError: if commands and a port to listen on are both given, or the port cannot be used.
         CommandError: if a value is out of range, or if values and a script are both given.
         TargetError: if only one hand has a target, or a target is not finite.
     """
+    if options.listen is not None:
+        _refuse_beside("--listen", "the other program gives the commands", options, (*_COMMANDING, "script"))
+        listening = SocketSource(options.listen)
+        say(f"listening on UDP port {listening.port} of this machine")
+        return listening, options.duration or (HEADLESS_DURATION if options.headless else np.inf)
     values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
     if options.script is not None:
         others = [

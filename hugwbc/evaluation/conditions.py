@@ -14,6 +14,7 @@ from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.sim import Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
+from hugwbc.sim.faults import SensorFault
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 
@@ -50,6 +51,8 @@ class Conditions(ArenaChoice):
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
         hand_payload: mass in each hand [kg]; no controller is told.
+        faults: faults of the sensors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2
+            (`hugwbc.sim.faults`).
 
     Raises:
         ConfigError: if a value is out of range.
@@ -69,6 +72,7 @@ class Conditions(ArenaChoice):
     gain: float = 1.0
     strength: float = 1.0
     hand_payload: float = 0.0
+    faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,7 +95,7 @@ class Conditions(ArenaChoice):
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
-        _ = self.told_arena
+        _ = self.told_arena, self.sensor_faults
 
     @property
     def told_arena(self) -> Arena:
@@ -102,6 +106,15 @@ class Conditions(ArenaChoice):
         """
         arena = self.chosen
         return arena if self.told is None else dataclasses.replace(arena, robot=self.told)
+
+    @property
+    def sensor_faults(self) -> tuple[SensorFault, ...]:
+        """The faults of the sensors.
+
+        Raises:
+            ConfigError: if one of the texts declares none.
+        """
+        return tuple(map(SensorFault.parse, self.faults))
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
@@ -164,6 +177,7 @@ class Conditions(ArenaChoice):
             timestep=self.timestep,
             variation=self.variation(),
             latency=self.latency,
+            faults=self.sensor_faults,
             seed=int(np.random.SeedSequence(seed).generate_state(1)[0]),
         )
         if self.is_level:

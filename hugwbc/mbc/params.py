@@ -71,7 +71,7 @@ class ControllerParams:
     """Weight of every component of a contact force [1/kg^2]."""
     qp_tolerance: float = 1e-5
     """Absolute residual at which the QP counts as solved."""
-    qp_max_iterations: int = 25
+    qp_max_iterations: int = 12
     """Largest number of outer iterations of one solve."""
 
     # --- tasks: weights, stiffness [1/s^2], damping [1/s]

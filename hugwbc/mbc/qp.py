@@ -19,7 +19,7 @@ CONTACT_POINTS = tuple(f"{side}_{end}" for side in SIDES for end in ("heel", "to
 _FORCES = 3 * len(CONTACT_POINTS)
 _BASE = 6
 _INFINITY = 1e20
-_INNER_ITERATIONS = 20
+_INNER_ITERATIONS = 8
 _LARGEST_DEMAND = 1e4  # of a task [its unit / s^2]: far more than a robot can do, yet small enough for the solver
 _INFEASIBILITY_TOLERANCE = 1e-12
 # ProxQP penalises the distance from its last iterate by this much. Its default, 1e-6, is a tenth of the weight on the
@@ -85,7 +85,7 @@ class WholeBodyQp:
     Without the joint-range bounds the problem is always feasible, since any torque is consistent with some
     acceleration. If the solver fails with these bounds, they are dropped for one tick.
 
-    Every solve is bounded by `qp_max_iterations` outer and 20 inner iterations. The closest-feasible mode of ProxQP is
+    Every solve is bounded by `qp_max_iterations` outer and 8 inner iterations. The closest-feasible mode of ProxQP is
     never used, since its run time is not bounded.
     """
 

@@ -27,6 +27,14 @@ _LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, pro
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
+# What a body that can still be balanced does at most. Beyond it no solution helps, and the solver takes 40 times
+# as long.
+_LARGEST_TILT = 1.3  # [rad] between the pelvis's axis and the vertical; the robot has fallen at 1.0
+_LEAST_UPRIGHT = math.cos(_LARGEST_TILT)
+_LARGEST_RATE = 15.0  # [rad/s], of the pelvis
+_LARGEST_SPEED = 6.0  # [m/s], of the pelvis
+_FASTEST_JOINT = 3.0  # multiple of the robot's table; ankles reach 1.8 times theirs where a foot lands hard
+_BEYOND_RANGE = 0.5  # [rad] outside a joint's range; stops of rubber give way, and encoders have offsets
 _LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
 
@@ -227,6 +235,9 @@ class WholeBodyController:
         """
         if not _usable(state):
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
+        implausible = self._implausible(state)
+        if implausible:
+            return self._fall_back(None, (implausible,))
         if not self._started:
             self._start(state)
         state = self._odometry.complete(state, self._locomotion.contact, self.period)
@@ -255,6 +266,21 @@ class WholeBodyController:
         self._last = self._joint_command(state, solution)
         self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
         return self._last
+
+    def _implausible(self, state: RobotState) -> str:
+        """Return what in a usable state no robot that can be balanced does; empty if it is plausible."""
+        robot, velocity = self._robot, state.velocity
+        _, x, y, _ = state.orientation.tolist()
+        if 1.0 - 2.0 * (x * x + y * y) < _LEAST_UPRIGHT:
+            return "the robot has fallen: it leans too far"
+        if state.angular_velocity.dot(state.angular_velocity) > _LARGEST_RATE**2:
+            return "the pelvis turns faster than it can"
+        if velocity is not None and velocity.dot(velocity) > _LARGEST_SPEED**2:
+            return "the pelvis moves faster than it can"
+        if (np.abs(state.dq) > _FASTEST_JOINT * robot.velocity_limit).any():
+            return "a joint moves faster than it can"
+        beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
+        return "a joint is outside its range" if (beyond > _BEYOND_RANGE).any() else ""
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
         """Set the targets of waist and arms; arm joints under external control become prescribed motion.

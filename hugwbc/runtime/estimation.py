@@ -11,6 +11,7 @@ from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import ContactObserver, ContactParams
+from hugwbc.runtime.reading_guard import ReadingGuard
 from hugwbc.sim.arena import Arena
 from hugwbc.state import GRAVITY, RobotState
 
@@ -151,6 +152,7 @@ class StateEstimator:
         foot_force: their inferred ground reactions, world frame [N], shape (2, 3).
         hand_force: inferred force on each hand from outside, world frame [N], shape (2, 3).
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
+        guard: refuses readings that cannot be true, and fills the gaps.
     """
 
     def __init__(self, params: EstimatorParams | None = None, robot: Robot | None = None) -> None:
@@ -174,6 +176,7 @@ class StateEstimator:
             self._drive[rows] = density**2
         self._observer = ContactObserver(self.params.contact, self._robot, kinematics)
         self._joints = JointFilter(self.params, self._robot)
+        self.guard = ReadingGuard(self._robot)
         self._weight = GRAVITY * self._robot.mass
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
@@ -199,6 +202,7 @@ class StateEstimator:
             The first estimate.
         """
         params = self.params
+        self.guard.reset(state)
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
@@ -227,7 +231,8 @@ class StateEstimator:
     def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
         """Return the estimate at a new reading.
 
-        Everything but the time, the age and the IMU's raw readings is replaced. A reading that lacks the IMU or the
+        Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
+        first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the
         joint torques, is not finite, or is beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
@@ -236,6 +241,7 @@ class StateEstimator:
                 until the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of
                 another shape.
         """
+        state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
         if gyro is None or accelerometer is None or torque is None or not state.is_finite:
             return state
@@ -390,6 +396,8 @@ class StateEstimator:
             torque=state.torque,
             time=state.time,
             age=state.age,
+            coasted=state.coasted,
+            lost=state.lost,
         )
 
 

@@ -31,6 +31,7 @@ def rollout(
     on_moment: Callable[[Moment], None] | None = None,
     on_step: Callable[[RobotState, RobotState], None] | None = None,
     until: Callable[[], bool] | None = None,
+    past_falls: bool = False,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
@@ -50,6 +51,7 @@ def rollout(
         on_step: called after each physics step, with the true state and with what the controller knows.
         until: called after each control period; the run ends early where it returns True, such as when a behaviour has
             ended (`BehaviourSource.done`).
+        past_falls: whether the run goes on after a fall, for what happens to a robot on the ground.
 
     Returns:
         The record of the run.
@@ -76,7 +78,7 @@ def rollout(
                 on_moment(moment)
             if on_progress is not None:
                 on_progress(tick / ticks)
-        if not recorder.advance(joint_command, t):
+        if not recorder.advance(joint_command, t) and not past_falls:
             return recorder.trace(fell=True, survived_s=t, steps=tick + 1)
         if until is not None and until():
             return recorder.trace(fell=False, survived_s=t + loop.period, steps=tick + 1)

@@ -13,6 +13,7 @@ from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.kinematics import in_place
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.feasibility import feasible
+from hugwbc.runtime.lowering import Lowering
 from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
@@ -54,6 +55,8 @@ class SafetyReport:
         torques_limited: joint commands with a feed-forward torque that was clamped.
         speeds_limited: joint commands with a velocity target that was clamped.
         overruns: calls of the controller that took longer than its period.
+        readings_refused: states in which the reading of a sensor was replaced, by the sensor.
+        lowered: ticks on which the robot knelt down, or was damped afterwards, since its state was lost.
         messages: the first message of each kind of event.
     """
 
@@ -71,6 +74,8 @@ class SafetyReport:
     torques_limited: int = 0
     speeds_limited: int = 0
     overruns: int = 0
+    readings_refused: dict[str, int] = dataclasses.field(default_factory=dict)
+    lowered: int = 0
     messages: tuple[str, ...] = ()
 
 
@@ -153,6 +158,8 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
+    - A state that the estimator calls lost (`RobotState.lost`) makes the robot kneel down and then damps its joints,
+      until the next `reset` (`hugwbc.runtime.lowering`).
     - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It carries what the
       hands hold, which is learned if nobody tells it (`PayloadObserver`, attribute `payload`). Where the arms are taken
       over and released, the step in their command fades (`Handover`).
@@ -195,6 +202,8 @@ class SafetyFilter:
         self._counts: dict[str, int] = {}
         self._clamped: dict[str, int] = {}
         self._guarded: dict[str, int] = {}
+        self._refused: dict[str, int] = {}
+        self._lowering = Lowering(self.robot)
         self._first: dict[str, str | CommandChange] = {}  # event of each kind, in order
         self._given: Command | None = None
         self._asked: Command | None = None
@@ -213,6 +222,12 @@ class SafetyFilter:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         feasible_command, upper_body = self.admit(command, upper_body)
+        for sensor in state.coasted:
+            self._refused[sensor] = self._refused.get(sensor, 0) + 1
+            self._first.setdefault(f"refused {sensor}", f"readings of {sensor} refused and replaced")
+        if state.lost or self._lowering.begun:
+            self._count("lowered", f"{state.lost}: kneeling down")
+            return self.limited(self._lowering.command(state, self.period))
         upper_body = self.driven(upper_body, state)
         output = self._controller_output(state, feasible_command, upper_body)
         if output is None:
@@ -250,6 +265,7 @@ class SafetyFilter:
             **self._counts,
             commands_clamped=dict(self._clamped),
             commands_guarded=dict(self._guarded),
+            readings_refused=dict(self._refused),
             messages=tuple(
                 f"command {event}" if isinstance(event, CommandChange) else event for event in self._first.values()
             ),

@@ -14,6 +14,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
+from hugwbc.sim.faults import FaultInjector, SensorFault
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
@@ -87,6 +88,7 @@ class Engine(abc.ABC):
         actuators: Actuators | None = None,
         ground: Ground | None = None,
         scene: Scene | None = None,
+        faults: tuple[SensorFault, ...] = (),
     ) -> None:
         """Build the model and place the robot on the ground in the nominal pose.
 
@@ -101,8 +103,10 @@ class Engine(abc.ABC):
             actuators: drives of the joints; None for real ones.
             ground: firmness of the ground; None for the scene's, or firm, the only one of PhysX.
             scene: objects around the robot, in MuJoCo only; None for none.
+            faults: of the sensors, in every episode.
 
         Raises:
+            UnknownNameError: if a fault is of a joint that does not exist.
             ConfigError: if the engine is not installed or has no such ground or objects, a number is out of range, or
                 the scene is for another robot or ground.
             SceneError: if objects overlap, as drawn, or the robot stands in one.
@@ -127,6 +131,7 @@ class Engine(abc.ABC):
         # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
         self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()
         self._sensors = Sensors(profile, seed, self.robot)
+        self._faults = FaultInjector(faults, self.robot, seed) if faults else None
         # Readings of the physics steps that the latency spans, oldest first, and the current one.
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
@@ -271,7 +276,8 @@ class Engine(abc.ABC):
         """
         # Read the current state again: a push or a viewer may have changed it since the last step.
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
-        return self._sensors.read(reading, self.time)
+        sensed = self._sensors.read(reading, self.time)
+        return sensed if self._faults is None else self._faults.apply(sensed)
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""
@@ -301,6 +307,8 @@ class Engine(abc.ABC):
     def _start_sensors(self) -> None:
         """Draw the sensors' errors of a new run and take the first reading."""
         self._sensors.reset()
+        if self._faults is not None:
+            self._faults.reset()
         self._readings.clear()
         self._readings.append(self._reading())
 

@@ -291,6 +291,13 @@ class Simulation(Engine):
                 centres[foot] = weighted / total
         return centres
 
+    @property
+    def links_on_ground(self) -> tuple[str, ...]:
+        """Names of the links that touch the ground now."""
+        found = [pair for pair in self.data.contact.geom.tolist() if self._floor in pair]
+        bodies = {int(self.model.geom_bodyid[a if b == self._floor else b]) for a, b in found}
+        return tuple(self.model.body(body).name for body in sorted(bodies))
+
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""
         return self._sensed(f"{side}_hand_position")

@@ -182,6 +182,28 @@ def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
     assert outputs[False, Output.SOLUTION] > 0.99 * count / 2, "ordinary states are solved"
 
 
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"orientation": rotations.from_yaw_pitch_roll(0.0, 1.4, 0.0)}, "leans"),
+        ({"angular_velocity": np.array([0.0, 16.0, 0.0])}, "turns"),
+        ({"velocity": np.array([7.0, 0.0, 0.0])}, "pelvis moves"),
+        ({"dq": np.full(19, 80.0)}, "joint moves"),
+        ({"q": ROBOT.upper + 0.6}, "range"),
+    ],
+)
+def test_what_no_balanced_robot_does_is_refused_without_a_solve(values, why):
+    controller, state = WholeBodyController(), _random_state(np.random.default_rng(0), absurd=False)
+    state = dataclasses.replace(state, dq=np.zeros(19), angular_velocity=np.zeros(3), velocity=np.zeros(3))
+    controller.reset(state)
+    controller.act(state, Command(), UpperBody.none())
+    assert controller.diagnostics.output is Output.SOLUTION
+    joint_command = controller.act(dataclasses.replace(state, **values), Command(), UpperBody.none())
+    diagnostics = controller.diagnostics
+    assert diagnostics.output is Output.HELD and diagnostics.iterations == 0 and why in diagnostics.report[0]
+    assert joint_command.is_finite
+
+
 @pytest.mark.slow
 def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""

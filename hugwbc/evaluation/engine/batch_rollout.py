@@ -51,8 +51,8 @@ class BatchMember:
 
 
 def fits(controller: object, conditions: Conditions) -> bool:
-    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors, a plane and empty hands."""
-    exact = not conditions.chosen.estimates and not conditions.latency
+    """Return whether rollouts can share a batch: a policy, MuJoCo, exact sensors, a plane, empty hands."""
+    exact = not (conditions.chosen.estimates or conditions.latency or conditions.faults)
     alike = conditions.engine == Simulation.engine and conditions.is_level and not conditions.hand_payload
     return isinstance(controller, HasBatch) and alike and exact
 

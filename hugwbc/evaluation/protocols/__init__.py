@@ -8,6 +8,7 @@ from hugwbc.evaluation.protocols.disturbance import DisturbanceProtocol
 from hugwbc.evaluation.protocols.effort import EffortProtocol
 from hugwbc.evaluation.protocols.engines import EnginesProtocol
 from hugwbc.evaluation.protocols.estimation import EstimationProtocol
+from hugwbc.evaluation.protocols.faults import FaultsProtocol
 from hugwbc.evaluation.protocols.foot_displacement import FootDisplacementProtocol
 from hugwbc.evaluation.protocols.forces import ForcesProtocol
 from hugwbc.evaluation.protocols.hands import HandsProtocol
@@ -43,6 +44,7 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         HandsProtocol(),
         ForcesProtocol(),
         EstimationProtocol(),
+        FaultsProtocol(),
         EnginesProtocol(),
         TasksProtocol(),
     )

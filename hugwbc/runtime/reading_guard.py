@@ -1,0 +1,252 @@
+"""A guard between the sensors and the estimator: it refuses readings that cannot be true, and fills the gaps.
+
+Each device is judged by itself: the IMU, and the encoder of every joint. What is not a number, beyond what the sensor
+or the joint can do, far from where the last readings lead, or repeated to the last digit although the robot moves, is
+refused. A walk repeats itself stride by stride: in the place of what is refused stands what was read in the same
+posture a stride ago (an analogue forecast, Lorenz, *Atmospheric predictability as revealed by naturally occurring
+analogues*, 1969). What lasts longer than this can be right is told as lost (`RobotState.lost`).
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from hugwbc.robot import Robot
+from hugwbc.state import RobotState
+
+IMU, ALL = "imu", "all readings"
+
+
+@dataclasses.dataclass(frozen=True)
+class GuardParams:
+    """What a reading may be, and how long one can do without it.
+
+    Attributes:
+        gyro: largest angular velocity [rad/s]; the IMU's range is 2000 degrees per second.
+        accelerometer: largest specific force [m/s^2]; the IMU's range is 24 g, and averages of impacts lie within.
+        speed: largest velocity of a joint, as a multiple of the robot's table.
+        beyond: how far outside a joint's range its encoder may read [rad].
+        torque: largest torque, as a multiple of the robot's table.
+        position_jump: largest difference of an encoder's reading to where the last one leads [rad].
+        gyro_jump: largest change of the gyro between two readings [rad/s].
+        drift: growth of the first of these while the joint is not read [rad/s].
+        repeats: number of equal readings from which on a device hangs.
+        still: speed of a joint below which equal readings are no sign of a fault if they say that it stands [rad/s].
+        longest_step: largest time between two readings; a longer one, or one back, is a wrong time stamp [s].
+        imu_loss, encoder_loss, all_loss: how long a device, or all of them, may be missing before it is lost [s].
+    """
+
+    gyro: float = 34.9
+    accelerometer: float = 235.0
+    speed: float = 4.0
+    beyond: float = 0.3
+    torque: float = 2.0
+    position_jump: float = 0.2
+    gyro_jump: float = 20.0
+    drift: float = 4.0
+    repeats: int = 3
+    still: float = 0.2
+    longest_step: float = 0.1
+    imu_loss: float = 0.3
+    encoder_loss: float = 0.3
+    all_loss: float = 0.2
+
+
+_HISTORY = 750  # readings: a stride and a half at 500 Hz
+_LEAST_LEAD = 150  # readings between now and the past that is repeated
+_SPEED_WEIGHT = 0.05  # [s], of a velocity against a position where the past is compared with the present
+_LEAP = 0.02  # [rad], what it costs to leave the past where it is being repeated
+_FADE = 0.1  # [s], in which the difference between a joint's last reading and that of the past fades
+_RESYNCHRONISE = 50  # refused time stamps after which the sensors' clock is believed again
+
+
+class ReadingGuard:
+    """See the module.
+
+    Attributes:
+        rejected: number of refused readings of each device so far.
+    """
+
+    def __init__(self, robot: Robot, params: GuardParams | None = None) -> None:
+        """Take ranges and limits from a robot."""
+        self.params, self._robot = params or GuardParams(), robot
+        joints = len(robot.joint_names)
+        ends = np.cumsum((0, 3, 3, joints, joints, joints)).tolist()
+        self._gyro, self._accelerometer, self._q, self._dq, self._torque = map(slice, ends[:-1], ends[1:])
+        p = self.params
+        self._low, self._high = robot.lower - p.beyond, robot.upper + p.beyond
+        self._fastest, self._strongest = p.speed * robot.velocity_limit, p.torque * robot.torque_limit
+        self._records, self._end = np.zeros((2 * _HISTORY, 6 + 3 * joints)), _HISTORY
+        self._past = self._records[:_HISTORY]  # the latest readings, a view
+        self.reset(None)
+
+    def reset(self, state: RobotState | None) -> None:
+        """Forget the past, and take a robot that stands still as the first reading."""
+        self.rejected: dict[str, int] = {}
+        self._length = 0
+        self._last: np.ndarray | None = None  # as it was given to the estimator
+        self._raw: np.ndarray | None = None
+        self._equal = np.zeros(1 + len(self._robot.joint_names), dtype=int)  # in succession, of each device
+        self._gone = np.zeros(1 + len(self._robot.joint_names))  # [s] since the last good reading, of each device
+        self._analogue, self._offset = -1, np.zeros(len(self._robot.joint_names))
+        self._time, self._period, self._refused, self._lost = None if state is None else state.time, 0.002, 0, ""
+        self._attitude = None if state is None else (state.orientation, state.angular_velocity)
+
+    def admit(self, state: RobotState) -> RobotState:
+        """Return a reading in which what was refused is replaced, with `coasted` and `lost` set.
+
+        A reading without an IMU or torques is returned as it is.
+        """
+        if state.imu_gyro is None or state.imu_accelerometer is None or state.torque is None:
+            return state
+        raw = np.concatenate((state.imu_gyro, state.imu_accelerometer, state.q, state.dq, state.torque))
+        if raw.size != self._past.shape[1]:
+            return state
+        time, timely = self._clock(state.time)
+        if self._last is None:
+            if not np.isfinite(raw).all():
+                return state
+            self._last, self._raw = raw, raw
+        bad = self._judge(raw, timely)
+        if not bad.any() and np.isfinite(raw[self._torque]).all():
+            self._analogue = -1
+            self._gone[:] = 0.0
+            given = raw if (np.abs(raw[self._torque]) <= self._strongest).all() else self._patched(raw, bad)
+            self._remember(given)
+            self._last, self._raw = given, raw
+            self._attitude = state.orientation, state.angular_velocity
+            return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
+        return self._coast(state, raw, bad, time)
+
+    def _clock(self, time: float) -> tuple[float, bool]:
+        """Return the time of a reading [s], and whether its stamp can be true."""
+        if self._time is None or not math.isfinite(time):
+            now = (self._time or 0.0) + self._period if not math.isfinite(time) else time
+            self._time = now
+            return now, math.isfinite(time)
+        step = time - self._time
+        if 0.0 <= step <= self.params.longest_step or self._refused >= _RESYNCHRONISE:
+            self._refused, self._time = 0, time
+            return time, True
+        self._refused += 1
+        self._time += self._period
+        return self._time, False
+
+    def _judge(self, raw: np.ndarray, timely: bool) -> np.ndarray:
+        """Return whether to refuse each device: the IMU, then the joints' encoders; shape (20,), bool."""
+        p, last, before = self.params, self._last, self._raw
+        assert last is not None and before is not None
+        bad = np.zeros(self._gone.size, dtype=bool)
+        if not timely:
+            bad[:] = True
+            return bad
+        with np.errstate(invalid="ignore"):  # comparisons with NaN are false, so each says what is good
+            gyro, q, dq = raw[self._gyro], raw[self._q], raw[self._dq]
+            good_imu = (np.abs(gyro) <= p.gyro).all() and (np.abs(raw[self._accelerometer]) <= p.accelerometer).all()
+            good_imu = good_imu and (np.abs(gyro - last[self._gyro]) <= p.gyro_jump).all()
+            room = p.position_jump + p.drift * self._gone[1:]
+            near = np.abs(q - last[self._q] - self._period * last[self._dq]) <= room
+            good = near & (q >= self._low) & (q <= self._high) & (np.abs(dq) <= self._fastest)
+            same = raw == before
+        repeated = np.concatenate(([same[:6].all()], same[self._q] & same[self._dq]))
+        self._equal = np.where(repeated, self._equal + 1, 0)
+        hanging = self._equal >= p.repeats
+        at_rest = (dq == 0.0) & (np.abs(last[self._dq]) < p.still) & (self._gone[1:] == 0.0)
+        hanging[1:] &= ~at_rest
+        bad[0], bad[1:] = not good_imu or hanging[0], ~good | hanging[1:]
+        return bad
+
+    def _coast(self, state: RobotState, raw: np.ndarray, bad: np.ndarray, time: float) -> RobotState:
+        """Return the reading with the refused devices replaced by what the past says."""
+        p, names = self.params, (IMU, *self._robot.joint_names)
+        given = self._patched(raw, bad)
+        self._gone = np.where(bad, self._gone + self._period, 0.0)
+        devices = (
+            (ALL,) if bad.all() else tuple(name for name, refused in zip(names, bad.tolist(), strict=True) if refused)
+        )
+        for name in devices:
+            self.rejected[name] = self.rejected.get(name, 0) + 1
+        if not self._lost:
+            longest = self._gone[1:].max()
+            if self._gone.min() > p.all_loss:
+                self._lost = f"{ALL} failed for {1e3 * p.all_loss:.0f} ms"
+            elif self._gone[0] > p.imu_loss:
+                self._lost = f"the IMU failed for {1e3 * p.imu_loss:.0f} ms"
+            elif longest > p.encoder_loss:
+                joint = names[1 + int(np.argmax(self._gone[1:]))]
+                self._lost = f"the encoder of {joint} failed for {1e3 * p.encoder_loss:.0f} ms"
+        self._last, self._raw = given, raw
+        orientation, rate = state.orientation, state.angular_velocity
+        if bad[0] and self._attitude is not None:
+            orientation, rate = self._attitude
+        return dataclasses.replace(
+            state,
+            q=given[self._q],
+            dq=given[self._dq],
+            orientation=orientation,
+            angular_velocity=rate,
+            imu_gyro=given[self._gyro],
+            imu_accelerometer=given[self._accelerometer],
+            torque=given[self._torque],
+            time=time,
+            coasted=devices,
+            lost=self._lost,
+        )
+
+    def _patched(self, raw: np.ndarray, bad: np.ndarray) -> np.ndarray:
+        """Return a reading in which the past replaces refused devices and torques beyond the motors' limits."""
+        assert self._last is not None
+        starts = self._analogue < 0
+        self._analogue = self._next_analogue(raw, bad)
+        if self._analogue < 0:  # no past to compare with: what was is what is
+            past = self._last.copy()
+            past[self._dq] = 0.0
+        else:
+            past = self._past[self._analogue]
+        newly = bad[1:] & (self._gone[1:] == 0.0)
+        self._offset[newly] = (self._last[self._q] - past[self._q])[newly]
+        if starts:
+            self._offset[~bad[1:]] = 0.0
+        given = raw.copy()
+        if bad[0]:
+            given[:6] = past[:6]
+        joints = bad[1:]
+        fade = np.exp(-self._gone[1:] / _FADE)
+        given[self._q] = np.where(joints, past[self._q] + fade * self._offset, raw[self._q])
+        given[self._dq] = np.where(joints, past[self._dq], raw[self._dq])
+        torque = raw[self._torque]
+        with np.errstate(invalid="ignore"):
+            usable = (np.abs(torque) <= self._strongest) & ~(bad.all())
+        given[self._torque] = np.where(usable, torque, past[self._torque])
+        return given
+
+    def _remember(self, given: np.ndarray) -> None:
+        """Append a good reading to the past, which moves along its memory and now and then back to its beginning."""
+        if self._end == len(self._records):
+            self._records[:_HISTORY], self._end = self._past, _HISTORY
+        self._records[self._end] = given
+        self._end += 1
+        self._past = self._records[self._end - _HISTORY : self._end]
+        self._length = min(self._length + 1, _HISTORY)
+
+    def _next_analogue(self, raw: np.ndarray, bad: np.ndarray) -> int:
+        """Return the row of the past that is most like the present; -1 if there is not enough past."""
+        first, last = _HISTORY - self._length, _HISTORY - _LEAST_LEAD
+        if last - first < _LEAST_LEAD:
+            return -1
+        following = self._analogue + 1
+        if bad.all():
+            if self._analogue >= 0:
+                return min(following, _HISTORY - 1)
+            present, joints = self._last, np.ones(bad.size - 1, dtype=bool)
+        else:
+            present, joints = raw, ~bad[1:]
+        assert present is not None
+        weight = np.concatenate((np.zeros(6), joints, _SPEED_WEIGHT * joints, np.zeros(joints.size)))
+        used = np.flatnonzero(weight)
+        far = (self._past[first:last, used] - present[used]) * weight[used]
+        distance = np.sqrt(np.einsum("ij,ij->i", far, far))
+        if self._analogue >= 0:
+            distance += _LEAP * np.minimum(np.abs(np.arange(first, last) - following), 5)
+        return first + int(np.argmin(distance))

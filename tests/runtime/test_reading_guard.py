@@ -1,0 +1,153 @@
+"""What the guard before the estimator refuses, what it puts in the place, and what it calls lost."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, RobotState, UpperBody, load_robot
+from hugwbc.controller import JointCommand
+from hugwbc.runtime import SafetyFilter
+from hugwbc.runtime.reading_guard import ALL, IMU, ReadingGuard
+
+H1 = load_robot()
+KNEE = H1.index("left_knee_joint")
+NAME = "left_knee_joint"
+PERIOD = 0.002
+
+
+def reading(tick, rng, *, walking=True):
+    """All joints swing once in 0.6 s, with noise on every number."""
+    time, rate = tick * PERIOD, 2.0 * math.pi / 0.6
+    swing = 0.2 * walking
+    phase = rate * time + np.arange(19)
+    return RobotState(
+        q=H1.nominal + swing * np.sin(phase) + rng.normal(0.0, 0.001, 19),
+        dq=swing * rate * np.cos(phase) + rng.normal(0.0, 0.05, 19),
+        orientation=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity=np.zeros(3),
+        imu_gyro=swing * np.cos(rate * time + np.arange(3)) + rng.normal(0.0, 0.01, 3),
+        imu_accelerometer=np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 0.1, 3),
+        torque=rng.normal(0.0, 1.0, 19),
+        time=time,
+    )
+
+
+@pytest.fixture
+def walked():
+    guard, rng = ReadingGuard(H1), np.random.default_rng(0)
+    guard.reset(reading(0, rng))
+    for tick in range(1, 1000):
+        state = guard.admit(reading(tick, rng))
+        assert not state.coasted and not state.lost
+    return guard, rng
+
+
+def changed(state, *, joint=None, **values):
+    vectors = {name: getattr(state, name).copy() for name in values}
+    for name, value in values.items():
+        vectors[name][slice(None) if joint is None else joint] = value
+    return dataclasses.replace(state, **vectors)
+
+
+def test_sound_readings_pass_unchanged(walked):
+    guard, rng = walked
+    state = reading(1000, rng)
+    assert guard.admit(state) is state and guard.rejected == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "device"),
+    [
+        ("dq", 500.0, NAME),
+        ("q", np.nan, NAME),
+        ("q", 1.9, NAME),
+        ("imu_gyro", 36.0, IMU),
+        ("imu_gyro", np.inf, IMU),
+        ("imu_accelerometer", -240.0, IMU),
+    ],
+)
+def test_a_wrong_reading_is_replaced_by_a_likely_one(walked, name, value, device):
+    guard, rng = walked
+    truth = reading(1000, rng)
+    state = guard.admit(changed(truth, joint=KNEE if device == NAME else 0, **{name: value}))
+    assert state.coasted == (device,) and guard.rejected == {device: 1}
+    np.testing.assert_allclose(getattr(state, name), getattr(truth, name), atol=0.5)
+    assert not guard.admit(reading(1001, rng)).coasted
+
+
+def test_a_stuck_encoder_follows_the_stride_before(walked):
+    guard, rng = walked
+    first = reading(1000, rng)
+    for tick in range(1000, 1100):
+        truth = reading(tick, rng)
+        state = guard.admit(
+            dataclasses.replace(
+                truth,
+                q=np.where(np.arange(19) == KNEE, first.q, truth.q),
+                dq=np.where(np.arange(19) == KNEE, first.dq, truth.dq),
+            )
+        )
+        if tick > 1004:
+            assert state.coasted == (NAME,) and state.q[KNEE] == pytest.approx(truth.q[KNEE], abs=0.05)
+    assert not state.lost
+
+
+def test_frozen_readings_and_wrong_times_are_filled_in(walked):
+    guard, rng = walked
+    held = reading(1000, rng)
+    for tick in range(1000, 1050):
+        state = guard.admit(dataclasses.replace(held, time=tick * PERIOD))
+    assert state.coasted == (ALL,)
+    np.testing.assert_allclose(state.q, reading(1049, rng).q, atol=0.05)
+    state = guard.admit(reading(1050, rng))
+    assert not state.coasted
+    late = guard.admit(dataclasses.replace(reading(1051, rng), time=0.5))
+    assert late.coasted == (ALL,) and late.time == pytest.approx(1051 * PERIOD)
+
+
+def test_a_joint_that_reads_the_same_at_rest_is_not_stuck():
+    guard, rng = ReadingGuard(H1), np.random.default_rng(0)
+    still = reading(0, rng, walking=False)
+    guard.reset(still)
+    for tick in range(1, 300):
+        new = reading(tick, rng, walking=False)
+        assert not guard.admit(dataclasses.replace(new, q=still.q, dq=np.zeros(19))).coasted
+
+
+@pytest.mark.parametrize(("values", "why"), [({"imu_gyro": np.nan}, "IMU"), ({"q": np.nan}, "encoder")])
+def test_what_does_not_come_back_is_lost(walked, values, why):
+    guard, rng = walked
+    joint = KNEE if "q" in values else None
+    states = [guard.admit(changed(reading(tick, rng), joint=joint, **values)) for tick in range(1000, 1200)]
+    assert not states[140].lost and why in states[-1].lost
+    assert all(state.is_finite for state in states)
+
+
+class Follower:
+    """A controller that asks for the nominal pose."""
+
+    name, period = "follower", PERIOD
+
+    def reset(self, state):
+        """Do nothing."""
+
+    def act(self, state, command, upper_body):
+        """Return the nominal pose."""
+        return JointCommand.position(H1, H1.nominal)
+
+
+def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
+    safe, state = SafetyFilter(Follower()), reading(0, np.random.default_rng(0), walking=False)
+    safe.reset(state)
+    lost = dataclasses.replace(state, coasted=(IMU,), lost="the IMU failed for 300 ms")
+    commands = [safe.act(lost, Command(), UpperBody.none())]
+    np.testing.assert_allclose(commands[0].q, state.q, atol=0.01)
+    commands += [safe.act(state, Command(), UpperBody.none()) for _ in range(1000)]
+    assert commands[300].q[KNEE] == pytest.approx(2.0) and commands[300].kp[KNEE] > 0.0
+    assert (commands[-1].kp == 0.0).all() and (commands[-1].kd > 0.0).all(), "it stays down, and is damped in the end"
+    report = safe.report()
+    assert report.lowered == 1001 and report.readings_refused == {IMU: 1} and "kneeling" in " ".join(report.messages)
+    safe.reset(state)
+    np.testing.assert_array_equal(safe.act(state, Command(), UpperBody.none()).q, H1.nominal)
