@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Processes that share the tests, file by file.
 TEST_PROCESSES ?= 2
 
-.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures curve clean
+.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures animation curve clean
 
 help:
 	@echo "make compare        play loco_manipulation with both controllers; results in out/compare"
@@ -30,6 +30,7 @@ help:
 	@echo "make models         write h1.xml and h1.urdf from h1.yaml"
 	@echo "make picture        take the README's picture of both controllers"
 	@echo "make task-pictures  take the pictures of the tasks, docs/tasks.md"
+	@echo "make animation      take the README's animation of both controllers at a task; minutes of computing"
 	@echo "make curve          draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
 	@echo "make clean          remove .venv, caches, site and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
@@ -88,6 +89,11 @@ picture: compare
 
 task-pictures: $(STAMP)
 	$(BIN)/python docs/draw_tasks.py
+
+animation: $(STAMP)
+	$(BIN)/hugwbc compare --task fetch_box --controllers qp --seed 0 --out out/animation/fetch_box --hide steps forces balance phases
+	$(BIN)/hugwbc compare --task press_button --controllers learned --seed 0 --out out/animation/press_button --hide steps forces balance phases
+	$(BIN)/python docs/animation.py
 
 curve: $(STAMP)
 	$(BIN)/python docs/draw_curve.py $(RUN)

@@ -1,5 +1,6 @@
 """Each example runs, headless and short, its printed figures are right, and it leaves a replay."""
 
+import json
 import os
 import pathlib
 import re
@@ -124,6 +125,26 @@ def test_write_a_controller(run, h, w, push):
     assert number(r"came to (-[\d.]+) m", out) == pytest.approx(h, abs=0.03)
     assert number(r"came to -[\d.]+ m and (-?[\d.]+) rad", out) == pytest.approx(w, abs=0.02)
     assert "stayed up for 5.0 s" in out
+
+
+@pytest.mark.slow
+def test_the_notebook_shows_a_trace_plots_and_replays(tmp_path):
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    shown = [output.get("data", {}) for output in outputs]
+    assert sum("image/png" in data for data in shown) == 1
+    assert sum("<iframe" in data.get("text/html", "") for data in shown) == 2
+    (traces,) = [data["text/plain"] for data in shown if data.get("text/plain", "").startswith("[Trace(")]
+    assert traces.count("stayed up") == 2
+    printed = "".join(output.text for output in outputs if output.output_type == "stream" and output.name == "stdout")
+    assert "stayed up" in printed and number(r"the hand is ([\d.]+) cm", printed) < 3
+
+
+def test_the_notebook_comes_without_outputs():
+    cells = json.loads((EXAMPLES / "tour.ipynb").read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 
 
 def test_every_example_is_tested_and_short():

@@ -16,6 +16,8 @@ VERBS = {
     "evaluate": "run one of the protocols and print its figures next to the paper's",
     "tasks": "list the tasks of loco-manipulation, or record demonstrations of them",
     "play": "watch a controller live in the browser",
+    "scripts": "list the shipped scripts, or print one",
+    "docs": "list the documents that come with the package, or print one",
     "deploy": "control a robot over the network: a real H1, or a simulated one",
     "simulate-robot": "simulate an H1 behind the messages of a real one",
     "imitate": "make a policy that imitates qp, to start a training from",
@@ -27,6 +29,7 @@ VERBS = {
     "check": "verify the installation: models, versions, a rollout",
     "bench": "measure speed: training environment, controllers, IK",
 }
+_HINTS = ("`hugwbc VERB --help` lists a verb's options.", "`hugwbc --version` says which version this is.")
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -77,7 +80,7 @@ def _is_read(pipe: int) -> bool:
 def _usage() -> str:
     width = max(map(len, VERBS))
     lines = [f"  {verb:<{width}}  {what}" for verb, what in VERBS.items()]
-    return "\n".join(["usage: hugwbc VERB [OPTIONS]", "", *lines, "", "`hugwbc VERB --help` lists a verb's options."])
+    return "\n".join(["usage: hugwbc VERB [OPTIONS]", "", *lines, "", *_HINTS])
 
 
 def _verb(name: str) -> types.ModuleType:

@@ -5,7 +5,7 @@ import importlib.util
 import pathlib
 import socket
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
-from hugwbc.tasks import load_task, run_task
+from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import at_real_time, open_view, run_live
 
@@ -154,12 +154,16 @@ def _run_task(options: PlayOptions) -> int:
         view = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
         draw = at_real_time(view, simulation)
     verdict = run_task(task, controller, simulation, estimator_for(arena), on_moment=draw).verdict
-    words = "done" if verdict.success else f"not done: {verdict.reason}"
+    words = _words(verdict)
     say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
     if verdict.detail:
         say(f"it ended with: {verdict.detail}")
     say(f"score: {verdict.score:.2f}")
     return 0
+
+
+def _words(verdict: Verdict) -> str:
+    return "done" if verdict.success else f"not done: {verdict.reason}"
 
 
 def _refuse_beside(option: str, why: str, options: PlayOptions, others: Sequence[str]) -> None:
@@ -230,15 +234,28 @@ def _run_live(options: PlayOptions) -> int:
     controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
     arena = options.chosen
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
-    page = LivePage(simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose)
+    page = LivePage(
+        simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose, tasks=TASK_NAMES
+    )
     estimator = estimator_for(arena)
     loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
     say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)
 
+    def perform(name: str, stop: Callable[[], bool]) -> str:
+        """Do a task of the suite on the page; the person may stop it."""
+        task = load_task(name)
+        its_own = arena.simulation(seed=options.seed, scene=task.scene)
+        page.stage(its_own)
+        draw = at_real_time(lambda _: page.show(its_own, name), its_own)
+        estimator = estimator_for(arena)
+        run = run_task(task, controller, its_own, estimator, on_moment=draw, stop=lambda: page.interrupted or stop())
+        words = "stopped" if page.interrupted else _words(run.verdict)
+        return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
+
     try:
-        Drive(loop, page, folder=options.out, tell=say).run(options.duration or np.inf)
+        Drive(loop, page, folder=options.out, perform=perform, tell=say).run(options.duration or np.inf)
     finally:
         page.close()
     return 0

@@ -43,8 +43,9 @@ def run_task(
     *,
     on_progress: Callable[[float], None] | None = None,
     on_moment: Callable[[Moment], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> TaskRun:
-    """Run one episode: until a second after the behaviour has ended, the robot falls, or the time limit.
+    """Run one episode: until a second after the behaviour has ended, the robot falls, the time limit, or a stop.
 
     Args:
         task: the task.
@@ -53,6 +54,7 @@ def run_task(
         estimator: estimates the state from the sensors; None if the controller reads them itself.
         on_progress: called with the fraction of the time limit.
         on_moment: called at each sample, with what a picture shows.
+        stop: whether to end the episode now.
 
     Raises:
         ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
@@ -71,7 +73,7 @@ def run_task(
         nonlocal ended
         if source.status is not Status.RUNNING:
             ended = min(ended, simulation.time)
-        return simulation.time >= ended + AFTERWARDS
+        return stop() or simulation.time >= ended + AFTERWARDS
 
     trace = rollout(
         controller,

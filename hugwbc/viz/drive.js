@@ -77,6 +77,8 @@
     box.innerHTML = `
       <div class="row" role="group" aria-label="Gait">${ABOUT.gaits.map((gait) => button(gait, gait.replace("_", " "))).join("")}</div>
       <div class="row">${button("stop", "stop")}${button("reset", "reset")}${button("camera", "camera")}${button("record", "record")}</div>
+      <div class="row tasks" ${ABOUT.tasks.length ? "" : "hidden"}><label>task <select>${ABOUT.tasks.map((task) =>
+        `<option value="${task}">${task.replaceAll("_", " ")}</option>`).join("")}</select></label>${button(`task:${ABOUT.tasks[0]}`, "do it")}</div>
       <div class="line" role="status"></div>
       <ul class="notes" aria-live="polite"></ul>
       <details class="values"><summary>Command and measured</summary>
@@ -85,6 +87,10 @@
       <details class="keys"><summary>Keys and gamepad</summary>
         <div class="help">${HELP.map(([keys, what]) => `<kbd>${keys}</kbd><span>${what}</span>`).join("")}</div></details>`;
     document.body.append(box);
+    box.querySelector("select").addEventListener("change", (event) => {
+      box.querySelector(".tasks button").dataset.action = `task:${event.target.value}`;
+      event.target.blur();  // the keys are for driving
+    });
     box.querySelector(".values").open = innerWidth > 640;
     box.addEventListener("click", (event) => {
       const pressed = event.target.closest("button");
@@ -120,7 +126,7 @@
     if (status.line === undefined) return;
     for (const button of box.querySelectorAll("button")) {
       const action = button.dataset.action;
-      const on = action === status.gait || (action === "record" && status.recording) || (action === "camera" && status.follows);
+      const on = action === status.gait || action === `task:${status.task}` || (action === "record" && status.recording) || (action === "camera" && status.follows);
       button.setAttribute("aria-pressed", String(on));
       button.classList.toggle("coming", action === status.next && action !== status.gait);
       button.hidden = (status.missing ?? []).includes(action);

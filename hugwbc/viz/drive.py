@@ -18,6 +18,8 @@ from hugwbc.viz.show import FALLEN_PAUSE, FRAME_PERIOD, RealTime, Tell
 
 LONGEST_RECORD = 600.0  # [s]; a record holds about 80 kB for a second
 NAME = "drive"  # of the files
+Perform = Callable[[str, Callable[[], bool]], str]
+"""Does a task by its name in its own scene, until it is over or the second argument says so; says how it went."""
 
 
 class _Record:
@@ -37,7 +39,13 @@ class Drive:
     """
 
     def __init__(
-        self, loop: ControlLoop, page: LivePage, *, folder: pathlib.Path | None = None, tell: Tell = print
+        self,
+        loop: ControlLoop,
+        page: LivePage,
+        *,
+        folder: pathlib.Path | None = None,
+        perform: Perform | None = None,
+        tell: Tell = print,
     ) -> None:
         """Connect a robot to its page.
 
@@ -45,9 +53,11 @@ class Drive:
             loop: the control loop, whose source is the page's.
             page: the live page.
             folder: where records are written; None to offer none.
+            perform: does the tasks that the page offers, with the loop's controller; None if it offers none.
             tell: receives a line for each fall and each record and, at the end, how the drive went.
         """
         self.loop, self.page, self.folder, self.tell = loop, page, folder, tell
+        self.perform = perform
         self.falls = 0
         self.written: list[pathlib.Path] = []
         self._record: _Record | None = None
@@ -71,6 +81,7 @@ class Drive:
                     self.page.disturb(self.loop.simulation)
                     self.page.show(self.loop.simulation)
                     self._obey()
+                    self._do_task(stop)
                     clock.keep(simulated)
                 if self.loop.simulation.fallen:
                     self.falls += 1
@@ -115,6 +126,19 @@ class Drive:
             else:
                 self._end_record(fell=False)
             self.page.recording = self._record is not None
+
+    def _do_task(self, stop: Callable[[], bool]) -> None:
+        """Do the task that the person asked for, if any, and stand up in the old place."""
+        task = self.page.take_task()
+        if task is None or self.perform is None:
+            return
+        self._end_record(fell=False)
+        self.page.source.stand()
+        words = self.perform(task, stop)
+        self.page.stage(self.loop.simulation)
+        self._restart()
+        self.tell(words)
+        self.page.source.tell(words)
 
     def _restart(self) -> None:
         self._messages += self.loop.safe.report().messages  # the reset clears them

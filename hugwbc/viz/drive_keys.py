@@ -42,6 +42,7 @@ PRESSED: Mapping[str, str] = {
     "Pad8": "reset",
     "Pad9": "record",
 }
+TASK = "task:"  # the beginning of the action that does a task
 ACTIONS = tuple(dict.fromkeys(PRESSED.values()))
 HELP = (
     ("W S", "forward, backward"),
@@ -104,12 +105,18 @@ class Touched:
         return asked
 
 
-def actions(presses: object) -> list[str]:
-    """Return the known actions among what was pressed: codes of keys and buttons, or names of actions."""
+def actions(presses: object, tasks: Sequence[str] = ()) -> list[str]:
+    """Return the known actions among what was pressed: codes of keys and buttons, or names of actions.
+
+    Args:
+        presses: what the page says, whatever it is.
+        tasks: names of tasks; the action for one is `TASK` and its name.
+    """
+    known = (*ACTIONS, *(f"{TASK}{name}" for name in tasks))
     if not isinstance(presses, Sequence) or isinstance(presses, str):
         return []
     named = (PRESSED.get(press, press) for press in presses if isinstance(press, str))
-    return [name for name in named if name in ACTIONS]
+    return [name for name in named if name in known]
 
 
 def _unit(value: object) -> float:

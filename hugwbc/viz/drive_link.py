@@ -154,7 +154,7 @@ class DriveLink:
             said = {}
         with self._using:
             self._pages[number] = _Page(self.clock(), Touched.parse(said))
-            self._pressed += actions(said.get("presses"))
+            self._pressed += actions(said.get("presses"), self._about.get("tasks", ()))
         if isinstance(said.get("dark"), bool):
             self.dark = said["dark"]
 

@@ -4,6 +4,7 @@ import contextlib
 import io
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -20,6 +21,7 @@ from hugwbc.runtime.feasibility import feasible
 from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
+from hugwbc.viz.drive_keys import TASK
 from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
 from hugwbc.viz.live_meshes import link_meshes, object_meshes
 from hugwbc.viz.live_source import LiveSource
@@ -53,7 +55,16 @@ class LivePage:
         can_reset: whether whoever runs the robot asks `take` for resets.
     """
 
-    def __init__(self, simulation: Engine, *, name: str, host: str = HOST, port: int = 0, expose: bool = False) -> None:
+    def __init__(
+        self,
+        simulation: Engine,
+        *,
+        name: str,
+        host: str = HOST,
+        port: int = 0,
+        expose: bool = False,
+        tasks: Sequence[str] = (),
+    ) -> None:
         """Build the page and listen.
 
         Args:
@@ -62,6 +73,7 @@ class LivePage:
             host: host to listen on.
             port: port to listen on; 0 for any free port.
             expose: allow a host that other machines can reach, and requests that call this machine by any name.
+            tasks: names of tasks to offer; whoever runs the robot asks `take_task` for the one that is wanted.
 
         Raises:
             ConfigError: if other machines can reach the host and `expose` is not set.
@@ -69,7 +81,8 @@ class LivePage:
         check_host(host, expose=expose)
         commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]
         title = f"hugwbc: {name}"
-        self.link = DriveLink({"title": title, "gaits": [gait.label for gait in Gait], "commands": commands})
+        gaits = [gait.label for gait in Gait]
+        self.link = DriveLink({"title": title, "gaits": gaits, "commands": commands, "tasks": list(tasks)})
         # viser prints the address; what is printed is for the caller to decide.
         with guarded(any_host=expose, addition=self.link), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
@@ -125,7 +138,9 @@ class LivePage:
 
     def _build_objects(self, around: Scene | None) -> None:
         """Draw what stands around the robot, and lines for the forces on its hands."""
-        self._objects, model = [], None if around is None else around.model()
+        self._objects: list[viser.SceneNodeHandle] = []
+        self._forces: dict[str, viser.SceneNodeHandle] = {}
+        model = None if around is None else around.model()
         if around is None or model is None:
             return
         self.server.initial_camera.position = SCENE_CAMERA
@@ -137,6 +152,15 @@ class LivePage:
                 )
             self._objects.append(frame)
 
+    def stage(self, simulation: Engine) -> None:
+        """Show another robot of the same kind among its own objects, and forget what was asked for until now."""
+        with self.server.atomic():
+            for shown in (*self._objects, *self._forces.values()):
+                shown.remove()
+            self._build_objects(simulation.scene)
+        self._asked.clear()
+        self.pushes.clear()
+
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
         """Draw the objects and the forces on the hands; return a line that says how large these are."""
         for frame, pose in zip(self._objects[1:], simulation.objects.poses, strict=True):
@@ -147,7 +171,8 @@ class LivePage:
         for side, pushed in zip(SIDES, force, strict=True):
             hand = drawn.site(f"{side}_hand").xpos
             points = np.stack((hand - HAND_FORCE_SCALE * pushed, hand))[None]
-            self.server.scene.add_line_segments(f"{WORLD}/forces/{side}_hand", points, (209, 56, 75))
+            name = f"{WORLD}/forces/{side}_hand"
+            self._forces[side] = self.server.scene.add_line_segments(name, points, (209, 56, 75))
         return f", hands {np.linalg.norm(force[0]):.0f} and {np.linalg.norm(force[1]):.0f} N"
 
     def _theme(self, *, dark: bool) -> None:
@@ -214,6 +239,17 @@ class LivePage:
         self._asked.discard(action)
         return asked
 
+    def take_task(self) -> str | None:
+        """Return the task that the person asked for since the last call; None if there is none."""
+        asked = sorted(action for action in self._asked if action.startswith(TASK))
+        self._asked.difference_update(asked)
+        return asked[0].removeprefix(TASK) if asked else None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the person asked to stop or to reset since the page was staged, or is gone."""
+        return self._abandoned or not self._asked.isdisjoint(("stop", "reset"))
+
     def moved(self) -> None:
         """Show what is wanted on the sliders, after it was changed elsewhere."""
         self._moved.update(COMMAND_NAMES)
@@ -224,6 +260,7 @@ class LivePage:
             self._choose_gait(Gait.parse(action))
         elif action == "stop":
             self.stop()
+            self._asked.add(action)
         elif action == "camera":
             self._camera = CAMERA_MODES[(CAMERA_MODES.index(self._camera) + 1) % len(CAMERA_MODES)]
         elif action == "push":
@@ -264,8 +301,13 @@ class LivePage:
             turn = rotations.rotation_z(simulation.state().yaw)
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
-    def show(self, simulation: Engine) -> None:
-        """Draw the robot where it is, say what it does, and take what the person asks for."""
+    def show(self, simulation: Engine, task: str = "") -> None:
+        """Draw the robot where it is, say what it does, and take what the person asks for.
+
+        Args:
+            simulation: the robot, among the objects that the page shows.
+            task: name of the task that the robot does; empty while the person drives.
+        """
         self._steer()
         if self.link.dark is not None and self.link.dark != self._dark:
             self._theme(dark=self.link.dark)
@@ -283,7 +325,7 @@ class LivePage:
         while self._moved:
             name = self._moved.pop()
             self._sliders[name].value = getattr(self.source.wanted, name)
-        self._say(simulation, forces)
+        self._say(simulation, forces, task)
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
         """Move the world so that cameras, which stay, keep the robot in view.
@@ -301,7 +343,7 @@ class LivePage:
         self._world.wxyz = rotations.from_yaw_pitch_roll(-self._view[2], 0.0, 0.0)
         self._world.position = -rotations.rotation_z(-self._view[2]) @ np.array([*self._view[:2], 0.0])
 
-    def _say(self, simulation: Engine, forces: str) -> None:
+    def _say(self, simulation: Engine, forces: str, task: str) -> None:
         """Tell the pages what to display."""
         state, wanted, command = simulation.state(), self.source.wanted, self.source.command
         assert state.position is not None
@@ -328,6 +370,10 @@ class LivePage:
                 *(["record"] if self.recording is None else []),
             ],
         }
+        if task:  # the task commands the robot, not the person
+            line = f"{task.replace('_', ' ')} at {state.time:.1f} s, pelvis {state.position[2]:.2f} m{forces}"
+            status |= {"task": task, "line": line, "notes": [notice] if notice else [], "gait": "", "next": ""}
+            status |= {"asked": {}, "commanded": {}, "changed": [], "missing": ["record"]}
         self.link.say(**finite_json(status))
 
     def close(self) -> None:

@@ -135,6 +135,36 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
     page.close()
 
 
+def tray_on_a_table():
+    return Scene((Table(name="desk", position=(2.0, 0.0)), Tray(name="tray", on="desk")))
+
+
+def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(tmp_path):
+    own, staged = Simulation(), Simulation(scene=tray_on_a_table())
+    page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
+    loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
+
+    def perform(name, stop):
+        page.stage(staged)
+        page.show(staged, name)
+        seen.append((name, page.interrupted, dict(page.link._status), len(page._objects)))
+        page.link._hear(1, '{"presses": ["Space"]}')
+        page.show(staged, name)
+        seen.append(page.interrupted)
+        return "carry with test: done after 1.0 s"
+
+    page.link._hear(1, '{"presses": ["task:nothing", "task:carry"]}')
+    Drive(loop, page, perform=perform, tell=told.append).run(0.2)
+    (name, interrupted, status, objects), stopped = seen
+    assert name == "carry" and not interrupted and stopped
+    assert status["task"] == "carry" and status["line"].startswith("carry at 0.0 s")
+    assert objects == 1 + len(staged.scene.body_names)
+    assert "carry with test: done after 1.0 s" in told
+    assert page.link._status["notes"] == ["carry with test: done after 1.0 s"] and not page.interrupted
+    assert page._objects == [] and page._forces == {}, "the person's own robot stands alone again"
+    page.close()
+
+
 def test_meshes_have_the_size_of_the_shapes():
     model = Simulation().model
     meshes = link_meshes(model, "left_elbow_link")
@@ -149,7 +179,7 @@ class Driven:
 
     def __init__(self, folder):
         self.simulation = Simulation()
-        self.page = LivePage(self.simulation, name="qp")
+        self.page = LivePage(self.simulation, name="qp", tasks=("press_button", "carry_tray"))
         self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
         self.told = []
         self.drive = Drive(self.loop, self.page, folder=folder, tell=self.told.append)
@@ -261,6 +291,28 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
     assert not simulation.fallen
+
+
+@pytest.mark.slow
+def test_a_task_is_started_from_the_menu_and_stopped(driven, browser_page):
+    page, around = browser_page, Simulation(scene=tray_on_a_table())
+
+    def perform(name, stop):
+        driven.page.stage(around)
+        while not (driven.page.interrupted or stop()):
+            around.data.time += 0.02
+            driven.page.show(around, name)
+            time.sleep(0.02)
+        return f"{name}: stopped after {around.time:.1f} s"
+
+    driven.drive.perform = perform
+    page.get_by_label("task").select_option("carry_tray")
+    page.get_by_role("button", name="do it").click()
+    page.wait_for_function("document.body.innerText.includes('carry tray at')")
+    page.wait_for_function("document.querySelector('.tasks button').ariaPressed == 'true'")
+    page.keyboard.press(" ")
+    page.wait_for_function("document.body.innerText.includes('carry_tray: stopped after')")
+    page.wait_for_function("document.body.innerText.includes('standing at')")
 
 
 @pytest.mark.slow

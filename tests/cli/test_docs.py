@@ -1,0 +1,66 @@
+"""`hugwbc docs` and `hugwbc scripts`: what comes with the package can be listed and read."""
+
+import pathlib
+
+import pytest
+import yaml
+
+from hugwbc import documents
+from hugwbc.cli import main
+from hugwbc.documents import document, document_names, document_title
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.scripts import SCRIPT_NAMES
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+def test_the_list_has_every_document_with_its_title(capsys):
+    assert main(["docs"]) == 0
+    printed = capsys.readouterr().out
+    for name in ("getting-started", "tasks", "how-to/add-a-task"):
+        assert f"{name} " in printed and document_title(name) in printed
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    assert {name for name in document_names() if "/" not in name} == pages
+    assert not any(name.startswith(("api", "log")) for name in document_names())
+
+
+@pytest.mark.parametrize("name", ["how-to/add-a-task", "add-a-task", "docs/how-to/add-a-task.md"])
+def test_a_document_is_printed_whole(name, capsys):
+    assert main(["docs", name]) == 0
+    assert capsys.readouterr().out.rstrip() == (ROOT / "docs/how-to/add-a-task.md").read_text().rstrip()
+
+
+def test_a_document_is_formatted_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert main(["docs", "tasks"]) == 0
+    printed = capsys.readouterr().out
+    assert document_title("tasks") in printed and "](" not in printed
+
+
+def test_an_unknown_document_is_answered_with_the_nearest(capsys):
+    assert main(["docs", "add-a-tusk"]) == 2
+    assert "unknown document 'add-a-tusk'. Did you mean" in capsys.readouterr().err
+    for name in ("../pyproject", "/etc/passwd", ""):
+        with pytest.raises(UnknownNameError):
+            document(name)
+
+
+def test_an_installation_without_documents_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(documents, "__file__", str(tmp_path / "hugwbc" / "documents.py"))
+    with pytest.raises(ConfigError, match="reinstall"):
+        document_names()
+
+
+def test_scripts_are_listed_and_printed(capsys):
+    assert main(["scripts"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"{name} " in printed for name in SCRIPT_NAMES) and "Stand still." in printed
+    assert main(["scripts", "wave"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["segments"]
+    assert main(["scripts", "wav"]) == 2
+    assert "Did you mean 'wave'?" in capsys.readouterr().err
+
+
+def test_help_names_the_version_option(capsys):
+    assert main(["--help"]) == 0
+    assert "--version" in capsys.readouterr().out
