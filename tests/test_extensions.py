@@ -36,7 +36,8 @@ from hugwbc.tasks import Milestone, Task
 from hugwbc.tasks.hold_payload import HoldPayload
 
 TASK = Task(
-    name="own_task", about="Stand there.", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=HoldPayload,
+    name="own_task", about="Stand there.",
+    scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=HoldPayload,
     limit=3.0, milestones=(Milestone("never", lambda record: 0.0),),
 )
 """
@@ -140,7 +141,7 @@ def test_a_file_that_does_not_work_says_what_was_wrong(tmp_path, text, name, mes
 
 
 def test_words_that_name_no_controller_in_a_file_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="there is no file .*none.py"):
+    with pytest.raises(ConfigError, match=r"there is no file .*none\.py"):
         ControllerSpec(f"{tmp_path / 'none.py'}:Mine")
     with pytest.raises(ConfigError, match=r"is a Python file; say what makes the controller in it: .*:NAME"):
         ControllerSpec(str(tmp_path / "none.py"))

@@ -11,6 +11,7 @@ import ast
 import dataclasses
 import functools
 import hashlib
+import importlib
 import inspect
 import math
 import pathlib
@@ -38,8 +39,9 @@ _OURS = {
     "qp": "hugwbc.mbc:WholeBodyController",
     "hold": "hugwbc.runtime.controllers:HoldController",
 }
-_PATHS = "FILE.py:NAME, the path of a policy folder or file, or of a contract (.yaml)"
+_PATHS = "FILE.py:NAME, the path of a policy folder or file (.safetensors, .onnx), or of a contract (.yaml)"
 _KIND = "controller"
+_EXPORTED = ".onnx"
 
 
 class HoldController:
@@ -65,14 +67,36 @@ def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
     """Load the HugWBC policy.
 
     Args:
-        policy: name of a shipped policy, a policy file or its folder; None for the default policy.
+        policy: name of a shipped policy, a policy file or its folder, or an ONNX file that `hugwbc export` wrote; None
+            for the default policy.
 
     Raises:
+        ConfigError: if torch is needed and not installed.
         PolicyFileError: if the policy file is missing, truncated or foreign.
     """
+    if policy is not None and pathlib.Path(policy).suffix == _EXPORTED:
+        from hugwbc.learned.policy.onnx_policy import load_onnx_policy
+
+        return load_onnx_policy(policy)
+    _require_torch()
     from hugwbc.learned.policy import load_policy
 
     return load_policy() if policy is None else load_policy(policy)
+
+
+def _require_torch() -> None:
+    """Refuse to read a policy without torch.
+
+    Raises:
+        ConfigError: if torch is not installed.
+    """
+    try:
+        importlib.import_module("torch")
+    except ImportError as error:
+        raise ConfigError(
+            "the learned policy needs torch, which is not installed: run `pip install 'hugwbc[learned]'`. Without "
+            "torch, the controller qp works, and a policy that `hugwbc export` wrote (--controller policy.onnx)"
+        ) from error
 
 
 def load_controller(
@@ -157,6 +181,8 @@ class ControllerSpec:
             _ = self._factory
         elif path.suffix == extensions.SUFFIX:
             raise ConfigError(f"{path} is a Python file; say what makes the controller in it: {path}:NAME")
+        elif path.suffix == _EXPORTED:
+            _ = self.training  # a bare network is refused now, and not when a loop is built
         elif path.suffix in SUFFIXES:
             raise ConfigError(
                 f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
@@ -273,9 +299,14 @@ class ControllerSpec:
         """
         if self._is_foreign or (self._factory is not None and self.name != "learned"):
             return None
+        (path,) = self.files()
+        if path.suffix == _EXPORTED:
+            from hugwbc.learned.policy import onnx_policy
+
+            return onnx_policy.trained_with(path)
+        _require_torch()
         from hugwbc.learned.policy import trained_with
 
-        (path,) = self.files()
         return trained_with(path)
 
     def identity(self) -> dict[str, Any]:
