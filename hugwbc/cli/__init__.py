@@ -57,10 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"hugwbc: {error}", file=sys.stderr)
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        if error.name != "torch":
+        if error.name not in ("torch", "safetensors"):
             raise
         print(
-            f"hugwbc: `hugwbc {words[0]}` needs torch, which is not installed; run `pip install 'hugwbc[learned]'`",
+            f"hugwbc: `hugwbc {words[0]}` needs {error.name}, which is not installed; "
+            "run `pip install 'hugwbc[learned]'`",
             file=sys.stderr,
         )
         return USAGE_ERROR

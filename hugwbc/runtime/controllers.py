@@ -88,14 +88,15 @@ def _require_torch() -> None:
     """Refuse to read a policy without torch.
 
     Raises:
-        ConfigError: if torch is not installed.
+        ConfigError: if torch or safetensors is not installed.
     """
     try:
         importlib.import_module("torch")
+        importlib.import_module("safetensors")
     except ImportError as error:
         raise ConfigError(
-            "the learned policy needs torch, which is not installed: run `pip install 'hugwbc[learned]'`. Without "
-            "torch, the controller qp works, and a policy that `hugwbc export` wrote (--controller policy.onnx)"
+            f"the learned policy needs {error.name}, which is not installed: run `pip install 'hugwbc[learned]'`. "
+            "Without torch, the controller qp works, and a policy that `hugwbc export` wrote (--controller policy.onnx)"
         ) from error
 
 
