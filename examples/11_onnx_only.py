@@ -58,7 +58,8 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
         history = np.vstack((history[1:], frame(contract, data, action)))
         phase = (phase + command["f"] * contract["period"]) % 1.0
         row = command_row(contract, command, phase)
-        action = session.run(["action"], {"history": history.reshape(1, -1), "command": row})[0][0]
+        outputs = session.run(["action"], {"history": history.reshape(1, -1), "command": row})
+        action = np.asarray(outputs[0])[0]
         data.ctrl[:] = contract["nominal"] + np.array(contract["action_scale"]) * action
         mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
         if not data.qpos[2] > LOWEST:

@@ -7,6 +7,7 @@ term's, and its docstring has the formula and says what was corrected. Weights a
 
 import functools
 from collections.abc import Callable
+from typing import Any, cast
 
 import torch
 
@@ -317,13 +318,13 @@ def term(name: str) -> Term:
     if name in ours:
         return ours[name]
     entry = registered_rewards()[name]
-    found = load_entry(entry, "reward")
+    found: Any = load_entry(entry, "reward")
     if not callable(found):
         raise ConfigError(
             f"reward '{name}' ({entry.value}) is a {type(found).__name__}; register a function of a Transition and a "
             "Body"
         )
-    return found
+    return cast(Term, found)
 
 
 def check_registered(transition: Transition, body: Body, weights: dict[str, float]) -> None:
