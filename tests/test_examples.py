@@ -10,6 +10,10 @@ import sys
 
 import pytest
 
+from hugwbc.learned.policy import load_policy
+from hugwbc.learned.policy.onnx_export import export_onnx
+from hugwbc.robot import load_robot
+
 EXAMPLES = pathlib.Path(__file__).parents[1] / "examples"
 
 
@@ -147,6 +151,19 @@ def test_the_notebook_comes_without_outputs():
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 
 
+def test_onnx_only(tmp_path):
+    pytest.importorskip("onnxruntime")
+    path = tmp_path / "h1.onnx"
+    export_onnx(load_policy(), path)
+    words = ("--policy", str(path), "--model", str(load_robot().xml_path), "--v-x", "0.5", "--duration", "4")
+    result = _run("11_onnx_only.py", *words, folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert 1.5 < number(r"walked ([\d.]+) m in 4.0 s and stayed up", result.stdout) < 2.5
+    assert "hugwbc" not in re.findall(
+        r"^(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
+    )
+
+
 def test_every_example_is_tested_and_short():
     here = pathlib.Path(__file__).read_text(encoding="utf-8")
     for path in EXAMPLES.glob("*.py"):
@@ -165,6 +182,7 @@ BAD_VALUES = {
     "08_replay_a_motion.py": ("--file", "none.npz"),
     "09_drive_live.py": ("--duration", "-1"),
     "10_write_a_controller.py": ("--push", "inf"),
+    "11_onnx_only.py": ("--policy", "none.onnx"),
 }
 
 

@@ -59,6 +59,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except HugwbcError as error:
         print(f"hugwbc: {error}", file=sys.stderr)
         return USAGE_ERROR
+    except ModuleNotFoundError as error:
+        if error.name not in ("torch", "safetensors"):
+            raise
+        print(
+            f"hugwbc: `hugwbc {words[0]}` needs {error.name}, which is not installed; "
+            "run `pip install 'hugwbc[learned]'`",
+            file=sys.stderr,
+        )
+        return USAGE_ERROR
     except KeyboardInterrupt:
         print("hugwbc: stopped", file=sys.stderr)
         return INTERRUPTED

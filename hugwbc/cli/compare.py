@@ -35,7 +35,7 @@ class CompareOptions(ArenaChoice):
     walk: float | None = None
     """Walk ahead at this velocity [m/s] wherever the script commands no walk of its own."""
     controllers: tuple[str, ...] = ("learned", "qp")
-    """Controllers to compare: learned, qp, hold, the name of a plug-in, the path of a policy or contract
+    """Controllers to compare: learned, qp, hold, the name of a plug-in, FILE.py:NAME, the path of a policy or contract
     (docs/evaluation.md); NAME=POLICY gives one its own policy, such as unitree-h1=motion.pt."""
     policy: str | None = None
     """Name of a shipped policy, or path of a policy file, for the learned controller."""

@@ -40,7 +40,7 @@ class DeployOptions:
     """Control an H1 over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
 
     controller: str = "learned"
-    """learned, qp, a plug-in's name, or the path of a policy or of a contract."""
+    """learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or of a contract."""
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     net: str = "lo"

@@ -13,10 +13,10 @@ from typing import Annotated, Any
 import tyro
 
 from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import DEFAULT_FOLDER, Execution, ResultStore
-from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
+from hugwbc.evaluation.protocols import PROTOCOLS, Protocol, protocol_names, protocol_of
 from hugwbc.evaluation.protocols.episodes import GaitSettings
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
@@ -38,8 +38,8 @@ class ControllerOptions:
     """Which controller is evaluated.
 
     Attributes:
-        controller: name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in; or the
-            path of a policy, or of a contract for somebody else's policy (docs/evaluation.md).
+        controller: name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in;
+            FILE.py:NAME; or the path of a policy, or of a contract for somebody else's policy (docs/evaluation.md).
         policy: name of a shipped policy or path of a policy for the learned controller; path of a network for
             somebody else's policy.
     """
@@ -139,7 +139,7 @@ def _protocol(words: Sequence[str]) -> tuple[AnyProtocol, list[str]]:
     """
     words = list(words)
     if words and not words[0].startswith("-"):
-        return _named(words[0]), words[1:]
+        return protocol_of(words[0]), words[1:]
     formerly = next((i for i, word in enumerate(words) if word.partition("=")[0] == "--protocol"), None)
     if formerly is not None:
         return _formerly_named(words, formerly)
@@ -149,18 +149,14 @@ def _protocol(words: Sequence[str]) -> tuple[AnyProtocol, list[str]]:
     return PROTOCOLS[DEFAULT], words
 
 
-def _named(name: str) -> AnyProtocol:
-    if name not in PROTOCOLS:
-        raise UnknownNameError("protocol", name, PROTOCOLS)
-    return PROTOCOLS[name]
-
-
 def _formerly_named(words: list[str], index: int) -> tuple[AnyProtocol, list[str]]:
     """Read the former form `--protocol NAME`, which is kept for one release."""
     _, equals, name = words[index].partition("=")
     if not equals and index + 1 == len(words):
-        raise ConfigError(f"--protocol has no name; give the name as the first word. Valid: {', '.join(PROTOCOLS)}")
-    protocol = _named(name if equals else words[index + 1])
+        raise ConfigError(
+            f"--protocol has no name; give the name as the first word. Valid: {', '.join(protocol_names())}"
+        )
+    protocol = protocol_of(name if equals else words[index + 1])
     rest = words[:index] + words[index + (1 if equals else 2) :]
     if not protocol.stores_episodes and "--results" in rest:  # was accepted, and ignored
         start = rest.index("--results")
@@ -173,8 +169,8 @@ def _formerly_named(words: list[str], index: int) -> tuple[AnyProtocol, list[str
 
 
 def _usage() -> str:
-    width = max(map(len, PROTOCOLS))
-    lines = [f"  {name:<{width}}  {protocol.summary}" for name, protocol in PROTOCOLS.items()]
+    width = max(map(len, protocol_names()))
+    lines = [f"  {name:<{width}}  {_summary(name)}" for name in protocol_names()]
     return "\n".join(
         [
             "usage: hugwbc evaluate PROTOCOL [OPTIONS]",
@@ -186,6 +182,14 @@ def _usage() -> str:
             f"`hugwbc evaluate PROTOCOL --help` lists the options of a protocol. Without PROTOCOL, {DEFAULT} runs.",
         ]
     )
+
+
+def _summary(name: str) -> str:
+    """Return a protocol's line of the list; one of another package that does not work must not hide the others."""
+    try:
+        return protocol_of(name).summary
+    except HugwbcError as error:
+        return f"not usable: {error}"
 
 
 def _parse(protocol: AnyProtocol, words: Sequence[str]) -> dict[str, Any]:

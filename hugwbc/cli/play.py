@@ -46,8 +46,8 @@ class PlayOptions(ArenaChoice):
     """
 
     controller: str = "learned"
-    """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, or the path of a policy or
-    of a contract for a foreign policy (docs/evaluation.md)."""
+    """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, FILE.py:NAME, or the path of a policy
+    or of a contract for a foreign policy (docs/evaluation.md)."""
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     script: str | None = None

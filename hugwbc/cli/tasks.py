@@ -26,7 +26,7 @@ class TasksOptions(ArenaChoice):
     record: pathlib.Path | None = None
     """New folder for a data set in the layout of LeRobot v3 (docs/demonstrations.md). Needs the extra [record]."""
     controller: str = "learned"
-    """With `--record`: learned, qp, a plug-in's name, or the path of a policy or of a contract for a foreign policy."""
+    """With `--record`: learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or contract."""
     policy: str | None = None
     """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
     episodes: int = 10

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import importlib.util
 import platform
 from collections.abc import Callable
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from hugwbc.errors import HugwbcError
 
-PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "torch", "numpy", "safetensors", "meshcat", "tyro")
+PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
+LEARNED = ("torch", "safetensors")  # of the extra [learned]
+WITHOUT_TORCH = "left out: torch is not installed; `pip install 'hugwbc[learned]'` brings it"
 SAMPLES = 20  # random states on which the models are compared
 
 
@@ -57,6 +60,7 @@ def check_versions() -> str:
             found.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
             raise CheckError(f"{package} is not installed; run `pip install hugwbc` again") from None
+    found += [f"{name} {importlib.metadata.version(name)}" for name in LEARNED if _is_installed(name)]
     return f"Python {platform.python_version()}, {', '.join(found)}"
 
 
@@ -127,8 +131,17 @@ def check_standing() -> str:
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
 
 
+def _is_installed(package: str) -> bool:
+    try:
+        return importlib.util.find_spec(package) is not None
+    except (ImportError, ValueError):  # it is kept out on purpose
+        return False
+
+
 def check_policies() -> str:
-    """Check that every shipped policy can be read."""
+    """Check that every shipped policy can be read, if policies can be run at all."""
+    if not all(map(_is_installed, LEARNED)):
+        return WITHOUT_TORCH
     from hugwbc.learned.policy import load_policy, shipped_policies
 
     names = shipped_policies()
@@ -141,6 +154,8 @@ def check_policies() -> str:
 
 def check_environment() -> str:
     """Check that the training environment gives finite numbers, the same ones for the same seed."""
+    if not all(map(_is_installed, LEARNED)):
+        return WITHOUT_TORCH
     import torch
 
     from hugwbc.learned.config import EnvConfig

@@ -15,7 +15,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.engine import EpisodePlan, Execution, ResultStore, Run, run_episodes
 from hugwbc.evaluation.engine.episode import EpisodeSettings
 from hugwbc.evaluation.metrics import SETTLE_S, stepping_feet, touch_downs
-from hugwbc.evaluation.protocols import PROTOCOLS
+from hugwbc.evaluation.protocols import protocol_of
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
@@ -81,7 +81,7 @@ class RecipeServices:
     def simulated_seconds(self, table: Table) -> float:
         """Return how much a table simulates [s]."""
         settings = settings_of(table, REPORT_SEED)
-        return float(PROTOCOLS[table["protocol"]].total(settings) * settings.duration)
+        return float(protocol_of(table["protocol"]).total(settings) * settings.duration)
 
     def run_table(
         self,
@@ -94,7 +94,7 @@ class RecipeServices:
         on_episode: Callable[[], None],
     ) -> dict[str, Any]:
         """Run a table with a policy; arguments as in `Services`."""
-        protocol = PROTOCOLS[table["protocol"]]
+        protocol = protocol_of(table["protocol"])
         spec = ControllerSpec("learned", str(policy))
         store = ResultStore(folder) if protocol.stores_episodes else None
         count = 0
@@ -144,9 +144,7 @@ def settings_of(table: Table, seed: int) -> Any:  # noqa: ANN401  each protocol 
         ConfigError: if a value is out of range or of the wrong type.
     """
     name = str(table.get("protocol"))
-    if name not in PROTOCOLS:
-        raise UnknownNameError("protocol", name, PROTOCOLS)
-    protocol = PROTOCOLS[name]
+    protocol = protocol_of(name)
     own, around = _fields(protocol.settings), _fields(Conditions)
     around = {key: kind for key, kind in around.items() if key not in protocol.fixed}
     valid = {key: kind for key, kind in own.items() if key not in _OWN} | around

@@ -1,17 +1,19 @@
-"""Controllers by name or path, as on the command line: built-in, plug-in, policy folder, or foreign policy.
+"""Controllers by name or path, as on the command line: built-in, the user's own, policy folder, or foreign policy.
 
-A plug-in is an entry point in the group `hugwbc.controllers`: a callable that returns an object with the members of
-`hugwbc.controller.Controller`. If the callable has a parameter `policy`, it receives the value of --policy, or None; if
-it has a parameter `robot`, it receives the `Robot` that the controller is told, with its drives, or None for the
-default one.
+A controller of the user's own is an entry point in the group `hugwbc.controllers`, or `FILE.py:NAME`: a callable that
+returns an object with the members of `hugwbc.controller.Controller`. If the callable has a parameter `policy`, it
+receives the value of --policy, or None; if it has a parameter `robot`, it receives the `Robot` that the controller is
+told, with its drives, or None for the default one.
 The built-in controllers are registered in the same way.
 """
 
+import ast
 import dataclasses
 import functools
 import hashlib
-import importlib.metadata
+import importlib
 import inspect
+import math
 import pathlib
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
@@ -20,9 +22,10 @@ from typing import Any
 import numpy as np
 
 import hugwbc
+from hugwbc import extensions
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
-from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
+from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.runtime.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
 from hugwbc.runtime.foreign.network import SUFFIXES
@@ -36,7 +39,9 @@ _OURS = {
     "qp": "hugwbc.mbc:WholeBodyController",
     "hold": "hugwbc.runtime.controllers:HoldController",
 }
-_PATHS = "the path of a policy folder or file, or of a contract (.yaml)"
+_PATHS = "FILE.py:NAME, the path of a policy folder or file (.safetensors, .onnx), or of a contract (.yaml)"
+_KIND = "controller"
+_EXPORTED = ".onnx"
 
 
 class HoldController:
@@ -62,14 +67,37 @@ def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
     """Load the HugWBC policy.
 
     Args:
-        policy: name of a shipped policy, a policy file or its folder; None for the default policy.
+        policy: name of a shipped policy, a policy file or its folder, or an ONNX file that `hugwbc export` wrote; None
+            for the default policy.
 
     Raises:
+        ConfigError: if torch is needed and not installed.
         PolicyFileError: if the policy file is missing, truncated or foreign.
     """
+    if policy is not None and pathlib.Path(policy).suffix == _EXPORTED:
+        from hugwbc.learned.policy.onnx_policy import load_onnx_policy
+
+        return load_onnx_policy(policy)
+    _require_torch()
     from hugwbc.learned.policy import load_policy
 
     return load_policy() if policy is None else load_policy(policy)
+
+
+def _require_torch() -> None:
+    """Refuse to read a policy without torch.
+
+    Raises:
+        ConfigError: if torch or safetensors is not installed.
+    """
+    try:
+        importlib.import_module("torch")
+        importlib.import_module("safetensors")
+    except ImportError as error:
+        raise ConfigError(
+            f"the learned policy needs {error.name}, which is not installed: run `pip install 'hugwbc[learned]'`. "
+            "Without torch, the controller qp works, and a policy that `hugwbc export` wrote (--controller policy.onnx)"
+        ) from error
 
 
 def load_controller(
@@ -81,7 +109,7 @@ def load_controller(
     """Build a controller.
 
     Args:
-        name: one of `controller_names()`, or the path of a policy or of a contract (`ControllerSpec`).
+        name: one of `controller_names()`, `FILE.py:NAME`, or the path of a policy or contract (`ControllerSpec`).
         policy: name of a shipped policy or path of a policy, for a controller that takes one.
         robot: name of the robot that a model-based controller is told, such as "h1-2023"; None for the default one.
         drives: drives that it is told, "real" or "ideal"; None for real ones.
@@ -102,15 +130,7 @@ def plugins() -> dict[str, EntryPoint]:
     Raises:
         ConfigError: if two packages register different controllers under one name.
     """
-    found = {name: EntryPoint(name, value, GROUP) for name, value in _OURS.items()}
-    for entry in importlib.metadata.entry_points(group=GROUP):
-        other = found.setdefault(entry.name, entry)
-        if other.value != entry.value:
-            raise ConfigError(
-                f"two controllers are registered as '{entry.name}': {other.value} and {entry.value}; uninstall one of "
-                "the packages, or let it register another name"
-            )
-    return found
+    return extensions.registered(GROUP, _KIND, _OURS)
 
 
 def controller_names() -> tuple[str, ...]:
@@ -123,10 +143,10 @@ class ControllerSpec:
     """A controller by name or path, cheap to send to another process that builds it.
 
     Attributes:
-        name: one of `controller_names()`, the path of a policy file or its folder, or the path of a foreign policy's
-            contract or of a folder with a `contract.yaml`.
+        name: one of `controller_names()`, `FILE.py:NAME` for a class or function in a Python file, the path of a policy
+            file or its folder, or the path of a foreign policy's contract or of a folder with a `contract.yaml`.
         policy: for the learned controller, the name of a shipped policy or the path of a policy file; for a foreign
-            policy, the file of its network; for a plug-in, whatever it takes; None for the default.
+            policy, the file of its network; for one of the user's own, whatever it takes; None for the default.
         robot: name of the robot that the controller is told, for one that takes a robot; None for the default. The
             simulated robot may be another one.
         drives: drives that it is told, "real" or "ideal"; None for the default, real ones.
@@ -138,13 +158,8 @@ class ControllerSpec:
     drives: str | None = None
 
     def __post_init__(self) -> None:
-        path = pathlib.Path(self.name)
-        if self.name not in controller_names() and path.suffix in SUFFIXES:
-            raise ConfigError(
-                f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
-            )
-        if self.name not in controller_names() and not path.exists():
-            raise UnknownNameError("controller", self.name, (*controller_names(), _PATHS))
+        if self.name not in controller_names():
+            self._check_path(pathlib.Path(self.name))
         if self.policy is not None and not self._is_foreign:
             self._check_policy()
         given = [f"'{word}'" for word in (self.robot, self.drives) if word is not None]
@@ -156,15 +171,56 @@ class ControllerSpec:
                     f"training; leave out {' and '.join(given)}, or choose a controller that takes a robot, such as qp"
                 )
 
+    def _check_path(self, path: pathlib.Path) -> None:
+        """Refuse a name that is no registered one, and neither a path that holds a controller.
+
+        Raises:
+            ConfigError: if a path is of a file that is not a controller by itself.
+            UnknownNameError: if there is no such path.
+        """
+        if extensions.names_object(self.name):
+            _ = self._factory
+        elif path.suffix == extensions.SUFFIX:
+            raise ConfigError(f"{path} is a Python file; say what makes the controller in it: {path}:NAME")
+        elif path.suffix == _EXPORTED:
+            _ = self.training  # a bare network is refused now, and not when a loop is built
+        elif path.suffix in SUFFIXES:
+            raise ConfigError(
+                f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
+            )
+        elif not path.exists():
+            raise UnknownNameError(_KIND, self.name, (*controller_names(), _PATHS))
+
+    @property
+    def _factory(self) -> Callable[..., Any] | None:
+        """What builds a registered controller or one of a Python file; None for a policy.
+
+        Raises:
+            ConfigError: if it cannot be loaded, or is nothing that could be called.
+        """
+        if self.name in plugins():
+            entry = plugins()[self.name]
+            factory, origin = extensions.load_entry(entry, _KIND), f"controller '{entry.name}' ({entry.value})"
+        elif extensions.names_object(self.name):
+            factory, origin = extensions.load_object(self.name, _KIND), self.name
+        else:
+            return None
+        if not callable(factory):
+            raise ConfigError(
+                f"{origin} is a {type(factory).__name__}; give a class, or a function that returns a controller"
+            )
+        return factory
+
     def _check_policy(self) -> None:
         """Refuse a policy that would not be used.
 
         Raises:
             ConfigError: if the controller does not take a policy.
         """
-        if self.name not in plugins():
+        factory = self._factory
+        if factory is None:
             raise ConfigError(f"controller '{self.name}' takes no policy because it is one; leave out '{self.policy}'")
-        if not _takes(_loaded(plugins()[self.name]), "policy"):
+        if not _takes(factory, "policy"):
             raise ConfigError(
                 f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
                 "takes one, such as learned"
@@ -174,16 +230,18 @@ class ControllerSpec:
     def parse(cls, words: str) -> "ControllerSpec":
         """Build a spec from `NAME` or `NAME=POLICY`, the form used in lists of controllers on the command line."""
         name, equals, policy = words.partition("=")
-        return cls(name, policy) if equals and name in controller_names() else cls(words)
+        named = name in controller_names() or extensions.names_object(name)
+        return cls(name, policy) if equals and named else cls(words)
 
     @property
     def takes_robot(self) -> bool:
         """Whether the controller can be told a robot; a policy cannot, since it has learned one.
 
         Raises:
-            ConfigError: if a plug-in cannot be loaded.
+            ConfigError: if a controller of the user's own cannot be loaded.
         """
-        return self.name in plugins() and _takes(_loaded(plugins()[self.name]), "robot")
+        factory = self._factory
+        return factory is not None and _takes(factory, "robot")
 
     def told(self, arena: Arena) -> "ControllerSpec":
         """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot."""
@@ -204,6 +262,8 @@ class ControllerSpec:
     def label(self) -> str:
         """Short name for tables, which includes the policy, the robot and the drives."""
         name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
+        if extensions.names_object(self.name):
+            name = extensions.split_object(self.name)[1]
         policy = None if self.policy is None else pathlib.Path(self.policy).stem
         drives = None if self.drives is None else f"{self.drives} drives"
         return " ".join(word for word in (name, policy, self.robot, drives) if word is not None)
@@ -214,10 +274,11 @@ class ControllerSpec:
         Raises:
             ContractError: if a contract is malformed.
             PolicyFileError: if a policy file is missing, truncated or foreign.
-            ConfigError: if a plug-in cannot be loaded or does not return a controller.
+            ConfigError: if a controller of the user's own cannot be loaded or is not one.
         """
-        if self.name in plugins():
-            return _build_plugin(plugins()[self.name], self.policy, self._known_robot)
+        factory = self._factory
+        if factory is not None:
+            return self._made_by(factory)
         if self._is_foreign:
             from hugwbc.runtime.foreign import load_foreign_policy
 
@@ -237,11 +298,16 @@ class ControllerSpec:
         Raises:
             PolicyFileError: if a policy file is missing, truncated or foreign.
         """
-        if self._is_foreign or (self.name in plugins() and self.name != "learned"):
+        if self._is_foreign or (self._factory is not None and self.name != "learned"):
             return None
+        (path,) = self.files()
+        if path.suffix == _EXPORTED:
+            from hugwbc.learned.policy import onnx_policy
+
+            return onnx_policy.trained_with(path)
+        _require_torch()
         from hugwbc.learned.policy import trained_with
 
-        (path,) = self.files()
         return trained_with(path)
 
     def identity(self) -> dict[str, Any]:
@@ -258,10 +324,12 @@ class ControllerSpec:
         entry = plugins().get(self.name)
         dist = None if entry is None else entry.dist
         package = f"hugwbc {hugwbc.__version__}" if dist is None else f"{dist.name} {dist.version}"
+        own = extensions.names_object(self.name)
+        known = self.label if own else "file"
         return {
-            "name": self.name if entry is not None or self.name in CONTRACT_NAMES else "file",
+            "name": self.name if entry is not None or self.name in CONTRACT_NAMES else known,
             "package": package,
-            "modules": [entry.value.partition(":")[0] if entry else "hugwbc.runtime.controllers"],
+            "modules": _modules_of(self.files()[0]) if own else [entry.module if entry else __name__],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
             "policy": self._policy_word,
             **(self._told_names if self.takes_robot else {}),
@@ -273,13 +341,13 @@ class ControllerSpec:
 
     @property
     def _policy_word(self) -> str | None:
-        """A plug-in's policy that is neither a file nor a folder, but a word that only the plug-in knows."""
-        ours = self.name not in plugins() or self.name in _OURS
+        """A policy that is neither a file nor a folder, but a word that only a controller of the user's own knows."""
+        ours = self._factory is None or self.name in _OURS
         given = None if self.policy is None or ours else pathlib.Path(self.policy)
         return None if given is None or given.exists() else str(self.policy)
 
     def files(self) -> list[pathlib.Path]:
-        """Return the files that the controller is built from: contract and network, or policy."""
+        """Return the files that the controller is built from: contract and network, policy, or the user's code."""
         given = None if self.policy is None else pathlib.Path(self.policy)
         if self._is_foreign:
             contract = contract_path(self.name)
@@ -287,42 +355,65 @@ class ControllerSpec:
             return [contract, *([] if network is None else [network])]
         from hugwbc.learned.policy import DEFAULT_POLICY, policy_file
 
-        if self.name not in plugins():
+        if self._factory is None:
             return [policy_file(self.name)]
         if self.name == "learned":
             return [policy_file(given or DEFAULT_POLICY)]
+        code = [extensions.split_object(self.name)[0]] if extensions.names_object(self.name) else []
         if given is not None and given.is_dir():
-            return sorted(path for path in given.rglob("*") if path.is_file())
-        return [] if given is None or not given.is_file() else [given]
+            return code + sorted(path for path in given.rglob("*") if path.is_file())
+        return code if given is None or not given.is_file() else [*code, given]
 
+    def _made_by(self, factory: Callable[..., Any]) -> Controller:
+        """Return what a factory makes, after checking that it is a controller.
 
-def _loaded(entry: EntryPoint) -> Callable[..., Any]:
-    """Load the callable that builds a plug-in.
-
-    Raises:
-        ConfigError: if it cannot be loaded.
-    """
-    try:
-        return entry.load()
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(
-            f"controller '{entry.name}' ({entry.value}) cannot be loaded: {error}; install its package again"
-        ) from error
+        Raises:
+            ConfigError: if it is not, or the factory of somebody else fails.
+        """
+        told = {"policy": self.policy, "robot": self._known_robot}
+        given = {name: value for name, value in told.items() if _takes(factory, name)}
+        entry = plugins().get(self.name)
+        origin = self.name if entry is None else f"controller '{entry.name}' ({entry.value})"
+        try:
+            controller = factory(**given)
+        except HugwbcError:
+            raise
+        except Exception as error:  # the code of somebody else may raise anything
+            if self.name in _OURS:
+                raise
+            raise ConfigError(f"{origin} cannot be built: {extensions.described(error)}") from error
+        _check_members(controller, origin)
+        return controller
 
 
 def _takes(factory: Callable[..., Any], parameter: str) -> bool:
     return parameter in inspect.signature(factory).parameters
 
 
-def _build_plugin(entry: EntryPoint, policy: str | pathlib.Path | None, robot: Robot | None) -> Controller:
-    """Build a plug-in and check that it is a controller."""
-    factory = _loaded(entry)
-    given = {name: value for name, value in (("policy", policy), ("robot", robot)) if _takes(factory, name)}
-    controller = factory(**given)
+def _check_members(controller: Any, origin: str) -> None:  # noqa: ANN401  what somebody else's code returned
+    """Refuse what is not a controller.
+
+    Raises:
+        ConfigError: if a member is missing, or of a kind that no loop can use.
+    """
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         raise ConfigError(
-            f"controller '{entry.name}' ({entry.value}) gives a {type(controller).__name__} without "
-            f"{', '.join(missing)}; see hugwbc.controller.Controller"
+            f"{origin} gives a {type(controller).__name__} without {', '.join(missing)}; see "
+            "hugwbc.controller.Controller"
         )
-    return controller
+    if not isinstance(controller.name, str) or not controller.name:
+        raise ConfigError(f"{origin} has name = {controller.name!r}; give a short text for tables")
+    if type(controller.period) not in (int, float) or not 0.0 < controller.period < math.inf:
+        raise ConfigError(f"{origin} has period = {controller.period!r}; give the time between two calls of act [s]")
+
+
+def _modules_of(path: pathlib.Path) -> list[str]:
+    """Return the dotted names that a Python file imports; results depend on those of this package."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return sorted(name for name in names if name.partition(".")[0] == hugwbc.__name__)

@@ -1,17 +1,22 @@
 """The tasks of the suite, by name: the constant `TASK` of the module of that name, loaded when it is asked for.
 
+Tasks of the user's own are entry points in the group `hugwbc.tasks`, or Python files with a constant `TASK`.
+
 Modules of tasks are not imported by name here: stored results depend on all code that a module imports, and a change to
 one task would then invalidate the results of all others.
 """
 
+import functools
 import importlib
-import importlib.util
+import inspect
 import pathlib
-import types
+from importlib.metadata import EntryPoint
 
-from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
+from hugwbc import extensions
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.tasks.task import Task
 
+GROUP = "hugwbc.tasks"
 TASK_NAMES = (
     "press_button",
     "fetch_box",
@@ -30,40 +35,60 @@ def modules_of(name: str) -> tuple[str, ...]:
     """Return the dotted names of the modules of this package on which a task may depend, beside those of every task.
 
     Args:
-        name: one of `TASK_NAMES`, or the path of a Python file.
+        name: one of `TASK_NAMES`, a registered task, or the path of a Python file.
     """
     return (f"hugwbc.tasks.{name}",) if name in TASK_NAMES else ("hugwbc.tasks.boxes", "hugwbc.tasks.judges")
+
+
+@functools.cache
+def registered_tasks() -> dict[str, EntryPoint]:
+    """Return the tasks that other packages register, by name.
+
+    Raises:
+        ConfigError: if two packages register different tasks under one name.
+    """
+    ours = {name: f"hugwbc.tasks.{name}:TASK" for name in TASK_NAMES}
+    return {name: entry for name, entry in extensions.registered(GROUP, "task", ours).items() if name not in ours}
+
+
+def file_of(name: str) -> pathlib.Path | None:
+    """Return the Python file of a task from outside this package; None for one of the suite."""
+    if name in TASK_NAMES:
+        return None
+    entry = registered_tasks().get(name)
+    return pathlib.Path(name if entry is None else inspect.getfile(importlib.import_module(entry.module)))
 
 
 def load_task(name: str) -> Task:
     """Return a task.
 
     Args:
-        name: one of `TASK_NAMES`, or the path of a Python file with a `TASK`, which ends in .py; it is run.
+        name: one of `TASK_NAMES`, the name of a registered task, or the path of a Python file with a `TASK`, which ends
+            in .py; it is run.
 
     Raises:
         UnknownNameError: if there is no such task.
-        ConfigError: if the file is not there, cannot be run, or has no task.
+        ConfigError: if the file is not there, cannot be run, or has no task, or a package's task is not one.
     """
     if name in TASK_NAMES:
         return importlib.import_module(f"hugwbc.tasks.{name}").TASK
+    if name in registered_tasks():
+        return _registered(registered_tasks()[name])
     path = pathlib.Path(name)
-    if path.suffix != ".py":
-        raise UnknownNameError("task", name, (*TASK_NAMES, "or a file that ends in .py"))
-    task = getattr(_run_file(path), "TASK", None)
+    if path.suffix != extensions.SUFFIX:
+        raise UnknownNameError("task", name, (*TASK_NAMES, *registered_tasks(), "or a file that ends in .py"))
+    task = getattr(extensions.run_file(path, "TASK"), "TASK", None)
     if not isinstance(task, Task):
         raise ConfigError(f"{path} has no task; give it a constant TASK, as docs/how-to/add-a-task.md says")
     return task
 
 
-def _run_file(path: pathlib.Path) -> types.ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None  # for a name that ends in .py
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except FileNotFoundError as error:
-        raise ConfigError(f"there is no file {error.filename}; give the path of a Python file with a TASK") from error
-    except (HugwbcError, SyntaxError, ImportError, NameError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
-    return module
+def _registered(entry: EntryPoint) -> Task:
+    task = extensions.load_entry(entry, "task")
+    if not isinstance(task, Task):
+        raise ConfigError(
+            f"task '{entry.name}' ({entry.value}) is a {type(task).__name__}; register a hugwbc.tasks.Task"
+        )
+    if task.name != entry.name:
+        raise ConfigError(f"task '{entry.name}' ({entry.value}) calls itself '{task.name}'; give both one name")
+    return task

@@ -25,8 +25,8 @@ def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-gait.md", folder, package)
 
 
-def test_add_a_reward(folder: pathlib.Path, package: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-reward.md", folder, package)
+def test_add_a_reward(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-reward.md", folder, in_processes=True)
 
 
 def test_add_an_object(folder: pathlib.Path) -> None:

@@ -105,7 +105,9 @@ def test_a_policy_is_told_no_robot(name):
 
 def test_plugins_that_do_not_work_are_refused(third_party):
     third_party(broken="no_such_module:Controller", wrong="pathlib:Path")
-    with pytest.raises(ConfigError, match=r"controller 'broken' .* cannot be loaded: No module named"):
+    with pytest.raises(
+        ConfigError, match=r"controller 'broken' .* cannot be loaded: ModuleNotFoundError: No module named"
+    ):
         ControllerSpec("broken").build()
     with pytest.raises(ConfigError, match="gives a PosixPath without period, reset, act"):
         ControllerSpec("wrong").build()
@@ -123,7 +125,7 @@ def test_paths(tmp_path):
         ControllerSpec(str(tmp_path / "theirs.yaml")).build()
     with pytest.raises(ConfigError, match="bare network; write a contract"):
         ControllerSpec("motion.pt")
-    with pytest.raises(HugwbcError, match="the path of a policy folder or file, or of a contract"):
+    with pytest.raises(HugwbcError, match=r"the path of a policy folder or file .*, or of a contract"):
         ControllerSpec(str(tmp_path / "nothing"))
 
 

@@ -12,6 +12,7 @@ import importlib.metadata
 import inspect
 import json
 import pathlib
+import sys
 import typing
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -115,7 +116,7 @@ def code_identity(modules: Iterable[str]) -> dict[str, Any]:
     layout do not count either. Tables (.yaml) in the folders of the code do count: results hold the paper's figures.
 
     Args:
-        modules: dotted names; modules outside this package are ignored.
+        modules: dotted names. Of a module outside this package, its own file counts and what it imports of this one.
     """
     files = _imported(frozenset(modules))
     tables = sorted(table for folder in {path.parent for path in files} for table in folder.glob("*.yaml"))
@@ -143,7 +144,7 @@ def _version(library: str) -> str | None:
 def _imported(roots: frozenset[str]) -> tuple[pathlib.Path, ...]:
     """Return the files of this package that the roots are or import, directly or through others."""
     found: set[pathlib.Path] = set()
-    waiting = [path for name in roots if (path := _path(name))]
+    waiting = [path for name in roots if (path := _path(name) or _file_outside(name))]
     while waiting:
         path = waiting.pop()
         if path not in found:
@@ -158,6 +159,14 @@ def _path(module: str) -> pathlib.Path | None:
         return None
     base = _PACKAGE.joinpath(*rest)
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
+
+
+def _file_outside(module: str) -> pathlib.Path | None:
+    """Return the Python file of a loaded module of another package: a judge of the user's own."""
+    if module.partition(".")[0] == _PACKAGE.name:
+        return None
+    path = pathlib.Path(getattr(sys.modules.get(module), "__file__", None) or "")
+    return path if path.suffix == ".py" else None
 
 
 @functools.cache

@@ -1,8 +1,15 @@
-"""The paper's experiments and further ones, each a `Protocol` in a file of its own, registered here by name."""
+"""The paper's experiments and further ones, each a `Protocol` in a file of its own, registered here by name.
 
+A protocol of another package is an entry point in the group `hugwbc.protocols`: a class, a subclass of `Protocol` that
+is made without arguments, or such an object.
+"""
+
+import functools
 from collections.abc import Mapping
 from typing import Any
 
+from hugwbc import extensions
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.protocols.contacts import ContactsProtocol
 from hugwbc.evaluation.protocols.disturbance import DisturbanceProtocol
 from hugwbc.evaluation.protocols.effort import EffortProtocol
@@ -23,7 +30,9 @@ from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesProtocol
 from hugwbc.evaluation.protocols.suite_tasks import TasksProtocol
 from hugwbc.evaluation.protocols.tour import TourProtocol
 
-__all__ = ["PROTOCOLS", "PlannedProtocol", "Protocol"]
+__all__ = ["PROTOCOLS", "PlannedProtocol", "Protocol", "protocol_names", "protocol_of"]
+
+GROUP = "hugwbc.protocols"
 
 # By name, in the order in which the command line lists them and the report shows them.
 PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
@@ -49,3 +58,42 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
         TasksProtocol(),
     )
 }
+
+
+def protocol_names() -> tuple[str, ...]:
+    """Return the names of the protocols of this package, and of those that other packages register.
+
+    Raises:
+        ConfigError: if two packages register different protocols under one name.
+    """
+    ours = {name: f"{type(protocol).__module__}:{type(protocol).__name__}" for name, protocol in PROTOCOLS.items()}
+    return tuple(extensions.registered(GROUP, "protocol", ours))
+
+
+@functools.cache
+def protocol_of(name: str) -> Protocol[Any, Any, Any]:
+    """Return a protocol by name.
+
+    Raises:
+        UnknownNameError: if there is none of that name.
+        ConfigError: if that of another package cannot be loaded, or is none.
+    """
+    if name in PROTOCOLS:
+        return PROTOCOLS[name]
+    if name not in protocol_names():
+        raise UnknownNameError("protocol", name, protocol_names())
+    entry = extensions.registered(GROUP, "protocol")[name]
+    found = extensions.load_entry(entry, "protocol")
+    origin = f"protocol '{name}' ({entry.value})"
+    try:
+        protocol = found() if isinstance(found, type) else found
+    except TypeError as error:  # it takes arguments, or lacks a method
+        raise ConfigError(f"{origin} cannot be made: {error}; see hugwbc.evaluation.protocols.Protocol") from error
+    if not isinstance(protocol, Protocol):
+        raise ConfigError(f"{origin} is a {type(protocol).__name__}; give a subclass of Protocol")
+    missing = [word for word in ("name", "summary", "settings") if not hasattr(protocol, word)]
+    if missing:
+        raise ConfigError(f"{origin} has no {', '.join(missing)}; see hugwbc.evaluation.protocols.Protocol")
+    if protocol.name != name:
+        raise ConfigError(f"{origin} calls itself '{protocol.name}'; give both one name")
+    return protocol

@@ -3,7 +3,6 @@
 import collections
 import dataclasses
 import math
-import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -31,7 +30,7 @@ from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.tasks.run_task import TaskRun, run_task
-from hugwbc.tasks.suite import TASK_NAMES, load_task, modules_of
+from hugwbc.tasks.suite import TASK_NAMES, file_of, load_task, modules_of
 
 LONGEST = 120.0  # [s]; every task has a limit of its own below it
 
@@ -178,7 +177,8 @@ class TaskJudge:
 
     def identity(self) -> dict[str, Any]:
         """Return what distinguishes judges: the task, its scene, and the file of a task from outside this package."""
-        code = None if self.name in TASK_NAMES else file_digest(pathlib.Path(self.name))
+        path = file_of(self.name)
+        code = None if path is None else file_digest(path)
         return {"task": self.name, "seed": self.seed, "scene": load_task(self.name).scene, "file": code}
 
     def __call__(self, index: int, run: Run) -> TaskEpisode:

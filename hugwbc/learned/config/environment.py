@@ -3,12 +3,13 @@
 import dataclasses
 import math
 import pathlib
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
+from hugwbc.learned.config.own_rewards import with_registered
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.robot import Robot, load_robot
 
@@ -215,6 +216,10 @@ class ExtraWeights:
     def __post_init__(self) -> None:
         """Check the weights."""
         require_finite(self, "extra.")
+
+
+if not TYPE_CHECKING:  # the same class unless another package registers terms
+    ExtraWeights = with_registered(ExtraWeights, tuple(field.name for field in dataclasses.fields(RewardWeights)))
 
 
 @dataclasses.dataclass(frozen=True)

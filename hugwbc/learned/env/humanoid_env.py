@@ -8,6 +8,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import EnvConfig
+from hugwbc.learned.config.own_rewards import registered_rewards
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
@@ -16,7 +17,7 @@ from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
 from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
-from hugwbc.learned.env.rewards import evaluate_terms, relative_tracking
+from hugwbc.learned.env.rewards import check_registered, evaluate_terms, relative_tracking
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
@@ -125,7 +126,7 @@ class HumanoidEnv:
         self.mass = tensor(masses / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
         self._body_facts = torch.stack((self.mass, tensor(seconds)), dim=1)
-        self.adopt(config)
+        self._take(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
@@ -144,17 +145,32 @@ class HumanoidEnv:
         self._squat = SquatFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
+        self._check_rewards()
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
         if self.held_foot is not None:
             self.held_foot.due += self.age * self.dt
 
     def adopt(self, config: EnvConfig) -> None:
-        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
+        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
+
+        Raises:
+            ConfigError: if a reward term of another package, switched on now, does not work.
+        """
+        self._take(config)
+        self._check_rewards()
+
+    def _take(self, config: EnvConfig) -> None:
         self.config = config
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
         self.loads.check(self._device)
+
+    def _check_rewards(self) -> None:
+        """Refuse terms of other packages that do not work, on a step in which nothing moves."""
+        if registered_rewards():
+            nobody = torch.zeros(self.count, dtype=torch.bool)
+            check_registered(self._transition(self.readings, nobody), self.body, self._weights)
 
     # Stepping -------------------------------------------------------------------------------------------------------
 

@@ -5,12 +5,17 @@ term's, and its docstring has the formula and says what was corrected. Weights a
 (`RewardWeights` and `ExtraWeights`); the reasons for the terms of our own are in docs/learned.md.
 """
 
+import functools
 from collections.abc import Callable
+from typing import Any, cast
 
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
+from hugwbc.errors import ConfigError
+from hugwbc.extensions import described, load_entry
 from hugwbc.gait import Gait, hopping
+from hugwbc.learned.config.own_rewards import PENALTIES, registered_rewards
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
@@ -240,8 +245,8 @@ def unequal_support(t: Transition, body: Body) -> torch.Tensor:
 # Tables and evaluation -----------------------------------------------------------------------------------------------
 
 PAPER_TERMS: dict[str, Term] = {
-    term.__name__: term
-    for term in (
+    function.__name__: function
+    for function in (
         linear_velocity_tracking,
         angular_velocity_tracking,
         body_height_tracking,
@@ -263,8 +268,8 @@ PAPER_TERMS: dict[str, Term] = {
     )
 }
 EXTRA_TERMS: dict[str, Term] = {
-    term.__name__: term
-    for term in (
+    function.__name__: function
+    for function in (
         alive,
         body_roll_tracking,
         joint_limits,
@@ -302,6 +307,50 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
 }
 
 
+@functools.cache
+def term(name: str) -> Term:
+    """Return a term by name: the paper's, our own, or that of another package.
+
+    Raises:
+        ConfigError: if that of another package cannot be loaded, or is no function.
+    """
+    ours = PAPER_TERMS | EXTRA_TERMS
+    if name in ours:
+        return ours[name]
+    entry = registered_rewards()[name]
+    found: Any = load_entry(entry, "reward")
+    if not callable(found):
+        raise ConfigError(
+            f"reward '{name}' ({entry.value}) is a {type(found).__name__}; register a function of a Transition and a "
+            "Body"
+        )
+    return cast(Term, found)
+
+
+def check_registered(transition: Transition, body: Body, weights: dict[str, float]) -> None:
+    """Try the terms of other packages on a control step, before the first one counts.
+
+    Raises:
+        ConfigError: if one of them fails, or does not give one finite number per robot.
+    """
+    count = len(transition.command)
+    for name in registered_rewards():
+        if weights[name] == 0.0:
+            continue
+        function, origin = term(name), f"reward '{name}' ({registered_rewards()[name].value})"
+        try:
+            value = function(transition, body)
+        except Exception as error:  # the code of another package may raise anything
+            raise ConfigError(f"{origin} fails: {described(error)}") from error
+        if not isinstance(value, torch.Tensor) or value.shape != (count,):
+            found = f"shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else f"a {type(value).__name__}"
+            raise ConfigError(f"{origin} gives {found}; give a tensor with one number per robot, here ({count},)")
+        if not torch.is_floating_point(value) or not bool(torch.isfinite(value).all()):
+            raise ConfigError(
+                f"{origin} gives {value.dtype} with numbers that are not finite floats; give finite floats"
+            )
+
+
 def evaluate_terms(
     transition: Transition, body: Body, weights: dict[str, float], penalty_scale: float
 ) -> dict[str, torch.Tensor]:
@@ -310,19 +359,22 @@ def evaluate_terms(
     Args:
         transition: the control step.
         body: constants of the robot.
-        weights: weight of each term, the paper's and our own, by name.
+        weights: weight of each term, the paper's, our own and those of other packages, by name.
         penalty_scale: factor of the curriculum on the regularisation group.
 
     Returns:
         Rewards by term, shape (n,) each, already multiplied by the control period.
     """
-    terms = PAPER_TERMS | EXTRA_TERMS
     rewards = {}
     for name, weight in weights.items():
         if weight != 0.0:
-            scale = penalty_scale if name in REGULARISATION else 1.0
-            rewards[name] = weight * scale * body.dt * terms[name](transition, body)
+            scale = penalty_scale if _is_penalty(name) else 1.0
+            rewards[name] = weight * scale * body.dt * term(name)(transition, body)
     return rewards
+
+
+def _is_penalty(name: str) -> bool:
+    return name in REGULARISATION or (name in registered_rewards() and registered_rewards()[name].group == PENALTIES)
 
 
 def relative_tracking(rewards: dict[str, torch.Tensor], weights: dict[str, float], dt: float) -> torch.Tensor:

@@ -1,16 +1,20 @@
-"""The learned policy: observations, networks, the file with its contract and self-test, and the controller itself."""
+"""The learned policy: observations, networks, the file with its contract and self-test, and the controller itself.
 
-from hugwbc.learned.policy.policy import (
+What needs torch is loaded when it is asked for: paths, contracts and exported networks (`onnx_policy`) do not.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from hugwbc.learned.policy.policy_files import (
     DEFAULT_POLICY,
     POLICY_FILE,
-    LearnedController,
-    load_policy,
     policy_dir,
     policy_file,
-    save_policy,
     shipped_policies,
-    trained_with,
 )
+
+if TYPE_CHECKING:
+    from hugwbc.learned.policy.policy import LearnedController, load_policy, save_policy, trained_with
 
 __all__ = [
     "DEFAULT_POLICY",
@@ -23,3 +27,11 @@ __all__ = [
     "shipped_policies",
     "trained_with",
 ]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401  any of the names above
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from hugwbc.learned.policy import policy
+
+    return getattr(policy, name)

@@ -14,23 +14,23 @@ import torch
 from torch import nn
 
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.observations import (
+from hugwbc.learned.policy.layout import (
+    ACTION_SIZE,
     COMMAND_SIZE,
     CRITIC_CORE_SIZE,
     CRITIC_SIZE,
+    ENCODER_HIDDEN,
     ESTIMATE_SIZE,
+    ESTIMATOR_HIDDEN,
     HISTORY_FRAMES,
+    LATENT_SIZE,
+    POLICY_HIDDEN,
     PROPRIOCEPTION_SIZE,
     TERRAIN_SIZE,
-    Observation,
 )
+from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.symmetry import EvenOdd
 
-LATENT_SIZE = 32
-ACTION_SIZE = 19
-ENCODER_HIDDEN = (256, 128)
-ESTIMATOR_HIDDEN = (64, 32)
-POLICY_HIDDEN = (256, 128, 64)
 CRITIC_HIDDEN = (512, 256, 128)
 _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to the nominal pose
 

@@ -7,36 +7,95 @@ import math
 import torch
 
 from hugwbc import gait as gaits
-from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
+from hugwbc.learned.policy.layout import (
+    ANGULAR_VELOCITY_SCALE as ANGULAR_VELOCITY_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    BIAS_SCALE as BIAS_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    COMMAND_SCALES as COMMAND_SCALES,
+)
+from hugwbc.learned.policy.layout import (
+    COMMAND_SIZE as COMMAND_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    CRITIC_CORE_SIZE as CRITIC_CORE_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    CRITIC_SIZE as CRITIC_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    ESTIMATE_SIZE as ESTIMATE_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    FIRST_COMMAND_SIZE as FIRST_COMMAND_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    FORCE_SCALE as FORCE_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    HISTORY_FRAMES as HISTORY_FRAMES,
+)
+from hugwbc.learned.policy.layout import (
+    JOINT_VELOCITY_SCALE as JOINT_VELOCITY_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    JOINTS as JOINTS,
+)
+from hugwbc.learned.policy.layout import (
+    LATENCY_SCALE as LATENCY_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    LENGTH_SCALE as LENGTH_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    LINEAR_VELOCITY_SCALE as LINEAR_VELOCITY_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    LOAD_SCALE as LOAD_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    MASS_SCALE as MASS_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    NOISE_ANGULAR_VELOCITY as NOISE_ANGULAR_VELOCITY,
+)
+from hugwbc.learned.policy.layout import (
+    NOISE_DQ as NOISE_DQ,
+)
+from hugwbc.learned.policy.layout import (
+    NOISE_GRAVITY as NOISE_GRAVITY,
+)
+from hugwbc.learned.policy.layout import (
+    NOISE_Q as NOISE_Q,
+)
+from hugwbc.learned.policy.layout import (
+    PAYLOAD_SCALE as PAYLOAD_SCALE,
+)
+from hugwbc.learned.policy.layout import (
+    PRIVILEGED_SIZE as PRIVILEGED_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    PROPRIOCEPTION_SIZE as PROPRIOCEPTION_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    TERRAIN_SHAPE as TERRAIN_SHAPE,
+)
+from hugwbc.learned.policy.layout import (
+    TERRAIN_SIZE as TERRAIN_SIZE,
+)
+from hugwbc.learned.policy.layout import (
+    TERRAIN_SPACING as TERRAIN_SPACING,
+)
+from hugwbc.learned.policy.layout import (
+    command_scales,
+    first_layout_matrix,
+)
 from hugwbc.learned.policy.symmetry import SignedPermutation
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
 from hugwbc.robot import load_robot
-
-JOINTS = 19
-HISTORY_FRAMES = 5
-PROPRIOCEPTION_SIZE = 3 + 3 + 3 * JOINTS  # angular velocity, gravity, q - nominal, dq, last action
-COMMAND_SIZE = 8 + len(Gait) + 4 + 1  # commands, one of the gaits, two clocks of each foot, intervention indicator
-FIRST_COMMAND_SIZE = 8 + 2 + 2 + 1  # of the first layout: psi and phi_stance for the gait, one clock of each foot
-PRIVILEGED_SIZE = 24 + 16
-TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame
-TERRAIN_SPACING = 0.07  # [m]
-TERRAIN_SIZE = math.prod(TERRAIN_SHAPE)
-ESTIMATE_SIZE = 3 + 2 + 1  # base velocity, both sole clearances, base height
-CRITIC_CORE_SIZE = PROPRIOCEPTION_SIZE + COMMAND_SIZE + PRIVILEGED_SIZE  # what is left of it without the terrain
-CRITIC_SIZE = CRITIC_CORE_SIZE + TERRAIN_SIZE
-
-ANGULAR_VELOCITY_SCALE = 0.25
-JOINT_VELOCITY_SCALE = 0.05
-LINEAR_VELOCITY_SCALE = 2.0
-LENGTH_SCALE = 5.0
-FORCE_SCALE = 0.002
-BIAS_SCALE, PAYLOAD_SCALE, LOAD_SCALE, MASS_SCALE, LATENCY_SCALE = 5.0, 0.25, 0.02, 5.0, 50.0
-# Order of the command observation, with the scale that brings each command to about 1. These scales are ours: the
-# authors scale l by 0.15, which hides it from the network.
-COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
-# Half-widths of the paper's observation noise, in physical units.
-NOISE_ANGULAR_VELOCITY, NOISE_GRAVITY, NOISE_Q, NOISE_DQ = 0.2, 0.05, 0.01, 1.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,7 +151,7 @@ def noise_amplitude() -> torch.Tensor:
 @functools.cache
 def command_scale() -> torch.Tensor:
     """Return the scales of the eight commands in the observation, shape (8,)."""
-    return torch.tensor([COMMAND_SCALES[name] for name in COMMAND_NAMES])
+    return torch.from_numpy(command_scales())
 
 
 def command_observation(
@@ -122,24 +181,10 @@ def command_observation(
     return torch.cat(parts, dim=1)
 
 
-_GAIT, _CLOCK = len(COMMAND_NAMES), len(COMMAND_NAMES) + len(Gait)  # first columns
-
-
 @functools.cache
 def first_layout() -> torch.Tensor:
-    """Return the matrix that makes the first layout of the command observation of the present one, shape (13, 18).
-
-    Order of the first layout: the eight scaled commands, psi (0.5 walking, else 0), phi_stance (1 standing, else 0.5),
-    the clocks of the left and the right foot, I.
-    """
-    matrix = torch.zeros(FIRST_COMMAND_SIZE, COMMAND_SIZE)
-    matrix[:_GAIT, :_GAIT] = torch.eye(_GAIT)
-    psi, stance, clock = _GAIT, _GAIT + 1, _GAIT + 2
-    matrix[psi, _GAIT + Gait.WALKING] = 0.5
-    matrix[stance, _GAIT : _GAIT + len(Gait)] = gaits.DEFAULT_DUTY
-    matrix[stance, _GAIT + Gait.STANDING] = 1.0
-    matrix[clock, _CLOCK] = matrix[clock + 1, _CLOCK + 1] = matrix[-1, -1] = 1.0
-    return matrix
+    """Return the matrix that makes the first layout of the command observation of the present one, shape (13, 18)."""
+    return torch.from_numpy(first_layout_matrix())
 
 
 def in_layout(observation: torch.Tensor, size: int) -> torch.Tensor:

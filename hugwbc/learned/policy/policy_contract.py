@@ -16,8 +16,7 @@ from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
-from hugwbc.learned.policy import networks
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import layout as obs
 from hugwbc.robot import Robot, load_robot, robot_names
 
 CONTRACT_VERSION = 2  # 1 has the first layout of the command observation
@@ -43,8 +42,15 @@ def versions() -> dict[str, str]:
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),
-        **{package: importlib.metadata.version(package) for package in packages},
+        **{package: version for package in packages if (version := _version(package)) is not None},
     }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:  # torch, which running an exported network does not need
+        return None
 
 
 def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
@@ -126,10 +132,10 @@ def policy_contract(
             "clock": "sin(2 pi phase of the foot)",
         },
         "network": {
-            "encoder": list(networks.ENCODER_HIDDEN),
-            "latent": networks.LATENT_SIZE,
-            "estimator": list(networks.ESTIMATOR_HIDDEN),
-            "policy": list(networks.POLICY_HIDDEN),
+            "encoder": list(obs.ENCODER_HIDDEN),
+            "latent": obs.LATENT_SIZE,
+            "estimator": list(obs.ESTIMATOR_HIDDEN),
+            "policy": list(obs.POLICY_HIDDEN),
             "activation": "elu",
             "policy_input": "latent, estimate, newest frame, command",
         },
@@ -208,6 +214,14 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
     for key, (low, high) in _OWN_VECTORS.items():
         _check_numbers(origin, key, metadata.get(key), joints, low, high)
     return metadata
+
+
+def recorded_intervention(metadata: dict[str, Any]) -> str | None:
+    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record."""
+    record: Any = metadata
+    for key in ("training", "config", "env", "intervention"):
+        record = record.get(key) if isinstance(record, dict) else None
+    return record if isinstance(record, str) else None
 
 
 def _check_numbers(origin: object, key: str, values: object, count: int, low: float, high: float) -> None:

@@ -1,20 +1,16 @@
 """One policy for any number of robots: each row has its own past and the same result as a robot by itself."""
 
-import copy
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
-from torch import nn
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import feed_forward
-from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy import layout as obs
 from hugwbc.learned.policy.policy_contract import command_size
 from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
@@ -22,8 +18,7 @@ from hugwbc.robot import load_robot
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
 _SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
 _CLOCK, _GAITS = len(COMMAND_NAMES) + len(Gait), np.arange(len(Gait))
-_SMALL = 400  # weights, below which PyTorch multiplies a batch by a loop of its own
-Network = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+Network = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class PolicyRows:
@@ -44,7 +39,7 @@ class PolicyRows:
 
         Args:
             metadata: contract of the policy.
-            network: function from history and command observation to action and estimate.
+            network: function from history, shape (n, 315), and command observation to action and estimate; float32.
             count: number of robots.
         """
         vectors = (np.array(metadata[name], dtype=float) for name in ("nominal", "action_scale", "kp", "kd"))
@@ -57,8 +52,8 @@ class PolicyRows:
         robot = load_robot(metadata["robot"])
         self._waist_joint = robot.waist
         self._squat_gain, self._squat = float(metadata.get("squat_gain", 0.0)), SquatFeedForward(robot)
-        self._layout = None if command_size(metadata) == obs.COMMAND_SIZE else obs.first_layout().numpy().T
-        self._command_scale = obs.command_scale().numpy()
+        self._layout = None if command_size(metadata) == obs.COMMAND_SIZE else obs.first_layout_matrix().T
+        self._command_scale = obs.command_scales()
         self.history = np.zeros((count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE), dtype=np.float32)
         self.observation = np.zeros((count, command_size(metadata)), dtype=np.float32)
         self.action = np.zeros((count, obs.JOINTS), dtype=np.float32)
@@ -116,10 +111,7 @@ class PolicyRows:
         self.phase = gaits.advance_phase(self.phase, command[:, _F], self._period)
         command = self._feed_forward.asked(command, gait)
         self.observation = self._observe(command, gait, indicator)
-        with torch.inference_mode():
-            seen = torch.from_numpy(self.history.reshape(len(gait), -1)), torch.from_numpy(self.observation)
-            action, estimate = self._network(*seen)
-        self.action, self.estimate = action.numpy(), estimate.numpy()
+        self.action, self.estimate = self._network(self.history.reshape(len(gait), -1), self.observation)
         q = self._nominal + self._scale * self.action
         self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)
         q[:, self._waist_joint] += self._waist
@@ -137,61 +129,3 @@ class PolicyRows:
         row[:, _CLOCK : _CLOCK + 2], row[:, _CLOCK + 2 : _CLOCK + 4] = np.sin(angle), np.cos(angle)
         row[:, -1] = indicator
         return row if self._layout is None else row @ self._layout
-
-
-class BareActor:
-    """The functions of an `Actor` without the book-keeping of its modules, half of the time for a single robot."""
-
-    def __init__(self, actor: Actor) -> None:
-        """Take the weights of a network."""
-        self._parts = [
-            [(layer.weight.detach(), layer.bias.detach()) for layer in part if isinstance(layer, nn.Linear)]
-            for part in (actor.encoder, actor.estimator, actor.policy)
-        ]
-
-    def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean action and estimate, as `Actor.forward`."""
-        encoder, estimator, policy = self._parts
-        latent = _pass(encoder, history)
-        estimate = _pass(estimator, latent)
-        newest = history[:, -obs.PROPRIOCEPTION_SIZE :]
-        return _pass(policy, torch.cat((latent, estimate, newest, command), dim=1)), estimate
-
-
-def _pass(layers: list[tuple[torch.Tensor, torch.Tensor]], rows: torch.Tensor) -> torch.Tensor:
-    *hidden, (weight, bias) = layers
-    for hidden_weight, hidden_bias in hidden:
-        # On its own result, elu needs no further memory.
-        rows = torch.nn.functional.elu_(torch.nn.functional.linear(rows, hidden_weight, hidden_bias))
-    return torch.nn.functional.linear(rows, weight, bias)
-
-
-class _RowLinear(nn.Module):
-    """A linear layer whose result for a row does not depend on the number of rows.
-
-    A product of two matrices sums in another order than a product of a vector and a matrix. The last bits differ, and
-    a walk with contacts amplifies the difference. A batch of one-row products sums as a single row does, at a tenth of
-    the cost of one call per row. The exception are small matrices, which PyTorch multiplies in a loop of its own: they
-    are called row by row.
-    """
-
-    def __init__(self, linear: nn.Linear) -> None:
-        super().__init__()
-        self.weight, self.bias = linear.weight, linear.bias
-
-    def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        """Map rows of shape (n, inputs) to (n, outputs)."""
-        if self.weight.numel() < _SMALL:
-            return torch.cat([nn.functional.linear(row, self.weight, self.bias) for row in rows.split(1)])
-        weight = self.weight.t()[None].expand(len(rows), -1, -1)
-        return torch.bmm(rows[:, None], weight)[:, 0] + self.bias
-
-
-def row_by_row(actor: Actor) -> Actor:
-    """Return a copy of the network that gives each row of a batch what the network gives that row alone."""
-    result = copy.deepcopy(actor)
-    for part in [module for module in result.modules() if isinstance(module, nn.Sequential)]:
-        for index, layer in enumerate(part):
-            if isinstance(layer, nn.Linear):
-                part[index] = _RowLinear(layer)
-    return result

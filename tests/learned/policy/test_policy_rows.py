@@ -5,9 +5,10 @@ from hugwbc import COMMAND_NAMES, Command, Gait, RobotState, UpperBody, command_
 from hugwbc.gait import foot_phases, homogenised_phase
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.bare_actor import BareActor, on_arrays, row_by_row
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
-from hugwbc.learned.policy.policy_rows import BareActor, PolicyRows, row_by_row
+from hugwbc.learned.policy.policy_rows import PolicyRows
 
 N = 37
 
@@ -68,7 +69,7 @@ def test_rows_see_what_the_training_lets_the_network_see():
     command = np.array([_draw(rng, Gait(value)) for value in gait])
     indicator = gait % 2 == 0
     for metadata in (policy_contract(), load_policy("h1").metadata):
-        rows = PolicyRows(metadata, BareActor(Actor(obs.COMMAND_SIZE)), len(gait))
+        rows = PolicyRows(metadata, on_arrays(BareActor(Actor(obs.COMMAND_SIZE))), len(gait))
         rows.phase = rng.uniform(size=len(gait))
         phases = homogenised_phase(foot_phases(torch.tensor(rows.phase), torch.tensor(gait))).float()
         seen = obs.command_observation(

@@ -1,0 +1,89 @@
+"""Run a policy that `hugwbc export` wrote with onnxruntime and MuJoCo alone: a pattern for other simulators and robots.
+
+Nothing of hugwbc is imported. The file holds the network and, as JSON in its metadata, a contract: observations,
+scales, gains, the nominal pose, the gait's clock. This script walks ahead; drives are ideal.
+
+    hugwbc export --out h1.onnx
+    python examples/11_onnx_only.py --policy h1.onnx --model models/h1/h1.xml --v-x 0.5
+"""
+
+import argparse
+import json
+import math
+import sys
+
+import mujoco
+import numpy as np
+import onnxruntime
+
+LOWEST = 0.6  # [m], height of the pelvis below which the robot has fallen
+
+
+def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
+    """Return what the network reads of a walking command: scaled values, the gait, clocks of both feet, indicator."""
+    scaled = [command[name] * contract["command_scales"][name] for name in contract["command_names"]]
+    angle = 2.0 * math.pi * (phase + np.array([contract["gait"]["walking_offset_of_left_foot"], 0.0]))
+    if contract["contract"] == 1:
+        gait = [0.5, contract["gait"]["duty"], *np.sin(angle)]
+    else:
+        values = contract["gait"]["values"]
+        chosen = [float(value == values["walking"]) for value in sorted(values.values())]
+        gait = [*chosen, *np.sin(angle), *np.cos(angle)]
+    return np.array([[*scaled, *gait, 0.0]], dtype=np.float32)
+
+
+def frame(contract: dict, data: mujoco.MjData, action: np.ndarray) -> np.ndarray:
+    """Return what the network reads of the robot now: turning, gravity, joints, last action."""
+    scale = [part["scale"] for part in contract["proprioception"]]
+    down = data.body("pelvis").xmat.reshape(3, 3).T @ [0.0, 0.0, -1.0]
+    parts = (data.qvel[3:6], down, data.qpos[7:26] - contract["nominal"], data.qvel[6:25], action)
+    return np.concatenate([s * part for s, part in zip(scale, parts, strict=True)]).astype(np.float32)
+
+
+def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> mujoco.MjData:
+    """Walk ahead at v_x [m/s] for a time [s], and return the robot at the end, or where it fell."""
+    session = onnxruntime.InferenceSession(policy, providers=["CPUExecutionProvider"])
+    contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
+    if [model.actuator(i).name for i in range(model.nu)] != contract["joint_names"]:
+        raise ValueError("the model's actuators are not the joints of the contract, in its order")
+    # MuJoCo's position actuators are the PD law tau = kp (target - q) - kd dq.
+    model.actuator_gainprm[:, 0] = contract["kp"]
+    model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -np.array(contract["kp"]), -np.array(contract["kd"])
+    data, command = mujoco.MjData(model), contract["command_defaults"] | {"v_x": v_x}
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    action, phase = np.zeros(model.nu), 0.0
+    history = np.tile(frame(contract, data, action), (contract["history_frames"], 1))
+    for _ in range(round(duration / contract["period"])):
+        history = np.vstack((history[1:], frame(contract, data, action)))
+        phase = (phase + command["f"] * contract["period"]) % 1.0
+        row = command_row(contract, command, phase)
+        outputs = session.run(["action"], {"history": history.reshape(1, -1), "command": row})
+        action = np.asarray(outputs[0])[0]
+        data.ctrl[:] = contract["nominal"] + np.array(contract["action_scale"]) * action
+        mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
+        if not data.qpos[2] > LOWEST:
+            break
+    return data
+
+
+def main() -> None:
+    """Read the options, walk, and print how far."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--policy", default="h1.onnx", help="file of `hugwbc export`")
+    parser.add_argument("--model", default="models/h1/h1.xml", help="MJCF of the robot")
+    parser.add_argument("--v-x", type=float, default=0.5, help="forward velocity [m/s]")
+    parser.add_argument("--duration", type=float, default=5.0, help="how long to walk [s]")
+    options = parser.parse_args()
+    try:
+        data = walk(options.policy, mujoco.MjModel.from_xml_path(options.model), options.v_x, options.duration)
+    except Exception as error:  # onnxruntime's errors share no class but Exception
+        print(f"11_onnx_only.py: {error}", file=sys.stderr)
+        sys.exit(2)
+    x, y, z = data.qpos[:3]
+    fate = "stayed up" if z > LOWEST else "fell"
+    print(f"walked {math.hypot(x, y):.2f} m in {data.time:.1f} s and {fate}; the pelvis is at {z:.2f} m")
+
+
+if __name__ == "__main__":
+    main()

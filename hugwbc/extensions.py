@@ -1,0 +1,141 @@
+"""What users add from outside this package: entry points of their packages, and Python files named on the command line.
+
+Both are programs of the user and run with the user's rights, like any program that is started by name. A file is run
+only because its path was given as such; no file of data leads here.
+"""
+
+import functools
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import pathlib
+import sys
+import traceback
+import types
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint
+from typing import Any
+
+from hugwbc.errors import ConfigError, HugwbcError
+
+SUFFIX = ".py"
+_IMPORTLIB = pathlib.Path(importlib.__file__).parent
+_OBJECT = f"{SUFFIX}:"  # between the path of a file and the name of an object in it
+
+
+def registered(group: str, kind: str, ours: Mapping[str, str] | None = None) -> dict[str, EntryPoint]:
+    """Return what is registered in a group of entry points, by name, ours first; nothing is loaded.
+
+    Args:
+        group: such as "hugwbc.controllers".
+        kind: what the group holds, in words, such as "controller".
+        ours: entries of this package, "module:name" by name. They count in a source tree without metadata as well.
+
+    Raises:
+        ConfigError: if two packages register different things under one name.
+    """
+    found = {name: EntryPoint(name, value, group) for name, value in (ours or {}).items()}
+    for entry in importlib.metadata.entry_points(group=group):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise ConfigError(
+                f"two {kind}s are registered as '{entry.name}': {other.value} and {entry.value}; uninstall one of the "
+                "packages, or let it register another name"
+            )
+    return found
+
+
+def load_entry(entry: EntryPoint, kind: str) -> Any:  # noqa: ANN401  whatever the package registers
+    """Import what an entry point names.
+
+    Raises:
+        ConfigError: if it cannot be imported; the message says why, and where if its own code failed.
+    """
+    try:
+        return entry.load()
+    except HugwbcError:
+        raise
+    except Exception as error:  # the code of another package may raise anything
+        raise ConfigError(
+            f"{kind} '{entry.name}' ({entry.value}) cannot be loaded: {described(error)}; mend its package, or install "
+            "it again"
+        ) from error
+
+
+def names_object(words: str) -> bool:
+    """Return whether words have the form `FILE.py:NAME`."""
+    return _OBJECT in words
+
+
+def load_object(words: str, kind: str) -> Any:  # noqa: ANN401  whatever the file holds
+    """Run a Python file, once in a process, and return an object of it.
+
+    Args:
+        words: `FILE.py:NAME`.
+        kind: what the object is, in words, such as "controller".
+
+    Raises:
+        ConfigError: if the file is not there, cannot be run, or has no such object.
+    """
+    path, name = split_object(words)
+    module = run_file(path, kind)
+    if name not in vars(module):
+        own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
+        has = f"it has {', '.join(own)}" if own else "it defines no class or function"
+        raise ConfigError(f"{path} has no '{name}'; {has}. Give {path}:NAME")
+    return vars(module)[name]
+
+
+def split_object(words: str) -> tuple[pathlib.Path, str]:
+    """Return the path and the name of `FILE.py:NAME`."""
+    path, _, name = words.rpartition(":")
+    return pathlib.Path(path), name
+
+
+def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
+    """Run a Python file, once for each content of it in a process, and return its module.
+
+    Args:
+        path: path of the file.
+        kind: what the file is to hold, in words, for messages.
+
+    Raises:
+        ConfigError: if it is not there or cannot be run; the message names the line.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"there is no file {path}; give the path of a Python file with a {kind}") from error
+    return _run(path.resolve(), hashlib.sha256(content).hexdigest()[:16], kind)
+
+
+@functools.cache
+def _run(path: pathlib.Path, digest: str, kind: str) -> types.ModuleType:
+    # No module that is imported by name can have this one.
+    name = f"{path.stem}({digest})"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None  # for a name that ends in .py
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # the user's code may raise anything
+        del sys.modules[name]
+        if isinstance(error, ModuleNotFoundError):
+            hint = "; modules beside the file are found if its folder is in PYTHONPATH"
+        else:
+            hint = ""
+        raise ConfigError(f"{path} cannot be run: {described(error)}{hint}") from error
+    return module
+
+
+def described(error: Exception) -> str:
+    """Return kind, message and place of an error in somebody else's code."""
+    if isinstance(error, SyntaxError):
+        return f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    passed = ("<", str(_IMPORTLIB), __file__)  # frozen modules, and those that run files and entries
+    own = [frame for frame in frames if not frame.filename.startswith(passed)]
+    place = f" ({pathlib.Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    return f"{type(error).__name__}: {error}{place}"

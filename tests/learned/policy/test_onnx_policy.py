@@ -1,0 +1,101 @@
+import json
+
+import numpy as np
+import pytest
+
+from hugwbc.cli import main
+from hugwbc.commands import Command
+from hugwbc.controller import HasBatch, HasPhase, UpperBody
+from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.learned.policy import load_policy
+from hugwbc.learned.policy.onnx_export import export_onnx
+from hugwbc.learned.policy.onnx_policy import load_onnx_policy
+from hugwbc.runtime import ControllerSpec
+from hugwbc.state import RobotState
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    path = tmp_path_factory.mktemp("export") / "mine.onnx"
+    export_onnx(load_policy(), path)
+    return path
+
+
+def changed(exported, path, change):
+    """Write a copy of the exported file whose contract was changed."""
+    model = onnx.load(exported)
+    (entry,) = model.metadata_props
+    contract = json.loads(entry.value)
+    entry.value = change(contract) or json.dumps(contract)
+    onnx.save(model, path)
+    return str(path)
+
+
+def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported):
+    rng = np.random.default_rng(0)
+    policy, other = load_policy(), load_onnx_policy(exported)
+    worst = 0.0
+    for step in range(60):
+        orientation = np.array([1.0, *(0.2 * rng.standard_normal(3))])
+        state = RobotState(
+            policy.robot.nominal + 0.2 * rng.standard_normal(19),
+            rng.standard_normal(19),
+            orientation / np.linalg.norm(orientation),
+            rng.standard_normal(3),
+        )
+        if step == 0:
+            policy.reset(state)
+            other.reset(state)
+        gait = Gait(step // 12)
+        command = Command(v_x=0.4 * (gait is not Gait.STANDING), h=-0.1, p=0.1, w=0.3, gait=gait)
+        arms = UpperBody.targets(rng.uniform(-0.5, 0.5, 8)) if step % 3 == 2 else UpperBody.none()
+        one, two = (controller.act(state, command, arms) for controller in (policy, other))
+        worst = max(worst, float(np.abs(one.q - two.q).max()))
+        assert np.array_equal(one.kp, two.kp) and np.array_equal(one.kd, two.kd) and policy.phase == other.phase
+    assert worst < 1e-5, worst  # [rad]
+    assert isinstance(other, HasPhase) and not isinstance(other, HasBatch)
+
+
+def test_it_is_a_controller_by_its_path(exported, capsys):
+    spec = ControllerSpec(str(exported))
+    assert spec.label == "mine" and spec.training == load_policy().metadata["training"]["config"]["env"]["intervention"]
+    assert spec.build().name == "learned" and ControllerSpec("learned", str(exported)).build().period == 0.02
+    assert main(["play", "--controller", str(exported), "--headless", "--duration", "0.2", "--v-x", "0.3"]) == 0
+    with pytest.raises(ConfigError, match="takes no policy because it is one"):
+        ControllerSpec(str(exported), "h1")
+
+
+def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
+    path = tmp_path / "other.onnx"
+    with pytest.raises(UnknownNameError, match="policy"):
+        ControllerSpec(str(path))
+    path.write_bytes(b"nothing")
+    with pytest.raises(PolicyFileError, match="is not an ONNX network"):
+        ControllerSpec(str(path))
+    model = onnx.load(exported)
+    del model.metadata_props[:]
+    onnx.save(model, path)
+    with pytest.raises(PolicyFileError, match=r"is a bare network: it has no contract .* docs/evaluation.md"):
+        ControllerSpec(str(path))
+    for change, message in (
+        (lambda contract: "[]", "is not a JSON object"),
+        (lambda contract: "{", "is not JSON"),
+        (lambda contract: contract.update(robot="g1"), "robot = g1"),
+        (lambda contract: contract.update(period=-1.0), "period"),
+        (lambda contract: contract.update(contract=99), "newer hugwbc"),
+    ):
+        with pytest.raises(PolicyFileError, match=message):
+            ControllerSpec(changed(exported, path, change)).build()
+
+
+def test_a_network_that_does_not_fit_its_contract_is_refused(exported, tmp_path):
+    model = onnx.load(exported)
+    model.graph.input[1].type.tensor_type.shape.dim[1].dim_value = 17
+    path = tmp_path / "other.onnx"
+    onnx.save(model, path)
+    with pytest.raises(PolicyFileError, match=r"sizes|not an ONNX network"):
+        load_onnx_policy(path)

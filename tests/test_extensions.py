@@ -1,0 +1,231 @@
+"""What users add from outside: packages in a folder of their own with entry points, and files on the command line."""
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from hugwbc.cli import main
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.engine import identity
+from hugwbc.evaluation.protocols import PROTOCOLS, protocol_names, protocol_of
+from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, plugins
+from hugwbc.tasks import load_task
+from hugwbc.tasks.suite import file_of, modules_of, registered_tasks
+
+HOLD = '''
+from hugwbc.runtime import HoldController
+
+class Mine(HoldController):
+    """A controller of somebody's own."""
+
+    name = "mine"
+
+    def __init__(self, policy=None, robot=None):
+        super().__init__(robot)
+        self.policy = policy
+'''
+TASK = """
+from hugwbc.sim import Scene
+from hugwbc.sim.scenes import Wall
+from hugwbc.tasks import Milestone, Task
+from hugwbc.tasks.hold_payload import HoldPayload
+
+TASK = Task(
+    name="own_task", about="Stand there.",
+    scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=HoldPayload,
+    limit=3.0, milestones=(Milestone("never", lambda record: 0.0),),
+)
+"""
+PROTOCOL = """
+from hugwbc.evaluation.protocols.single_command import SingleCommandProtocol
+
+class Again(SingleCommandProtocol):
+    name = "again"
+    summary = "single commands, once more"
+"""
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """The function that puts a package into a folder as pip does: a module, and its metadata beside it."""
+    forget = (plugins, registered_tasks, protocol_of)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def install(module, text, **groups):
+        (tmp_path / f"{module}.py").write_text(text)
+        info = tmp_path / f"{module}-1.0.dist-info"
+        info.mkdir(exist_ok=True)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+        entries = [f"[hugwbc.{group}]\n{line}\n" for group, line in groups.items()]
+        (info / "entry_points.txt").write_text("\n".join(entries))
+        importlib.invalidate_caches()
+        for cached in forget:
+            cached.cache_clear()
+
+    yield install
+    monkeypatch.undo()
+    importlib.invalidate_caches()
+    for cached in forget:
+        cached.cache_clear()
+    for name in [key for key in sys.modules if key.startswith("own_")]:
+        del sys.modules[name]
+
+
+def test_a_controller_of_a_package_is_found_by_name_and_runs(install, capsys):
+    install("own_hold", HOLD, controllers="mine = own_hold:Mine")
+    assert "mine" in controller_names()
+    assert ControllerSpec("mine", "a word").build().policy == "a word"
+    assert ControllerSpec("mine").identity()["package"] == "own_hold 1.0"
+    assert main(["play", "--controller", "mine", "--headless", "--duration", "0.1"]) == 0
+
+
+def test_a_controller_is_a_class_in_a_file(tmp_path, capsys):
+    path = tmp_path / "balance.py"
+    path.write_text(HOLD)
+    spec = ControllerSpec.parse(f"{path}:Mine")
+    controller = spec.build()
+    assert controller.name == "mine" and controller.policy is None and spec.label == "Mine"
+    assert isinstance(controller, HoldController) and spec.takes_robot and spec.training is None
+    assert ControllerSpec.parse(f"{path}:Mine=weights") == ControllerSpec(f"{path}:Mine", "weights")
+    assert type(spec.build()) is type(controller), "the file runs once"
+    assert main(["play", "--controller", f"{path}:Mine", "--headless", "--duration", "0.1"]) == 0
+    out = tmp_path / "out"
+    words = ["--script", "stand", "--controllers", f"{path}:Mine", "hold", "--out", str(out), "--no-video"]
+    script = tmp_path / "short.yaml"
+    script.write_text("segments: [{label: a, duration: 0.2}]")
+    words[1] = str(script)
+    assert main(["compare", *words]) == 0
+    assert {"mine", "hold"} <= set(json.loads((out / "summary.json").read_text())["controllers"])
+
+
+def test_the_results_of_a_file_depend_on_what_is_in_it(tmp_path):
+    path = tmp_path / "balance.py"
+    path.write_text(HOLD)
+    before = ControllerSpec(f"{path}:Mine").identity()
+    assert before["modules"] == ["hugwbc.runtime", "hugwbc.runtime.HoldController"]
+    path.write_text(HOLD + "\nOther = Mine\n")
+    after = ControllerSpec(f"{path}:Mine")
+    assert after.identity() != before and after.identity() != ControllerSpec(f"{path}:Other").identity()
+    assert str(tmp_path) not in json.dumps(before)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "message"),
+    [
+        (HOLD, "Your", r"has no 'Your'; it has Mine\. Give"),
+        ("x = 1", "Mine", "has no 'Mine'; it defines no class or function"),
+        ("Mine = 3", "Mine", "Mine is a int; give a class, or a function"),
+        ("def f(:", "Mine", "cannot be run: SyntaxError"),
+        ("import nowhere_at_all", "Mine", "No module named 'nowhere_at_all'.*line 1.*PYTHONPATH"),
+        ("x = 0\n1 / x", "Mine", r"cannot be run: ZeroDivisionError.* \(balance.py, line 2\)"),
+        ("class Mine: pass", "Mine", "gives a Mine without name, period, reset, act"),
+        (HOLD + "    period = 0\n", "Mine", "has period = 0; give the time"),
+        (HOLD + "Mine.name = 3\n", "Mine", "has name = 3; give a short text"),
+        (
+            "def Mine():\n    raise OSError('no file')",
+            "Mine",
+            r"cannot be built: OSError: no file \(balance.py, line 2",
+        ),
+    ],
+)
+def test_a_file_that_does_not_work_says_what_was_wrong(tmp_path, text, name, message):
+    path = tmp_path / "balance.py"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        ControllerSpec(f"{path}:{name}").build()
+
+
+def test_words_that_name_no_controller_in_a_file_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"there is no file .*none\.py"):
+        ControllerSpec(f"{tmp_path / 'none.py'}:Mine")
+    with pytest.raises(ConfigError, match=r"is a Python file; say what makes the controller in it: .*:NAME"):
+        ControllerSpec(str(tmp_path / "none.py"))
+    (tmp_path / "plain.py").write_text("from hugwbc.runtime import HoldController as Mine")
+    with pytest.raises(ConfigError, match="takes no policy"):
+        ControllerSpec(f"{tmp_path / 'plain.py'}:Mine", "weights")
+
+
+def test_a_task_of_a_package_is_found_by_name(install, tmp_path, capsys):
+    install("own_task", TASK, tasks="own_task = own_task:TASK")
+    assert load_task("own_task").about == "Stand there."
+    assert file_of("own_task") == tmp_path / "own_task.py" and "hugwbc.tasks.judges" in modules_of("own_task")
+    assert main(["tasks", "--task", "own_task"]) == 0
+    assert "own_task  Stand there." in capsys.readouterr().out
+    with pytest.raises(UnknownNameError, match="Did you mean 'own_task'"):
+        load_task("own_tsk")
+    install("own_wrong", "TASK = 3", tasks="own_wrong = own_wrong:TASK")
+    with pytest.raises(ConfigError, match=r"task 'own_wrong' \(own_wrong:TASK\) is a int"):
+        load_task("own_wrong")
+    install("own_other", TASK, tasks="other = own_other:TASK")
+    with pytest.raises(ConfigError, match="calls itself 'own_task'; give both one name"):
+        load_task("other")
+
+
+def test_a_protocol_of_a_package_has_its_verb(install, tmp_path, capsys):
+    install("own_protocol", PROTOCOL, protocols="again = own_protocol:Again")
+    assert protocol_names() == (*PROTOCOLS, "again")
+    short = ["--episodes", "8", "--duration", "1.5", "--settle", "1", "--results", str(tmp_path / "results")]
+    assert main(["evaluate", "again", "--controller", "hold", *short]) == 0
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    assert re.search(r"^  again +single commands, once more$", capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("import nowhere_at_all", "cannot be loaded: ModuleNotFoundError"),
+        ("Again = 3", "is a int; give a subclass of Protocol"),
+        (PROTOCOL.replace('"again"', '"once"'), "calls itself 'once'"),
+        (
+            "from hugwbc.evaluation.protocols import Protocol\nclass Again(Protocol): pass",
+            "cannot be made: .* abstract",
+        ),
+    ],
+)
+def test_a_protocol_that_does_not_work_is_refused_and_hides_no_other(install, capsys, text, message):
+    install("own_protocol", text, protocols="again = own_protocol:Again")
+    with pytest.raises(ConfigError, match=message):
+        protocol_of("again")
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    out = capsys.readouterr().out
+    assert "not usable: protocol 'again'" in out and "single-command" in out
+
+
+def test_rows_depend_on_the_code_of_a_judge_of_another_package(install, tmp_path):
+    def of(text):
+        install("own_judge", text)
+        sys.modules.pop("own_judge", None)
+        importlib.import_module("own_judge")
+        identity._meaning.cache_clear()
+        identity._tree.cache_clear()
+        identity._imported.cache_clear()
+        return identity.code_identity(["own_judge"])["code"]
+
+    first = of("import hugwbc.gait\nlimit = 1")
+    assert of("import hugwbc.gait\nlimit = 2") != first == of("import hugwbc.gait\nlimit = 1  # the same")
+
+
+def test_a_worker_process_finds_the_controller_of_a_file(tmp_path):
+    (tmp_path / "balance.py").write_text(HOLD)
+    script = """
+        import multiprocessing
+        from hugwbc.runtime import ControllerSpec
+
+        def name_of(spec):
+            return spec.build().name
+
+        if __name__ == "__main__":
+            with multiprocessing.get_context("spawn").Pool(1) as pool:
+                print(pool.apply(name_of, (ControllerSpec("balance.py:Mine"),)))
+    """
+    (tmp_path / "run.py").write_text(textwrap.dedent(script))
+    done = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.strip() == "mine", done.stderr
