@@ -20,6 +20,8 @@ from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic, SymmetricCr
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.rl.cloning import Labels, cloning_loss
 
+OnSkip = Callable[[dict[str, torch.Tensor], dict[str, float]], None]
+
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "cloning_loss", "kl")
 _GROUPS = torch.tensor([min(gait, gait.mirrored()) for gait in Gait])  # of advantages: hops on either leg are alike
@@ -131,7 +133,6 @@ class PPO:
         learning_rate: current learning rate of the actor, adapted to the KL divergence.
         labels: labels of a teacher; None without cloning.
         skipped: number of updates left out because a loss or gradient was not finite.
-        on_skip: called with the minibatch and the losses of such an update.
     """
 
     def __init__(self, config: PPOConfig, count: int, generator: torch.Generator, device: str = "cpu") -> None:
@@ -158,7 +159,6 @@ class PPO:
         self._count = count
         self._rollout: Rollout | None = None
         self.skipped = 0
-        self.on_skip: Callable[[dict[str, torch.Tensor], dict[str, float]], None] = lambda batch, losses: None
         self._generator = generator
         self.bound_std(0.0)
 
@@ -243,12 +243,15 @@ class PPO:
 
     # Learning -------------------------------------------------------------------------------------------------------
 
-    def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
+    def update(
+        self, last: Observation, *, critic_only: bool = False, on_skip: OnSkip | None = None
+    ) -> dict[str, float]:
         """Learn from the stored iteration; return mean losses, KL divergence, learning rate and std.
 
         Args:
             last: observation after the last step.
             critic_only: whether to leave the actor as it is.
+            on_skip: called with the minibatch and the losses of an update that was left out.
         """
         for name, parameter in self.network.named_parameters():
             parameter.requires_grad_(name.startswith("critic.") or not critic_only)
@@ -274,7 +277,8 @@ class PPO:
                 count += 1
             else:
                 self.skipped += 1
-                self.on_skip(minibatch, losses)
+                if on_skip is not None:
+                    on_skip(minibatch, losses)
         std = self.network.exploration().detach().exp()
         return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
             "learning_rate": self.learning_rate,

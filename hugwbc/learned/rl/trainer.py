@@ -65,7 +65,6 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(own_seed)
         self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads, device=config.device)
         self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device)
-        self.ppo.on_skip = self._dump
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
@@ -116,7 +115,8 @@ class Trainer:
             reward += float(result.reward.mean()) / horizon
             observation = self.env.observe()
         collected = time.monotonic()
-        losses = self.ppo.update(observation, critic_only=self.iteration < self._actor_learns_from)
+        critic_only = self.iteration < self._actor_learns_from
+        losses = self.ppo.update(observation, critic_only=critic_only, on_skip=self._dump)
         self.iteration += 1
         steps = horizon * self.config.env.count * distributed.size()
         # The curricula count steps, so that they do not depend on the length of an iteration.

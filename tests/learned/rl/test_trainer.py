@@ -1,9 +1,11 @@
 import csv
 import dataclasses
+import gc
 import json
 import os
 import pathlib
 import signal
+import weakref
 
 import pytest
 import torch
@@ -115,6 +117,19 @@ def test_evaluations_are_in_the_log_where_they_were_made(tmp_path: pathlib.Path)
     rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
     assert [bool(row["evaluation/score"]) for row in rows] == [False, True, False]
     assert 0.0 <= float(rows[1]["evaluation/falls"]) <= 1.0
+
+
+def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib.Path) -> None:
+    """A recipe makes one trainer for each segment: those that wait for the garbage collector fill the memory."""
+    gc.disable()
+    try:
+        trainer = Trainer(config(tmp_path, 1))
+        trainer.run(lambda row, gates: None)
+        env = weakref.ref(trainer.env)
+        del trainer
+        assert env() is None
+    finally:
+        gc.enable()
 
 
 def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -> None:
