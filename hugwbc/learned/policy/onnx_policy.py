@@ -46,6 +46,15 @@ def trained_with(path: str | pathlib.Path) -> str | None:
 def _session(path: pathlib.Path) -> Any:  # noqa: ANN401  an optional package
     if not path.is_file():
         raise PolicyFileError(f"there is no policy file {path}; give the path of one that `hugwbc export` wrote")
+    return onnx_session(path)
+
+
+def onnx_session(path: pathlib.Path) -> Any:  # noqa: ANN401  an optional package
+    """Return a session of onnxruntime, on one thread, for any ONNX file.
+
+    Raises:
+        PolicyFileError: if onnxruntime is not installed, or cannot run the file.
+    """
     try:
         onnxruntime: Any = importlib.import_module("onnxruntime")
     except ImportError as error:

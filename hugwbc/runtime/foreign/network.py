@@ -3,7 +3,6 @@
 Neither is unpickled. A TorchScript file nevertheless contains a program, which runs with the rights of the user.
 """
 
-import importlib
 import pathlib
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -11,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy.onnx_policy import onnx_session
 
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 SUFFIXES = (*TORCHSCRIPT_SUFFIXES, ".onnx")
@@ -93,17 +93,7 @@ class OnnxNetwork:
     """An ONNX network; a recurrent state goes through its inputs and outputs and starts at zero."""
 
     def __init__(self, path: pathlib.Path, state: Sequence[tuple[str, str]] = ()) -> None:
-        try:
-            onnxruntime: Any = importlib.import_module("onnxruntime")
-        except ImportError as error:
-            raise PolicyFileError(f"{path} needs onnxruntime; run `pip install 'hugwbc[export]'`") from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        try:
-            self._session: Any = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's errors share no class but Exception
-            reason = str(error).strip().splitlines()[0]
-            raise PolicyFileError(f"{path} is not an ONNX network that onnxruntime can run ({reason})") from error
+        self._session: Any = onnx_session(path)
         self._inputs = {node.name: node for node in self._session.get_inputs()}
         outputs = [node.name for node in self._session.get_outputs()]
         self._state = tuple(state)
