@@ -40,10 +40,10 @@ class ContactParams:
     friction: float = 1.0
     """Share of the friction of the robot's drives that counts; a robot with ideal drives has none. Motors measure their
     own torque, of which friction takes a part before it reaches the link."""
-    base_weight: float = 1.0
-    """Weight of the floating base's six rows of the residual against the legs' rows. The pelvis's velocity is less
-    certain than the joints', yet what it feels keeps the sum of both feet right if the legs' masses are known wrongly;
-    at 0.3 twice as many walks fell then."""
+    base_weight: float = 0.3
+    """Weight of the floating base's six rows of the residual against the legs' rows. The pelvis feels what touches the
+    hands as well: the more it counts, the more of a hand's push goes to the feet (at 1.0 the QP fell when a hand
+    touched a post). The less it counts, the more errors of the legs' masses look like contacts."""
     parting: float = 1.0
     """Speed of one sole against the other above which they do not both stand [m/s]: the faster one is in the air if it
     has less load, whatever the joints seem to feel of a leg whose mass is known wrongly. A foot that comes down is
