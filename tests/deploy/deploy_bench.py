@@ -56,7 +56,9 @@ class Standing:
     def raw(self, remote: Remote | None = None, *, after: int = PERIOD_MS, hot: float = 30.0, **changes) -> bytes:
         """The next state as bytes, `after` milliseconds later than the last one, with some readings changed."""
         self.tick += after
-        reading = dataclasses.replace(self.reading, **changes)
+        noise = 1e-5 * (self.tick // PERIOD_MS % 5)  # sensors that repeat themselves to the last digit hang
+        own = {name: getattr(self.reading, name) + noise for name in ("q", "dq", "imu_gyro")}
+        reading = dataclasses.replace(self.reading, **{**own, **changes})
         return self.messages.pack_state(reading, self.tick, np.full(19, hot), remote or Remote())
 
     def next(self, remote: Remote | None = None, **changes) -> StateMessage:
