@@ -30,12 +30,8 @@ from hugwbc.viz.show import at_real_time, open_view, run_live
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
 _COMMANDING = ("gait", "left_hand", "right_hand", *COMMAND_NAMES)
-_DRIVING = (
-    "script",
-    "listen",
-    "headless",
-    *_COMMANDING,
-)  # what says what the robot does in place of a person at a page
+# What says what the robot does in place of a person at a page.
+_DRIVING = ("script", "listen", "headless", *_COMMANDING)
 
 
 @dataclasses.dataclass(frozen=True)

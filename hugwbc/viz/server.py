@@ -15,8 +15,13 @@ from typing import Any
 
 import meshcat
 import tornado.web
-from meshcat.servers.zmqserver import VIEWER_HTML, VIEWER_ROOT, StaticFileHandlerNoCache, WebSocketHandler
-from meshcat.servers.zmqserver import ZMQWebSocketBridge as Bridge
+from meshcat.servers.zmqserver import (
+    VIEWER_HTML,
+    VIEWER_ROOT,
+    StaticFileHandlerNoCache,
+    WebSocketHandler,
+    ZMQWebSocketBridge as Bridge,
+)
 from tornado.httpserver import HTTPServer
 
 from hugwbc.errors import HugwbcError

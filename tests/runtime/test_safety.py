@@ -2,8 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES

@@ -3,8 +3,7 @@
 import torch
 
 from hugwbc.commands import COMMAND_NAMES, command_ranges
-from hugwbc.gait import Gait
-from hugwbc.gait import hopping as hopping_gait
+from hugwbc.gait import Gait, hopping as hopping_gait
 from hugwbc.learned.config import CommandConfig
 from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Curriculum
 

@@ -10,86 +10,32 @@ from hugwbc import gait as gaits
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.layout import (
     ANGULAR_VELOCITY_SCALE as ANGULAR_VELOCITY_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     BIAS_SCALE as BIAS_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     COMMAND_SCALES as COMMAND_SCALES,
-)
-from hugwbc.learned.policy.layout import (
     COMMAND_SIZE as COMMAND_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     CRITIC_CORE_SIZE as CRITIC_CORE_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     CRITIC_SIZE as CRITIC_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     ESTIMATE_SIZE as ESTIMATE_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     FIRST_COMMAND_SIZE as FIRST_COMMAND_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     FORCE_SCALE as FORCE_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     HISTORY_FRAMES as HISTORY_FRAMES,
-)
-from hugwbc.learned.policy.layout import (
     JOINT_VELOCITY_SCALE as JOINT_VELOCITY_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     JOINTS as JOINTS,
-)
-from hugwbc.learned.policy.layout import (
     LATENCY_SCALE as LATENCY_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     LENGTH_SCALE as LENGTH_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     LINEAR_VELOCITY_SCALE as LINEAR_VELOCITY_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     LOAD_SCALE as LOAD_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     MASS_SCALE as MASS_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     NOISE_ANGULAR_VELOCITY as NOISE_ANGULAR_VELOCITY,
-)
-from hugwbc.learned.policy.layout import (
     NOISE_DQ as NOISE_DQ,
-)
-from hugwbc.learned.policy.layout import (
     NOISE_GRAVITY as NOISE_GRAVITY,
-)
-from hugwbc.learned.policy.layout import (
     NOISE_Q as NOISE_Q,
-)
-from hugwbc.learned.policy.layout import (
     PAYLOAD_SCALE as PAYLOAD_SCALE,
-)
-from hugwbc.learned.policy.layout import (
     PRIVILEGED_SIZE as PRIVILEGED_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     PROPRIOCEPTION_SIZE as PROPRIOCEPTION_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     TERRAIN_SHAPE as TERRAIN_SHAPE,
-)
-from hugwbc.learned.policy.layout import (
     TERRAIN_SIZE as TERRAIN_SIZE,
-)
-from hugwbc.learned.policy.layout import (
     TERRAIN_SPACING as TERRAIN_SPACING,
-)
-from hugwbc.learned.policy.layout import (
     command_scales,
     first_layout_matrix,
 )

@@ -9,8 +9,7 @@ import numpy as np
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
-from hugwbc.learned.policy import feed_forward
-from hugwbc.learned.policy import layout as obs
+from hugwbc.learned.policy import feed_forward, layout as obs
 from hugwbc.learned.policy.policy_contract import command_size
 from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot

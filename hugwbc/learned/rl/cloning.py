@@ -10,8 +10,7 @@ from collections.abc import Mapping
 import torch
 
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import checkpoint, observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.policy_contract import versions

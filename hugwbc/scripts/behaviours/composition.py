@@ -1,7 +1,6 @@
 """Behaviours made of others: one after another, hands while walking, again after a failure, until something happens."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence as SequenceOf
+from collections.abc import Mapping, Sequence as SequenceOf
 
 from hugwbc.errors import ConfigError
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run

@@ -10,8 +10,7 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardWeights
-from hugwbc.learned.config import environment as settings
+from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardWeights, environment as settings
 from hugwbc.learned.config.own_rewards import PENALTIES, REWARDS, registered_rewards, with_registered
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.env.rewards import evaluate_terms, term

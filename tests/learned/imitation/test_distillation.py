@@ -19,8 +19,7 @@ from hugwbc.learned.imitation.distillation import (
     SwingHeights,
     disturbance,
 )
-from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import checkpoint, observations as obs
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME
 from hugwbc.robot import load_robot

@@ -3,8 +3,7 @@ import torch
 
 from hugwbc import COMMAND_NAMES, Command, Gait, RobotState, UpperBody, command_ranges, load_robot
 from hugwbc.gait import foot_phases, homogenised_phase
-from hugwbc.learned.policy import load_policy
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import load_policy, observations as obs
 from hugwbc.learned.policy.bare_actor import BareActor, on_arrays, row_by_row
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract

@@ -1,8 +1,7 @@
 import pytest
 import torch
 
-from hugwbc.learned.policy import checkpoint, load_policy, policy_dir
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import checkpoint, load_policy, observations as obs, policy_dir
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.policy.snapshots import is_symmetric, network_of
 

@@ -1,8 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hugwbc.errors import ConfigError
 from hugwbc.learned.recipe.conditions_on_figures import Condition
