@@ -1,6 +1,7 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
+from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.squat import SquatFeedForward, follow
@@ -68,6 +70,7 @@ class HumanoidEnv:
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
         held_foot: rule that ends hops on both feet; None if it is off.
+        one_foot: rule that ends jumps on one foot; None if it is off.
     """
 
     # Construction ---------------------------------------------------------------------------------------------------
@@ -131,8 +134,8 @@ class HumanoidEnv:
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
-        grace = config.held_foot_grace
-        self.held_foot = terminations.HeldFootRule(self.count, grace, self.dt) if grace > 0.0 else None
+        self.held_foot = self._rule(terminations.held_foot_down, config.held_foot_grace)
+        self.one_foot = self._rule(terminations.on_one_foot, config.one_foot_grace)
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
@@ -147,8 +150,15 @@ class HumanoidEnv:
         self.begin_episodes(torch.arange(self.count))
         self._check_rewards()
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
-        if self.held_foot is not None:
-            self.held_foot.due += self.age * self.dt
+        for rule in self._rules:
+            rule.due += self.age * self.dt
+
+    def _rule(self, forbidden: Callable[[Readings, torch.Tensor], torch.Tensor], grace: float) -> FeetRule | None:
+        return FeetRule(forbidden, self.count, grace, self.dt) if grace > 0.0 else None
+
+    @property
+    def _rules(self) -> tuple[FeetRule, ...]:
+        return tuple(rule for rule in (self.held_foot, self.one_foot) if rule is not None)
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
@@ -256,8 +266,8 @@ class HumanoidEnv:
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
         fallen = terminations.fallen(self.readings, self.robot)
-        if self.held_foot is not None:
-            fallen |= self.held_foot.broken(self.readings, self.gait, self.age)
+        for rule in self._rules:
+            fallen |= rule.broken(self.readings, self.gait, self.age)
         return fallen
 
     @property
@@ -358,8 +368,8 @@ class HumanoidEnv:
                 loaded=self.loads.payload[robots].any(1),
             )
             self.bias[robots] = 0.0
-            if self.held_foot is not None:
-                self.held_foot.restart(robots, self.age[robots])
+            for rule in self._rules:
+                rule.restart(robots, self.age[robots])
 
     def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
         """Replace the stand of some robots, just set up, by recorded motion of their gait.
@@ -394,8 +404,8 @@ class HumanoidEnv:
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())
         self.simulation.forward(ids)
-        if self.held_foot is not None:
-            self.held_foot.restart(moving, self.age[moving], hopping=True)
+        for rule in self._rules:
+            rule.restart(moving, self.age[moving], in_motion=True)
         return moving
 
     def recorded(self, robots: torch.Tensor) -> dict[str, torch.Tensor]:

@@ -4,7 +4,7 @@ import torch
 
 from hugwbc.gait import Gait
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.terminations import HeldFootRule, fallen, held_foot_down
+from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down, on_one_foot
 
 
 def test_inclinations_and_a_low_pelvis_are_falls_and_nothing_less_is(small_env: HumanoidEnv) -> None:
@@ -26,11 +26,21 @@ def test_the_held_foot_is_the_other_one_than_hops(small_env: HumanoidEnv) -> Non
     assert held_foot_down(readings, gait).tolist() == [False, True] + [False] * 6
 
 
+def test_a_jump_on_one_foot_is_told_from_one_on_both(small_env: HumanoidEnv) -> None:
+    force = torch.zeros(8, 2, 3)
+    force[::2, 0, 2] = 50.0  # the left foot of every other robot
+    force[:4, 1, 2] = 50.0  # the right foot of the first four
+    gait = torch.full((8,), int(Gait.JUMPING))
+    gait[4] = int(Gait.WALKING)
+    readings = dataclasses.replace(small_env.readings, foot_force=force)
+    assert on_one_foot(readings, gait).tolist() == [False, True, False, True, False, False, True, False]
+
+
 def test_a_held_foot_may_brush_the_ground_and_has_time_after_a_command(small_env: HumanoidEnv) -> None:
     gait = torch.full((8,), int(Gait.HOPPING_LEFT))
-    rule, robots = HeldFootRule(8, grace=0.39, dt=0.02), torch.arange(8)
+    rule, robots = FeetRule(held_foot_down, 8, grace=0.39, dt=0.02), torch.arange(8)
     rule.restart(robots[:4], torch.zeros(4))
-    rule.restart(robots[4:], torch.zeros(4), hopping=True)
+    rule.restart(robots[4:], torch.zeros(4), in_motion=True)
     broken = []
     for step in range(1, 31):
         force = torch.zeros(8, 2, 3)
@@ -42,7 +52,7 @@ def test_a_held_foot_may_brush_the_ground_and_has_time_after_a_command(small_env
         broken.append(rule.broken(readings, gait, torch.full((8,), step)))
     first = torch.where(torch.stack(broken).any(0), torch.stack(broken).int().argmax(0) + 1, 0)
     assert first.tolist() == [0, 20, 0, 0, 0, 4, 0, 4]
-    again = HeldFootRule(8, grace=0.4, dt=0.02)
+    again = FeetRule(held_foot_down, 8, grace=0.4, dt=0.02)
     again.load_state_dict(rule.state_dict())
     torch.testing.assert_close(again.due, rule.due)
     torch.testing.assert_close(again.down, rule.down)
