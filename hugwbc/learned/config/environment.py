@@ -257,9 +257,10 @@ class EnvConfig:
     held_foot_grace: float = 0.0
     """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
     episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
-    one_foot_grace: float = 0.0
-    """Time after a new command in which a robot that shall jump may be on one foot [s]. From then on, and at once in an
-    episode that starts in mid-jump, more than a brief moment on one foot ends the episode. 0 switches the rule off."""
+    flight_grace: float = 0.0
+    """Time after a new command in which a robot that shall jump or hop may stay on the ground [s]. From then on, and at
+    once in an episode that starts in motion, a foot on the ground for more than a moment of a flight's time ends the
+    episode. 0 switches the rule off."""
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
@@ -297,7 +298,7 @@ class EnvConfig:
         require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
         require(0.0 <= self.squat_gain <= 1.0, "env.squat_gain", self.squat_gain, "0 to 1")
         require(0.0 <= self.starts_share <= 1.0, "env.starts_share", self.starts_share, "0 to 1")
-        for name in ("held_foot_grace", "one_foot_grace"):
+        for name in ("held_foot_grace", "flight_grace"):
             require(0.0 <= getattr(self, name) < math.inf, f"env.{name}", getattr(self, name), "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         unused = self.motions is not None and self.intervention != "motion"

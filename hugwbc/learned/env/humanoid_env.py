@@ -1,7 +1,6 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -70,7 +69,7 @@ class HumanoidEnv:
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
         held_foot: rule that ends hops on both feet; None if it is off.
-        one_foot: rule that ends jumps on one foot; None if it is off.
+        flight: rule that ends jumps and hops that do not fly; None if it is off.
     """
 
     # Construction ---------------------------------------------------------------------------------------------------
@@ -134,8 +133,7 @@ class HumanoidEnv:
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
-        self.held_foot = self._rule(terminations.held_foot_down, config.held_foot_grace)
-        self.one_foot = self._rule(terminations.on_one_foot, config.one_foot_grace)
+        self.held_foot, self.flight = self._rule(config.held_foot_grace), self._rule(config.flight_grace)
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
@@ -153,12 +151,12 @@ class HumanoidEnv:
         for rule in self._rules:
             rule.due += self.age * self.dt
 
-    def _rule(self, forbidden: Callable[[Readings, torch.Tensor], torch.Tensor], grace: float) -> FeetRule | None:
-        return FeetRule(forbidden, self.count, grace, self.dt) if grace > 0.0 else None
+    def _rule(self, grace: float) -> FeetRule | None:
+        return FeetRule(self.count, grace, self.dt) if grace > 0.0 else None
 
     @property
     def _rules(self) -> tuple[FeetRule, ...]:
-        return tuple(rule for rule in (self.held_foot, self.one_foot) if rule is not None)
+        return tuple(rule for rule in (self.held_foot, self.flight) if rule is not None)
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
@@ -266,8 +264,11 @@ class HumanoidEnv:
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
         fallen = terminations.fallen(self.readings, self.robot)
-        for rule in self._rules:
-            fallen |= rule.broken(self.readings, self.gait, self.age)
+        if self.held_foot is not None:
+            fallen |= self.held_foot.broken(terminations.held_foot_down(self.readings, self.gait), self.age)
+        if self.flight is not None:
+            contact = gaits.expected_contact(self.bar_phase())
+            fallen |= self.flight.broken(terminations.missed_flight(self.readings, self.gait, contact), self.age)
         return fallen
 
     @property

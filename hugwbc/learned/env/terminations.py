@@ -1,10 +1,8 @@
-"""Early ends of episodes: falls, hops on both feet, and jumps on one foot."""
-
-from collections.abc import Callable
+"""Early ends of episodes: falls, hops on both feet, and jumps without a flight."""
 
 import torch
 
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
@@ -33,15 +31,16 @@ def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
     return ((gait == Gait.HOPPING_LEFT) & right) | ((gait == Gait.HOPPING_RIGHT) & left)
 
 
-def on_one_foot(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
-    """Return whether a single foot carries a robot that should jump on both, shape (n,), bool.
+def missed_flight(readings: Readings, gait: torch.Tensor, contact: torch.Tensor) -> torch.Tensor:
+    """Return whether a foot is on the ground while a jump or a hop should fly, shape (n,), bool.
 
     Args:
         readings: state of the robots.
         gait: values of `Gait`, shape (n,).
+        contact: expected contacts of both feet, shape (n, 2).
     """
-    left, right = feet_on_ground(readings.foot_force).unbind(1)
-    return (gait == int(Gait.JUMPING)) & (left != right)
+    flies = ((gait == int(Gait.JUMPING)) | hopping(gait)) & (contact < 0.5).all(1)
+    return flies & feet_on_ground(readings.foot_force).any(1)
 
 
 class FeetRule:
@@ -55,18 +54,15 @@ class FeetRule:
         down: time for which the feet have done what is forbidden [s], shape (n,).
     """
 
-    def __init__(
-        self, forbidden: Callable[[Readings, torch.Tensor], torch.Tensor], count: int, grace: float, dt: float
-    ) -> None:
+    def __init__(self, count: int, grace: float, dt: float) -> None:
         """Set up the rule.
 
         Args:
-            forbidden: maps readings and gaits to what is forbidden, shape (n,), bool.
             count: number of robots.
             grace: time after a new command in which it is still allowed [s].
             dt: control period [s].
         """
-        self._forbidden, self._grace, self._dt = forbidden, grace, dt
+        self._grace, self._dt = grace, dt
         self.due = torch.zeros(count)
         self.down = torch.zeros(count)
 
@@ -81,15 +77,14 @@ class FeetRule:
         self.due[robots] = age * self._dt + (0.0 if in_motion else self._grace)
         self.down[robots] = 0.0
 
-    def broken(self, readings: Readings, gait: torch.Tensor, age: torch.Tensor) -> torch.Tensor:
+    def broken(self, forbidden: torch.Tensor, age: torch.Tensor) -> torch.Tensor:
         """Return which episodes end, shape (n,), bool; call it once per control step.
 
         Args:
-            readings: after the step.
-            gait: values of `Gait`, shape (n,).
+            forbidden: whether the feet do what their gait forbids, shape (n,), bool.
             age: control steps since the start of each episode, shape (n,).
         """
-        self.down = torch.where(self._forbidden(readings, gait), self.down + self._dt, 0.0)
+        self.down = torch.where(forbidden, self.down + self._dt, 0.0)
         return (self.down > LONGEST_TOUCH) & (age * self._dt >= self.due)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
