@@ -24,8 +24,8 @@ from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.ground import Ground
@@ -143,7 +143,7 @@ class HumanoidEnv:
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
         self.posture = torch.zeros(self.count, 2)
-        self._squat = SquatFeedForward(self.robot)
+        self._legs = LegFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         self._check_rewards()
@@ -232,7 +232,7 @@ class HumanoidEnv:
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
         self.waist, self.posture = self._next_waist(), self._next_posture()
-        target = self.body.nominal + self.action_scale * action + self._feed_forward(self.waist, self.posture)
+        target = self.body.nominal + self.action_scale * action + self._feed_forward(_ALL, self.waist, self.posture)
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
@@ -249,13 +249,14 @@ class HumanoidEnv:
         return tensor(follow(self.posture.numpy(), self.command[:, [_H, _P]].numpy(), self.dt))
 
     def next_feed_forward(self) -> torch.Tensor:
-        """Return what the next step adds to nominal pose and action: waist angle and squat [rad], shape (n, 19)."""
-        return self._feed_forward(self._next_waist(), self._next_posture())
+        """Return what the next step adds to nominal pose and action: waist, squat and swing [rad], shape (n, 19)."""
+        return self._feed_forward(_ALL, self._next_waist(), self._next_posture())
 
-    def _feed_forward(self, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
-        if self.config.squat_gain > 0.0:
-            height, pitch = posture.numpy().T
-            offsets = tensor(self.config.squat_gain * self._squat.offsets(height, pitch))
+    def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
+        squat, swing = self.config.squat_gain, self.config.swing_gain
+        if squat > 0.0 or swing > 0.0:
+            state = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
+            offsets = tensor(self._legs.offsets(*(squat * posture.numpy().T), swing * swing_clearance(*state, self.dt)))
         else:
             offsets = torch.zeros(len(waist), obs.JOINTS)
         offsets[:, self.body.waist] += waist
@@ -400,7 +401,7 @@ class HumanoidEnv:
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
         self.posture[moving] = self.command[moving][:, [_H, _P]]
         target = self.body.nominal + self.action_scale * self.actions[0, moving]
-        target += self._feed_forward(self.waist[moving], self.posture[moving])
+        target += self._feed_forward(moving, self.waist[moving], self.posture[moving])
         self.simulation.ctrl[ids] = target.numpy()
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())
