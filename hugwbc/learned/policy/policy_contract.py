@@ -108,6 +108,7 @@ def policy_contract(
         "waist_rate": waist_rate,
         "squat_gain": squat_gain,
         "swing_gain": swing_gain,
+        "leg_length": robot.leg_length,
         "history_frames": obs.HISTORY_FRAMES,
         "proprioception": _layout(
             ("angular velocity of the pelvis in its own frame", 3, obs.ANGULAR_VELOCITY_SCALE),
@@ -144,7 +145,9 @@ def policy_contract(
         },
         "joint_target": "nominal + action_scale * action; the waist's plus w, followed at waist_rate from 0; "
         "the legs' plus the posture of squat_gain * the commanded h and p, "
-        "with soles lifted by swing_gain * the clock's swing",
+        "with soles lifted by swing_gain * the clock's swing one period later, minus the nominal: "
+        "knee = 2 acos(d / leg_length), hip pitch = -knee / 2 - p, ankle = -knee / 2, "
+        "d = leg_length cos(nominal knee / 2) + h - swing",
         "versions": versions(),
     }
 
