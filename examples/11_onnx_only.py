@@ -32,6 +32,22 @@ def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
     return np.array([[*scaled, *gait, 0.0]], dtype=np.float32)
 
 
+def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
+    """Return what the contract adds to the joint targets of a walk at the nominal height: legs that lift their feet."""
+    names, nominal = contract["joint_names"], np.array(contract["nominal"])
+    result = np.zeros(len(names))
+    gain = contract.get("swing_gain", 0.0) / contract.get("leg_length", 1.0)  # files of before have neither
+    later = phase + command["f"] * contract["period"]
+    for side, offset in (("left", contract["gait"]["walking_offset_of_left_foot"]), ("right", 0.0)):
+        u = 1.0 - abs((later + offset) % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex
+        height = command["l"] * u**3 * (10.0 - 15.0 * u + 6.0 * u**2) if u > 0.0 else 0.0
+        hip, knee, ankle = (names.index(f"{side}_{part}_joint") for part in ("hip_pitch", "knee", "ankle"))
+        share = math.cos(nominal[knee] / 2.0) - gain * height
+        bend = math.acos(share) - nominal[knee] / 2.0
+        result[hip], result[knee], result[ankle] = -bend, 2.0 * bend, -bend
+    return result
+
+
 def frame(contract: dict, data: mujoco.MjData, action: np.ndarray) -> np.ndarray:
     """Return what the network reads of the robot now: turning, gravity, joints, last action."""
     scale = [part["scale"] for part in contract["proprioception"]]
@@ -61,6 +77,7 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
         outputs = session.run(["action"], {"history": history.reshape(1, -1), "command": row})
         action = np.asarray(outputs[0])[0]
         data.ctrl[:] = contract["nominal"] + np.array(contract["action_scale"]) * action
+        data.ctrl[:] += feed_forward(contract, command, phase)
         mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
         if not data.qpos[2] > LOWEST:
             break

@@ -257,12 +257,20 @@ class EnvConfig:
     held_foot_grace: float = 0.0
     """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
     episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
+    flight_grace: float = 0.0
+    """Time after a new command in which a robot that shall jump or hop may stay on the ground [s]. From then on, and at
+    once in an episode that starts in motion, a foot on the ground for more than a moment of a flight's time ends the
+    episode. 0 switches the rule off."""
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
     squat_gain: float = 0.0
     """Share of the commanded height and pitch that the legs' joint targets follow by themselves
-    (`hugwbc.learned.policy.squat`); the action is added. With 0 the action alone moves the legs, as in the paper."""
+    (`hugwbc.learned.policy.leg_feed_forward`); the action is added. With 0 the action alone moves the legs, as in the
+    paper."""
+    swing_gain: float = 0.0
+    """Share of the clock's swing, up to the commanded height l, by which the legs' joint targets lift the feet; the
+    action is added. With 0 the action alone lifts them, as in the paper."""
     intervention: Literal["noise", "motion", "none"] = "noise"
     """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
@@ -292,9 +300,10 @@ class EnvConfig:
             value = getattr(self, name)
             require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
         require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
-        require(0.0 <= self.squat_gain <= 1.0, "env.squat_gain", self.squat_gain, "0 to 1")
-        require(0.0 <= self.starts_share <= 1.0, "env.starts_share", self.starts_share, "0 to 1")
-        require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
+        for name in ("squat_gain", "swing_gain", "starts_share"):
+            require(0.0 <= getattr(self, name) <= 1.0, f"env.{name}", getattr(self, name), "0 to 1")
+        for name in ("held_foot_grace", "flight_grace"):
+            require(0.0 <= getattr(self, name) < math.inf, f"env.{name}", getattr(self, name), "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         unused = self.motions is not None and self.intervention != "motion"
         require(not unused, "env.motions", self.motions, "none without env.intervention motion")

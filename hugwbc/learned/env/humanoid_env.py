@@ -22,9 +22,10 @@ from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
+from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.ground import Ground
@@ -68,6 +69,7 @@ class HumanoidEnv:
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
         held_foot: rule that ends hops on both feet; None if it is off.
+        flight: rule that ends jumps and hops that do not fly; None if it is off.
     """
 
     # Construction ---------------------------------------------------------------------------------------------------
@@ -131,8 +133,7 @@ class HumanoidEnv:
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.noise = obs.noise_amplitude() * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
-        grace = config.held_foot_grace
-        self.held_foot = terminations.HeldFootRule(self.count, grace, self.dt) if grace > 0.0 else None
+        self.held_foot, self.flight = self._rule(config.held_foot_grace), self._rule(config.flight_grace)
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
@@ -142,13 +143,20 @@ class HumanoidEnv:
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
         self.posture = torch.zeros(self.count, 2)
-        self._squat = SquatFeedForward(self.robot)
+        self._legs = LegFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         self._check_rewards()
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
-        if self.held_foot is not None:
-            self.held_foot.due += self.age * self.dt
+        for rule in self._rules:
+            rule.due += self.age * self.dt
+
+    def _rule(self, grace: float) -> FeetRule | None:
+        return FeetRule(self.count, grace, self.dt) if grace > 0.0 else None
+
+    @property
+    def _rules(self) -> tuple[FeetRule, ...]:
+        return tuple(rule for rule in (self.held_foot, self.flight) if rule is not None)
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
@@ -224,7 +232,7 @@ class HumanoidEnv:
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
         self.waist, self.posture = self._next_waist(), self._next_posture()
-        target = self.body.nominal + self.action_scale * action + self._feed_forward(self.waist, self.posture)
+        target = self.body.nominal + self.action_scale * action + self._feed_forward(_ALL, self.waist, self.posture)
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
@@ -241,13 +249,14 @@ class HumanoidEnv:
         return tensor(follow(self.posture.numpy(), self.command[:, [_H, _P]].numpy(), self.dt))
 
     def next_feed_forward(self) -> torch.Tensor:
-        """Return what the next step adds to nominal pose and action: waist angle and squat [rad], shape (n, 19)."""
-        return self._feed_forward(self._next_waist(), self._next_posture())
+        """Return what the next step adds to nominal pose and action: waist, squat and swing [rad], shape (n, 19)."""
+        return self._feed_forward(_ALL, self._next_waist(), self._next_posture())
 
-    def _feed_forward(self, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
-        if self.config.squat_gain > 0.0:
-            height, pitch = posture.numpy().T
-            offsets = tensor(self.config.squat_gain * self._squat.offsets(height, pitch))
+    def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
+        squat, swing = self.config.squat_gain, self.config.swing_gain
+        if squat > 0.0 or swing > 0.0:
+            state = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
+            offsets = tensor(self._legs.offsets(*(squat * posture.numpy().T), swing * swing_clearance(*state, self.dt)))
         else:
             offsets = torch.zeros(len(waist), obs.JOINTS)
         offsets[:, self.body.waist] += waist
@@ -257,7 +266,10 @@ class HumanoidEnv:
         """Return which episodes end early, shape (n,), bool."""
         fallen = terminations.fallen(self.readings, self.robot)
         if self.held_foot is not None:
-            fallen |= self.held_foot.broken(self.readings, self.gait, self.age)
+            fallen |= self.held_foot.broken(terminations.held_foot_down(self.readings, self.gait), self.age)
+        if self.flight is not None:
+            contact = gaits.expected_contact(self.bar_phase())
+            fallen |= self.flight.broken(terminations.missed_flight(self.readings, self.gait, contact), self.age)
         return fallen
 
     @property
@@ -358,8 +370,8 @@ class HumanoidEnv:
                 loaded=self.loads.payload[robots].any(1),
             )
             self.bias[robots] = 0.0
-            if self.held_foot is not None:
-                self.held_foot.restart(robots, self.age[robots])
+            for rule in self._rules:
+                rule.restart(robots, self.age[robots])
 
     def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
         """Replace the stand of some robots, just set up, by recorded motion of their gait.
@@ -389,13 +401,13 @@ class HumanoidEnv:
         self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
         self.posture[moving] = self.command[moving][:, [_H, _P]]
         target = self.body.nominal + self.action_scale * self.actions[0, moving]
-        target += self._feed_forward(self.waist[moving], self.posture[moving])
+        target += self._feed_forward(moving, self.waist[moving], self.posture[moving])
         self.simulation.ctrl[ids] = target.numpy()
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())
         self.simulation.forward(ids)
-        if self.held_foot is not None:
-            self.held_foot.restart(moving, self.age[moving], hopping=True)
+        for rule in self._rules:
+            rule.restart(moving, self.age[moving], in_motion=True)
         return moving
 
     def recorded(self, robots: torch.Tensor) -> dict[str, torch.Tensor]:

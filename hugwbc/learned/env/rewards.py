@@ -14,9 +14,10 @@ import torch
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
 from hugwbc.extensions import described, load_entry
-from hugwbc.gait import Gait, hopping
+from hugwbc.gait import DEFAULT_DUTY, Gait, hopping
 from hugwbc.learned.config.own_rewards import PENALTIES, registered_rewards
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
+from hugwbc.state import GRAVITY
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
@@ -28,9 +29,10 @@ SWING_PRECISION = 0.05  # [m]
 LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
 LARGEST_VELOCITY_ERROR = 1.0  # [m^2/s^2]
 LARGEST_VELOCITY_BIAS, LARGEST_YAW_RATE_BIAS = 0.5, 1.0  # [m/s], [rad/s]
+SLOWEST_STRIDE = 1.0  # [Hz]
 SOFT_DESCENT = 0.3  # [m/s], of a sole one control step before it touches the ground
 LARGEST_IMPACT = 4.0  # [m^2/s^2]
-_OMEGA, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "h", "p", "w"))
+_OMEGA, _F, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "f", "h", "p", "w"))
 
 Term = Callable[[Transition, Body], torch.Tensor]
 
@@ -216,11 +218,14 @@ def yaw_rate_bias(t: Transition, body: Body) -> torch.Tensor:
 
 
 def foot_impact(t: Transition, body: Body) -> torch.Tensor:
-    """sum_i min(4, max(0, d_i - 0.3)^2) over feet that touch down (not in the paper).
+    """sum_i min(4, max(0, d_i - d_0)^2) over feet that touch down (not in the paper).
 
-    d_i is the speed of descent one control step before: contact stops a sole within a step.
+    d_i is the speed of descent one control step before: contact stops a sole within a step. d_0 is 0.3 m/s, in jumps
+    and hops plus the speed of a free fall of half a flight: less of it means less flight.
     """
-    excess = (t.descent - SOFT_DESCENT).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
+    fall = GRAVITY * 0.5 * (1.0 - DEFAULT_DUTY) / t.command[:, _F].clamp(min=SLOWEST_STRIDE)
+    soft = SOFT_DESCENT + fall * ((t.gait == int(Gait.JUMPING)) | hopping(t.gait))
+    excess = (t.descent - soft[:, None]).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
     return (t.touch_down * excess).sum(1)
 
 

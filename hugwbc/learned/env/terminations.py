@@ -1,13 +1,13 @@
-"""Early ends of episodes: falls, and hops on both feet."""
+"""Early ends of episodes: falls, hops on both feet, and jumps without a flight."""
 
 import torch
 
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
-LONGEST_TOUCH = 0.07  # [s] for which the held foot of a hop may touch the ground
+LONGEST_TOUCH = 0.07  # [s] for which feet may be on the ground where their gait forbids it
 
 
 def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
@@ -31,15 +31,27 @@ def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
     return ((gait == Gait.HOPPING_LEFT) & right) | ((gait == Gait.HOPPING_RIGHT) & left)
 
 
-class HeldFootRule:
-    """The rule that ends an episode of hopping when the held foot stays on the ground.
+def missed_flight(readings: Readings, gait: torch.Tensor, contact: torch.Tensor) -> torch.Tensor:
+    """Return whether a foot is on the ground while a jump or a hop should fly, shape (n,), bool.
+
+    Args:
+        readings: state of the robots.
+        gait: values of `Gait`, shape (n,).
+        contact: expected contacts of both feet, shape (n, 2).
+    """
+    flies = ((gait == int(Gait.JUMPING)) | hopping(gait)) & (contact < 0.5).all(1)
+    return flies & feet_on_ground(readings.foot_force).any(1)
+
+
+class FeetRule:
+    """A rule that ends an episode when the feet do for too long what their gait forbids.
 
     A brief touch is allowed: ending episodes at it made the policy give up its velocity to keep the foot high. A third
     of a second would be too long: a jump on both feet stays on the ground no longer than that.
 
     Attributes:
-        due: time in the episode from which the foot must be in the air [s], shape (n,).
-        down: time for which the foot has been on the ground [s], shape (n,).
+        due: time in the episode from which the rule holds [s], shape (n,).
+        down: time for which the feet have done what is forbidden [s], shape (n,).
     """
 
     def __init__(self, count: int, grace: float, dt: float) -> None:
@@ -47,33 +59,32 @@ class HeldFootRule:
 
         Args:
             count: number of robots.
-            grace: time after a new command in which the foot may still be on the ground [s].
+            grace: time after a new command in which it is still allowed [s].
             dt: control period [s].
         """
         self._grace, self._dt = grace, dt
         self.due = torch.zeros(count)
         self.down = torch.zeros(count)
 
-    def restart(self, robots: torch.Tensor, age: torch.Tensor, *, hopping: bool = False) -> None:
+    def restart(self, robots: torch.Tensor, age: torch.Tensor, *, in_motion: bool = False) -> None:
         """Note that robots have a new command.
 
         Args:
             robots: indices, shape (k,).
             age: control steps since the start of their episodes, shape (k,).
-            hopping: whether they start in the middle of a hop, and so get no time to lift the foot.
+            in_motion: whether they start in the middle of the gait, and so get no time to find into it.
         """
-        self.due[robots] = age * self._dt + (0.0 if hopping else self._grace)
+        self.due[robots] = age * self._dt + (0.0 if in_motion else self._grace)
         self.down[robots] = 0.0
 
-    def broken(self, readings: Readings, gait: torch.Tensor, age: torch.Tensor) -> torch.Tensor:
+    def broken(self, forbidden: torch.Tensor, age: torch.Tensor) -> torch.Tensor:
         """Return which episodes end, shape (n,), bool; call it once per control step.
 
         Args:
-            readings: after the step.
-            gait: values of `Gait`, shape (n,).
+            forbidden: whether the feet do what their gait forbids, shape (n,), bool.
             age: control steps since the start of each episode, shape (n,).
         """
-        self.down = torch.where(held_foot_down(readings, gait), self.down + self._dt, 0.0)
+        self.down = torch.where(forbidden, self.down + self._dt, 0.0)
         return (self.down > LONGEST_TOUCH) & (age * self._dt >= self.due)
 
     def state_dict(self) -> dict[str, torch.Tensor]:

@@ -21,7 +21,7 @@ from hugwbc.robot import Robot, load_robot, robot_names
 
 CONTRACT_VERSION = 2  # 1 has the first layout of the command observation
 # Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
-_OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6), "squat_gain": (0.0, 1.0)}
+_OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6), "squat_gain": (0.0, 1.0), "swing_gain": (0.0, 1.0)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
 _FIXED = (
     "joint_names",
@@ -73,6 +73,7 @@ def policy_contract(
     action_scale: ArrayLike = ACTION_SCALE,
     waist_rate: float = WAIST_RATE,
     squat_gain: float = 0.0,
+    swing_gain: float = 0.0,
     kp: ArrayLike | None = None,
     kd: ArrayLike | None = None,
     robot: Robot | None = None,
@@ -84,6 +85,7 @@ def policy_contract(
         action_scale: radians of joint target per unit of action, one number or one per joint.
         waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
         squat_gain: share of the commanded height and pitch that the legs' joint targets follow.
+        swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
         kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
         kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
         robot: robot of the training; None for the H1.
@@ -105,6 +107,8 @@ def policy_contract(
         "action_scale": np.broadcast_to(np.asarray(action_scale, dtype=float), robot.kp.shape).tolist(),
         "waist_rate": waist_rate,
         "squat_gain": squat_gain,
+        "swing_gain": swing_gain,
+        "leg_length": robot.leg_length,
         "history_frames": obs.HISTORY_FRAMES,
         "proprioception": _layout(
             ("angular velocity of the pelvis in its own frame", 3, obs.ANGULAR_VELOCITY_SCALE),
@@ -140,7 +144,10 @@ def policy_contract(
             "policy_input": "latent, estimate, newest frame, command",
         },
         "joint_target": "nominal + action_scale * action; the waist's plus w, followed at waist_rate from 0; "
-        "the legs' plus squat_gain * the squat of the commanded h and p",
+        "the legs' plus the posture of squat_gain * the commanded h and p, "
+        "with soles lifted by swing_gain * the clock's swing one period later, minus the nominal: "
+        "knee = 2 acos(d / leg_length), hip pitch = -knee / 2 - p, ankle = -knee / 2, "
+        "d = leg_length cos(nominal knee / 2) + h - swing",
         "versions": versions(),
     }
 
@@ -205,7 +212,7 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
                 f"{origin} has {key} = {metadata.get(key)}, this version of hugwbc runs {expected[key]}; "
                 "use a policy trained with this version"
             )
-    metadata = {"squat_gain": 0.0} | metadata  # which policies from before it existed do not have
+    metadata = {"squat_gain": 0.0, "swing_gain": 0.0} | metadata  # which policies from before it existed do not have
     joints = len(expected["joint_names"])
     if type(metadata.get("action_scale")) in (int, float):  # one number stands for all joints
         metadata = metadata | {"action_scale": [float(metadata["action_scale"])] * joints}

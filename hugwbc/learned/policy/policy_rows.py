@@ -10,8 +10,8 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import feed_forward, layout as obs
+from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.policy_contract import command_size
-from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.robot import load_robot
 
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
@@ -50,7 +50,8 @@ class PolicyRows:
         self._waist_step = float(metadata["waist_rate"]) * self._period
         robot = load_robot(metadata["robot"])
         self._waist_joint = robot.waist
-        self._squat_gain, self._squat = float(metadata.get("squat_gain", 0.0)), SquatFeedForward(robot)
+        self._squat_gain, self._swing_gain = (float(metadata.get(f"{name}_gain", 0.0)) for name in ("squat", "swing"))
+        self._legs = LegFeedForward(robot)
         self._layout = None if command_size(metadata) == obs.COMMAND_SIZE else obs.first_layout_matrix().T
         self._command_scale = obs.command_scales()
         self.history = np.zeros((count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE), dtype=np.float32)
@@ -114,9 +115,10 @@ class PolicyRows:
         q = self._nominal + self._scale * self.action
         self._waist += np.clip(command[:, _W] - self._waist, -self._waist_step, self._waist_step)
         q[:, self._waist_joint] += self._waist
-        if self._squat_gain > 0.0:
+        if self._squat_gain > 0.0 or self._swing_gain > 0.0:
             self._posture = follow(self._posture, command[:, _SQUAT], self._period)
-            q += self._squat_gain * self._squat.offsets(*self._posture.T)
+            clearance = self._swing_gain * swing_clearance(self.phase, gait, command, self._period)
+            q += self._legs.offsets(*(self._squat_gain * self._posture.T), clearance)
         return q
 
     def _observe(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:

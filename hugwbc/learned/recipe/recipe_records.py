@@ -215,7 +215,8 @@ class Stage:
             scale: Literal["linear", "log"] | None
             scale = {"linear": "linear", "geometric": "log"}.get(schedule.shape)  # type: ignore[assignment]
             numbers = all(isinstance(value, int | float) for value in schedule.values)
-            if scale and numbers and name.rpartition(".")[0] in _SMOOTH and name not in without:
+            smooth = name in _SMOOTH or name.rpartition(".")[0] in _SMOOTH
+            if scale and numbers and smooth and name not in without:
                 steps = tuple(begin + place * self.work for place in schedule.places)
                 found.append(Schedule(name, steps, tuple(map(float, schedule.values)), scale))
         return tuple(found)

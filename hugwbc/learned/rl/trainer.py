@@ -345,6 +345,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
         kd=env.damping(robot),
         waist_rate=env.waist_rate,
         squat_gain=env.squat_gain,
+        swing_gain=env.swing_gain,
     )
 
 

@@ -157,6 +157,20 @@ def test_a_held_foot_on_the_ground_ends_the_episode_only_if_asked_and_after_the_
     assert lasted[0.0] > 0.6
 
 
+def test_a_jump_that_stays_on_the_ground_ends_the_episode_only_if_asked_and_after_the_grace() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0)
+    lasted = {}
+    for grace in (0.0, 0.3):
+        env = HumanoidEnv(EnvConfig(count=8, command=command, flight_grace=grace), seed=3, threads=1)
+        env.begin_episodes(torch.arange(8))
+        steps = 0
+        while steps < 40 and not env.step(torch.zeros(8, 19)).done.any():  # the nominal stand holds a while
+            steps += 1
+        lasted[grace] = steps * env.dt
+    assert 0.3 <= lasted[0.3] < 0.6
+    assert lasted[0.0] > 0.6
+
+
 def test_a_new_command_gives_a_held_foot_time_again() -> None:
     command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0, resample_steps=20)
     env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=0.5), seed=3, threads=1)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned.config import ExtraWeights, RewardWeights
 from hugwbc.learned.env import rewards
@@ -242,6 +243,15 @@ def test_contacts_in_flight_count_in_jumping_and_hopping_and_no_mismatch_does_in
         transition = make_transition(gait=torch.tensor([int(gait)]), **lifted)
         assert (rewards.flight_contact(transition, make_body()).item() == 2.0) == jumps
         assert (rewards.contact_mismatch(transition, make_body()).item() == 0.0) == (gait is Gait.STANDING)
+
+
+def test_a_flight_may_end_with_the_speed_of_its_fall() -> None:
+    command = torch.zeros(1, 8)
+    command[0, COMMAND_NAMES.index("f")] = 2.0  # a flight of 0.25 s: a fall of 0.125 s, 1.226 m/s
+    landing = {"command": command, "touch_down": torch.tensor([[True, False]]), "descent": torch.tensor([[1.6, 0.0]])}
+    for gait, expected in ((Gait.WALKING, 1.69), (Gait.JUMPING, 0.0054), (Gait.HOPPING_LEFT, 0.0054)):
+        transition = make_transition(gait=torch.tensor([int(gait)]), **landing)
+        assert rewards.foot_impact(transition, make_body()).item() == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_soft_landing_costs_nothing_and_a_hard_one_no_more_than_its_limit() -> None:

@@ -4,7 +4,7 @@ import torch
 
 from hugwbc.gait import Gait
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.terminations import HeldFootRule, fallen, held_foot_down
+from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down, missed_flight
 
 
 def test_inclinations_and_a_low_pelvis_are_falls_and_nothing_less_is(small_env: HumanoidEnv) -> None:
@@ -26,11 +26,22 @@ def test_the_held_foot_is_the_other_one_than_hops(small_env: HumanoidEnv) -> Non
     assert held_foot_down(readings, gait).tolist() == [False, True] + [False] * 6
 
 
+def test_a_flight_is_missed_if_a_foot_is_on_the_ground_in_its_time(small_env: HumanoidEnv) -> None:
+    force = torch.zeros(8, 2, 3)
+    force[:4, 0, 2] = 50.0  # the left foot of the first four
+    contact = torch.ones(8, 2)
+    contact[[0, 1, 3, 4]] = 0.1
+    contact[2, 0] = 0.1
+    gait = torch.tensor([Gait.JUMPING, Gait.HOPPING_RIGHT, Gait.JUMPING, Gait.WALKING] * 2)
+    readings = dataclasses.replace(small_env.readings, foot_force=force)
+    assert missed_flight(readings, gait, contact).tolist() == [True, True] + [False] * 6
+
+
 def test_a_held_foot_may_brush_the_ground_and_has_time_after_a_command(small_env: HumanoidEnv) -> None:
     gait = torch.full((8,), int(Gait.HOPPING_LEFT))
-    rule, robots = HeldFootRule(8, grace=0.39, dt=0.02), torch.arange(8)
+    rule, robots = FeetRule(8, grace=0.39, dt=0.02), torch.arange(8)
     rule.restart(robots[:4], torch.zeros(4))
-    rule.restart(robots[4:], torch.zeros(4), hopping=True)
+    rule.restart(robots[4:], torch.zeros(4), in_motion=True)
     broken = []
     for step in range(1, 31):
         force = torch.zeros(8, 2, 3)
@@ -39,10 +50,10 @@ def test_a_held_foot_may_brush_the_ground_and_has_time_after_a_command(small_env
         down |= (robots % 4 == 3) & (step < 15)  # until 0.3 s
         force[down, 1, 2] = 50.0
         readings = dataclasses.replace(small_env.readings, foot_force=force)
-        broken.append(rule.broken(readings, gait, torch.full((8,), step)))
+        broken.append(rule.broken(held_foot_down(readings, gait), torch.full((8,), step)))
     first = torch.where(torch.stack(broken).any(0), torch.stack(broken).int().argmax(0) + 1, 0)
     assert first.tolist() == [0, 20, 0, 0, 0, 4, 0, 4]
-    again = HeldFootRule(8, grace=0.4, dt=0.02)
+    again = FeetRule(8, grace=0.4, dt=0.02)
     again.load_state_dict(rule.state_dict())
     torch.testing.assert_close(again.due, rule.due)
     torch.testing.assert_close(again.down, rule.down)

@@ -14,9 +14,9 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
+from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
-from hugwbc.learned.policy.squat import SquatFeedForward, follow
 from hugwbc.learned.rl.trainer import contract_of
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -58,12 +58,12 @@ def test_is_a_controller(policy_file: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("action_scale", "waist_rate", "substeps", "squat_gain"),
-    [(0.25, 2.0, 4, 0.0), (0.5, 1.0, 2, 0.7)],
+    ("action_scale", "waist_rate", "substeps", "squat_gain", "swing_gain"),
+    [(0.25, 2.0, 4, 0.0, 0.0), (0.5, 1.0, 2, 0.7, 0.8)],
     ids=["defaults", "other settings"],
 )
 def test_controller_does_what_the_training_environment_does(
-    action_scale: float, waist_rate: float, substeps: int, squat_gain: float, tmp_path: pathlib.Path
+    action_scale: float, waist_rate: float, substeps: int, squat_gain: float, swing_gain: float, tmp_path: pathlib.Path
 ) -> None:
     """The same network in the environment and behind the controller gives the same targets along a trajectory."""
     quiet = RandomizationConfig(
@@ -82,6 +82,7 @@ def test_controller_does_what_the_training_environment_does(
         waist_rate=waist_rate,
         substeps=substeps,
         squat_gain=squat_gain,
+        swing_gain=swing_gain,
         flip_probability=0.0,
     )
     env = HumanoidEnv(settings, seed=2, threads=1)
@@ -100,7 +101,7 @@ def test_controller_does_what_the_training_environment_does(
 
     controller.reset(state())
     controller._rows.phase[:] = float(env.phase[0]) - 2.0 * controller.period
-    waist, posture, squat = 0.0, np.zeros((1, 2)), SquatFeedForward(ROBOT)
+    waist, posture, legs = 0.0, np.zeros((1, 2)), LegFeedForward(ROBOT)
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
         observation = env.observe()
@@ -110,7 +111,8 @@ def test_controller_does_what_the_training_environment_does(
         waist = min(waist + waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
         posture = follow(posture, np.array([[-0.1, 0.1]]), controller.period)
-        expected += squat_gain * squat.offsets(*posture.T)[0]
+        lifted = swing_clearance(env.phase.numpy(), env.gait.numpy(), env.command.numpy(), controller.period)
+        expected += legs.offsets(*(squat_gain * posture.T), swing_gain * lifted)[0]
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
         env.step(action)

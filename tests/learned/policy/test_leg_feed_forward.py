@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from hugwbc import rotations
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned.policy.leg_feed_forward import (
+    HEIGHT_RATE,
+    PITCH_RATE,
+    LegFeedForward,
+    follow,
+    swing_clearance,
+)
+from hugwbc.robot import load_robot
+from hugwbc.state import RobotState
+
+ROBOT = load_robot("h1")
+
+
+@pytest.mark.parametrize(
+    ("height", "pitch"), [(0.0, 0.0), (-0.1, 0.0), (-0.2, 0.0), (-0.3, 0.0), (0.0, 0.4), (-0.2, 0.3)]
+)
+def test_soles_of_a_squat_are_on_the_ground(height: float, pitch: float) -> None:
+    q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([height]), np.array([pitch]))[0]
+    kinematics = Kinematics(robot=ROBOT)
+    kinematics.update(
+        RobotState(
+            q=q,
+            dq=np.zeros(19),
+            orientation=rotations.from_yaw_pitch_roll(0.0, pitch, 0.0),
+            angular_velocity=np.zeros(3),
+            position=np.array([0.0, 0.0, ROBOT.nominal_height + height]),
+            velocity=np.zeros(3),
+        )
+    )
+    np.testing.assert_allclose(kinematics.measured().clearance, 0.0, atol=6e-3)
+    assert (q > ROBOT.lower).all() and (q < ROBOT.upper).all()
+    others = np.setdiff1d(np.arange(19), ROBOT.legs)
+    np.testing.assert_array_equal(q[others], ROBOT.nominal[others])
+
+
+def test_soles_are_lifted_by_the_clearance() -> None:
+    lifted = np.array([[0.2, 0.0]])
+    q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([-0.1]), np.array([0.1]), lifted)[0]
+    kinematics = Kinematics(robot=ROBOT)
+    kinematics.update(
+        RobotState(
+            q=q,
+            dq=np.zeros(19),
+            orientation=rotations.from_yaw_pitch_roll(0.0, 0.1, 0.0),
+            angular_velocity=np.zeros(3),
+            position=np.array([0.0, 0.0, ROBOT.nominal_height - 0.1]),
+            velocity=np.zeros(3),
+        )
+    )
+    np.testing.assert_allclose(kinematics.measured().clearance, lifted[0], atol=1e-2)
+
+
+def test_the_clearance_is_that_of_the_clock_one_period_later() -> None:
+    command = np.zeros((3, 8))
+    command[:, COMMAND_NAMES.index("f")], command[:, COMMAND_NAMES.index("l")] = 2.0, 0.2
+    gait = np.array([Gait.WALKING, Gait.HOPPING_LEFT, Gait.STANDING])
+    result = swing_clearance(np.full(3, 0.21), gait, command, 0.02)  # the left foot is at 0.75 in a walk
+    np.testing.assert_allclose(result, [[0.2, 0.0], [0.0, 0.2], [0.0, 0.0]], atol=1e-9)
+
+
+def test_absurd_commands_stay_within_the_joints_ranges() -> None:
+    offsets = LegFeedForward(ROBOT).offsets(np.array([-5.0, 5.0]), np.array([9.0, -9.0]))
+    q = ROBOT.nominal + offsets
+    assert np.isfinite(q).all() and (q >= ROBOT.lower).all() and (q <= ROBOT.upper).all()
+
+
+def test_it_follows_at_its_rates() -> None:
+    value = follow(np.zeros((2, 2)), np.array([[-0.3, 0.4], [-0.001, 0.0]]), 0.02)
+    np.testing.assert_allclose(value, [[-0.02 * HEIGHT_RATE, 0.02 * PITCH_RATE], [-0.001, 0.0]])
