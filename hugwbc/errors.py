@@ -71,5 +71,9 @@ class SceneError(HugwbcError):
     """A scene that cannot be built, or a scene file that is not valid; names file and line where there is one."""
 
 
+class CaptureError(HugwbcError):
+    """A text of a motion capture or for the grippers that is not of its form."""
+
+
 class DeploymentError(HugwbcError):
     """A robot that cannot be reached, or does not let itself be controlled."""

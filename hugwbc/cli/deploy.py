@@ -22,17 +22,19 @@ from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.scripts.behaviours import BehaviourSource
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim.arena import known_robot
 from hugwbc.sim.sensors import ROBOT
+from hugwbc.tasks import load_task, shapes_of
 from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
 _PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
 _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
 # What a recording must hold for its replay.
-_RECORDED = ("controller", "policy", "robot", "script", "age")
+_RECORDED = ("controller", "policy", "robot", "script", "age", "task", "seed")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +54,11 @@ class DeployOptions:
     script: str | None = None
     """Play this script, with its hand targets, once the controller runs: a shipped script's name, or a file (.yaml). By
     default the sticks of the remote control give the commands."""
+    task: str | None = None
+    """Do this task instead (docs/tasks.md), by the object poses on the topic rt/hugwbc/objects: a task of the suite, or
+    the path of a Python file with one."""
+    seed: int = 0
+    """Of the objects of --task, as `simulate-robot` has it: the behaviour is told their sizes."""
     duration: float | None = None
     """End after this time since the first state, on the robot's clock [s]; by default when the operator ends it."""
     slower: float = 1.0
@@ -90,6 +97,8 @@ def run(words: Sequence[str]) -> int:
     )
     if options.net != LOOPBACK and (options.lockstep or options.slower != 1.0):
         raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
+    if options.task is not None and options.script is not None:
+        raise ConfigError("--task gives the commands itself; leave --script out")
     header = {name: getattr(options, name) for name in _RECORDED}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
@@ -152,6 +161,7 @@ def summary(side: RobotSide, wall: float) -> str:
         f"{side.sent} commands sent",
         f"latency from state to command: {timing.latency}; {timing.missed} later than the controller's period",
         f"jitter of the publishing thread: {timing.jitter}",
+        *([f"{side.unseen} texts of the motion capture were refused"] if side.unseen else []),
         *report.messages,
     ]
     return "\n".join(lines)
@@ -168,7 +178,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         spec = ControllerSpec(header["controller"], header["policy"])
         told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
         controller = (told if spec.takes_robot else spec).build()
-        source: CommandSource = Sticks() if header["script"] is None else load_script(header["script"])
+        source = _source(header)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
         return robot, Pilot(
@@ -176,6 +186,15 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
+
+
+def _source(header: dict[str, Any]) -> CommandSource:
+    """Return what gives the commands: a task's behaviour, a script, or the sticks."""
+    name = header.get("task")  # which recordings from before tasks do not have
+    if name is not None:
+        task = load_task(name)
+        return BehaviourSource(task.behaviour(shapes_of(task.scene.draw(header["seed"]))))
+    return Sticks() if header["script"] is None else load_script(header["script"])
 
 
 def _replay(path: pathlib.Path, page: pathlib.Path | None) -> int:

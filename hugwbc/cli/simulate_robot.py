@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 from hugwbc.cli.output import parse, say
+from hugwbc.controller import JointCommand
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
 from hugwbc.deploy.keyboard import listen
@@ -12,7 +13,9 @@ from hugwbc.deploy.radio import Radio
 from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.errors import ConfigError
-from hugwbc.sim import ArenaChoice
+from hugwbc.sim import ArenaChoice, Simulation, load_scene
+from hugwbc.tasks import Ending, Task, load_task
+from hugwbc.tasks.running_judge import RunningJudge
 
 STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
@@ -31,6 +34,11 @@ class SimulateRobotOptions(ArenaChoice):
     schedule: str = ""
     """What its remote control and its hoist do, and when, from the first sound command on [s]:
     "1 Start, 4 lower, 7 A, 8 release, 9 ly=0.5, 30 Select"."""
+    task: str | None = None
+    """Stand among the objects of this task (docs/tasks.md), and say at the end whether it was done: a task of the
+    suite, or the path of a Python file with one."""
+    scene: str | None = None
+    """Stand among the objects of this scene file (docs/scenes.md)."""
     mode: str = ""
     """Motion mode that is active at first, such as normal; commands are refused until it is released."""
     loss: float = 0.0
@@ -46,7 +54,7 @@ class SimulateRobotOptions(ArenaChoice):
     duration: float | None = None
     """End after this time [s]; by default on Ctrl-C."""
     seed: int = 0
-    """Seed of the sensors' errors and of the packets' fates."""
+    """Seed of the sensors' errors, of the packets' fates and of the objects."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -61,7 +69,12 @@ def run(words: Sequence[str]) -> int:
     if not 1.0 <= options.slower <= 1000.0:
         raise ConfigError(f"the robot is {options.slower} times slower; give 1 to 1000")
     radio, schedule = Radio(options.loss, options.delay, options.jitter), Schedule.parse(options.schedule)
-    simulation = options.chosen.simulation(latency=0.0, seed=options.seed)
+    if options.task is not None and options.scene is not None:
+        raise ConfigError("--task has a scene of its own; leave --scene out")
+    task = None if options.task is None else load_task(options.task)
+    scene = task.scene if task is not None else None if options.scene is None else load_scene(options.scene)
+    simulation = options.chosen.simulation(latency=0.0, seed=options.seed, scene=scene)
+    judge = None if task is None else Judge(task, simulation)
     endpoint = DdsEndpoint(robot=True, net=options.net, domain=options.domain)
     robot = SimulatedRobot(
         simulation,
@@ -73,6 +86,7 @@ def run(words: Sequence[str]) -> int:
         latency=options.chosen.profile.latency,
         seed=options.seed,
         tell=say,
+        watch=judge or (lambda command: None),
     )
     say(
         f"simulating {simulation.robot.name} on {options.net}, domain {options.domain}; words: {', '.join(HOIST_WORDS)}"
@@ -82,8 +96,33 @@ def run(words: Sequence[str]) -> int:
         robot.run(options.duration or math.inf, slower=options.slower, lockstep=options.lockstep)
     finally:
         say(summary(robot))
+        if judge is not None:
+            say(judge.words())
         endpoint.close()
     return 0
+
+
+class Judge:
+    """Judges a task while the joints are driven: not before, and not when they are damped at the end."""
+
+    def __init__(self, task: Task, simulation: Simulation) -> None:
+        """Begin to watch a simulation."""
+        self._task, self._simulation, self._judge = task, simulation, RunningJudge(task, simulation)
+        self._start: float | None = None
+
+    def __call__(self, command: JointCommand) -> None:
+        """Look at the world after a physics step with a command."""
+        if command.kp.any():
+            self._start = self._simulation.time if self._start is None else self._start
+            self._judge.look()
+            self._judge.sample(self._simulation.time - self._start)
+
+    def words(self) -> str:
+        """Return the verdict, for people."""
+        if self._start is None:
+            return f"{self._task.name}: the joints were never driven"
+        verdict = self._judge.verdict(Ending(True))
+        return f"{self._task.name}: " + ("done" if verdict.success else f"not done: {verdict.reason}")
 
 
 def summary(robot: SimulatedRobot) -> str:

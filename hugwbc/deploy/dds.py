@@ -83,6 +83,10 @@ class DdsEndpoint:
                 "this process has not joined the domain before"
             ) from error
         best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(HISTORY))
+        # Texts are few, and each one counts: that a hand lets go is said once.
+        self._reliable = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(HISTORY))
+        self._text_writers: dict[str, Any] = {}
+        self._text_readers: dict[str, Any] = {}
         self._writer = DataWriter(self._participant, self._topic(self._sends))
         self._reader = DataReader(self._participant, self._topic(self._receives), qos=best_effort)
         unread = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
@@ -122,6 +126,34 @@ class DdsEndpoint:
             data = [sample.data for sample in samples if isinstance(sample, _Raw)]
             return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
         return []
+
+    def publish(self, topic: str, text: str) -> None:
+        """Send a text on a topic besides states and commands."""
+        if topic not in self._text_writers:
+            from cyclonedds.pub import DataWriter
+
+            self._text_writers[topic] = DataWriter(self._participant, self._text_topic(topic), qos=self._reliable)
+        with contextlib.suppress(self._error):
+            self._text_writers[topic].write(_std("String_")(text))
+
+    def texts(self, topic: str) -> list[str]:
+        """Return the texts that have arrived on a topic since the last call, oldest first.
+
+        The first call subscribes.
+        """
+        if topic not in self._text_readers:
+            from cyclonedds.sub import DataReader
+
+            self._text_readers[topic] = DataReader(self._participant, self._text_topic(topic), qos=self._reliable)
+        with contextlib.suppress(self._error):
+            samples = self._text_readers[topic].take(N=HISTORY)
+            return [sample.data for sample in samples if isinstance(getattr(sample, "data", None), str)]
+        return []
+
+    def _text_topic(self, name: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
+        from cyclonedds.topic import Topic
+
+        return Topic(self._participant, name, _std("String_"))
 
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
         """Call the robot's motion switcher and wait for the answer; see `Endpoint.call`."""
@@ -174,6 +206,8 @@ class DdsEndpoint:
         self._wait.detach(self._condition)
         del self._condition, self._wait
         self._calls = None
+        self._text_writers.clear()
+        self._text_readers.clear()
         del self._reader, self._writer
         del self._participant, self._domain
 
@@ -195,6 +229,12 @@ def _api(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
     import unitree_sdk2py.idl.unitree_api.msg.dds_ as api
 
     return getattr(api, name)
+
+
+def _std(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
+    import unitree_sdk2py.idl.std_msgs.msg.dds_ as std
+
+    return getattr(std, name)
 
 
 def _request(identity: int, number: int, parameter: str) -> Any:  # noqa: ANN401  a message of the maker's

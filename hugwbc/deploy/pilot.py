@@ -12,6 +12,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
 from hugwbc.deploy.remote import ButtonWatch, Remote, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
@@ -22,7 +23,9 @@ from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.loop import ArmSource
 from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.safety import SafetyFilter
-from hugwbc.scripts.command_source import CommandSource
+from hugwbc.runtime.sight import Sight
+from hugwbc.scripts.behaviours import Grip
+from hugwbc.scripts.command_source import CommandSource, SeeingSource
 from hugwbc.state import GRAVITY, RobotState
 
 _ROUNDING = 1e-9  # [s]
@@ -60,6 +63,7 @@ class Pilot:
         estimate: the last estimate; None before the first state.
         estimator: the only source of the controller's state.
         plan: what the controller plans, for pictures.
+        grips: what the source asked of the idealised grippers at the last call of the controller.
     """
 
     def __init__(
@@ -92,6 +96,10 @@ class Pilot:
         self.estimate: RobotState | None = None
         self._source, self._upper_body, self._robot = source, upper_body, robot
         self._steer = getattr(source, "steer", None)
+        self._seeing = source if isinstance(source, SeeingSource) else None
+        self._world = CapturedWorld()
+        self._sight = Sight(self._world, robot)
+        self.grips: tuple[Grip, ...] = ()
         self.plan = PlanView(controller)
         self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
         self._weight = GRAVITY * robot.mass
@@ -110,6 +118,10 @@ class Pilot:
     def carried(self) -> float:
         """Part of the weight that the feet carry, as the torques of the legs tell."""
         return float(self.estimator.foot_force[:, 2].sum()) / self._weight
+
+    def see(self, capture: Capture) -> None:
+        """Take what a motion capture sees of robot and objects, for a source that decides by it."""
+        self._world.take(capture)
 
     def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
         """Take a state, and decide.
@@ -184,6 +196,9 @@ class Pilot:
         if self._upper_body is not None:
             self._upper_body.reset()
         self._arms = None
+        self._sight.reset()
+        if self._seeing is not None:
+            self._seeing.restart()
         self._run_start = self._due = state.time
 
     def _run(self, message: StateMessage) -> Decision:
@@ -197,10 +212,19 @@ class Pilot:
         self._due = (self._due if on_time else time) + self.safe.period
         if self._steer is not None:
             self._steer(message.remote, time)
-        command, arms = self._arm_targets(estimate, self._source.command_at(time - self._run_start), time)
+        placed = self._look(self._seeing, estimate, time) if self._seeing is not None else estimate
+        command, arms = self._arm_targets(placed, self._source.command_at(time - self._run_start), time)
         self._last = self.safe.act(estimate, command, arms)
         self._arms = self._last.q[self._robot.arms]
         return Decision(time, self._last, new=True)
+
+    def _look(self, source: SeeingSource, estimate: RobotState, time: float) -> RobotState:
+        """Show the source what is known now; return the state in the world that it sees."""
+        self._world.advance(time)
+        view = dataclasses.replace(self._sight.look(time, estimate), time=time - self._run_start)
+        source.see(view)
+        self.grips = source.grips
+        return view.state
 
     def _arm_targets(self, estimate: RobotState, command: Command, time: float) -> tuple[Command, UpperBody]:
         if self._upper_body is None:

@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
+from hugwbc.deploy.capture import Capture
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Request
@@ -22,9 +23,9 @@ from hugwbc.errors import ResultFileError
 
 FORMAT = "hugwbc deployment 1"
 # Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
-# while nothing is to be sent); a published command (empty if it is the pilot's last one).
-STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED = b"S", b"X", b"R", b"F", b"D", b"P"
-_KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED)
+# while nothing is to be sent); a published command (empty if it is the pilot's last one); what a motion capture saw.
+STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN = b"S", b"X", b"R", b"F", b"D", b"P", b"O"
+_KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN)
 _ENTRY = struct.Struct("<cdI")
 _LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 1 << 16  # bytes
 _FLUSH_EVERY = 500  # entries
@@ -213,6 +214,8 @@ def replay(
             asked.append(Request(entry.content.decode()))
         elif entry.kind == FAULT:
             fault = entry.content.decode()
+        elif entry.kind == SEEN:
+            pilot.see(Capture.of(entry.content.decode()))
         elif entry.kind == STATE:
             state = intake.accept(entry.content, entry.time)
             if state is not None:

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from hugwbc.deploy import recording
+from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
 from hugwbc.deploy.messages import Messages, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
@@ -27,7 +28,7 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.timing import Timing
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Intake
-from hugwbc.errors import ConfigError
+from hugwbc.errors import CaptureError, ConfigError
 from hugwbc.robot import Robot
 
 PERIOD = 0.002  # [s] between two commands
@@ -142,6 +143,7 @@ class RobotSide:
         intake: counts what arrives.
         timing: latency and jitter, on the robot's clock.
         sent: number of commands sent.
+        unseen: number of texts of a motion capture that were refused.
     """
 
     def __init__(
@@ -178,7 +180,8 @@ class RobotSide:
         self._start: float | None = None
         self._fade: float | None = None
         self._sent_decision = b""
-        self.sent = 0
+        self.sent = self.unseen = 0
+        endpoint.texts(OBJECTS)  # from now on they are heard
 
     def ask(self, request: Request) -> None:
         """Pass on what the operator asks for; a second stop ends the program."""
@@ -232,13 +235,35 @@ class RobotSide:
             self._record(recording.REQUEST, request.value.encode())
         if fault is not None:
             self._record(recording.FAULT, fault.encode())
+        self._look()
         self._record(recording.STATE, raw, arrival)
         decision = self.pilot.observe(state, asked, fault)
         message = None if decision.command is None else self._messages.pack_command(decision.command)
         self._record(recording.DECISION, message or b"")
+        if decision.new:
+            self._grip()
         self._outlet.put(message, state.state.time, new=decision.new, active=self.pilot.machine.active)
         self._time_over(state.state.time)
         return message
+
+    def _look(self) -> None:
+        """Show the pilot the newest sound text of a motion capture."""
+        for text in reversed(self._endpoint.texts(OBJECTS)):
+            try:
+                capture = Capture.of(text)
+            except CaptureError as error:
+                self.unseen += 1
+                if self.unseen == 1:
+                    self._tell(f"a text on {OBJECTS} was refused: {error}")
+                continue
+            self._record(recording.SEEN, text.encode())
+            self.pilot.see(capture)
+            return
+
+    def _grip(self) -> None:
+        """Ask the grippers for what the pilot's source wants now."""
+        if self.pilot.grips and not self.settings.dry_run:
+            self._endpoint.publish(GRIPS, text_of_grips(self.pilot.grips))
 
     def _time_over(self, now: float) -> None:
         """Stop when the duration is over, and end when the joints have been damped for a while."""

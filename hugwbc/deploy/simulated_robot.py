@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.controller import JointCommand
+from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, grips_of
 from hugwbc.deploy.hoist import Hoist
 from hugwbc.deploy.messages import COMMAND, STATE, TICK, Messages
 from hugwbc.deploy.motion_switcher import SimulatedSwitcher
@@ -15,7 +16,9 @@ from hugwbc.deploy.radio import Channel, Radio
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.wire import check_sum, is_sealed, layout, record
-from hugwbc.errors import ConfigError
+from hugwbc.errors import CaptureError, ConfigError
+from hugwbc.robot import SIDES
+from hugwbc.runtime.sight import carry_out
 from hugwbc.sim import Simulation
 
 AMBIENT = 30.0  # [degrees Celsius] of the motors; heating is not simulated
@@ -56,7 +59,7 @@ class SimulatedRobot:
         switcher: its motion modes; while one is active, it refuses commands.
         temperature: of the motors [degrees Celsius], shape (19,).
         received: commands that have arrived.
-        refused: commands that were refused, by reason.
+        refused: commands, and texts that ask for grips, that were refused, by reason.
         extremes: largest values so far.
     """
 
@@ -72,6 +75,7 @@ class SimulatedRobot:
         latency: float = 0.0,
         seed: int = 0,
         tell: Callable[[str], None] = lambda text: None,
+        watch: Callable[[JointCommand], None] = lambda command: None,
     ) -> None:
         """Hang up the robot and turn it on.
 
@@ -85,6 +89,7 @@ class SimulatedRobot:
             latency: age of a state when it is sent [s].
             seed: of losses and jitter.
             tell: called with what a person should know.
+            watch: called after each physics step, with the command that the drives had.
 
         Raises:
             ConfigError: if the sensors have a latency of their own, or the time step is not a multiple of a tick.
@@ -94,7 +99,7 @@ class SimulatedRobot:
         if abs(simulation.timestep / TICK - round(simulation.timestep / TICK)) > 1e-9:
             raise ConfigError(f"time step is {simulation.timestep} s; the robot's clock counts milliseconds")
         self.simulation = simulation
-        self._endpoint, self._tell = endpoint, tell
+        self._endpoint, self._tell, self._watcher = endpoint, tell, watch
         self._messages = Messages(simulation.robot)
         radio, rng = radio or Radio(), np.random.default_rng(seed)
         self._states: Channel[bytes] = Channel(radio, rng, latency)
@@ -106,6 +111,7 @@ class SimulatedRobot:
         self._first: float | None = None
         self._last_arrival = 0.0
         self._told: dict[str, float] = {}
+        self._shown = -math.inf
         self._size = layout(COMMAND).itemsize
         simulation.reset()
         self.hoist = Hoist(simulation, 0.0 if hoist is None else hoist)
@@ -113,6 +119,7 @@ class SimulatedRobot:
             self.hoist.release()
         self.switcher = SimulatedSwitcher(mode)
         endpoint.serve(self.switcher)
+        endpoint.texts(GRIPS)  # from now on they are heard
         self.temperature = np.full(simulation.robot.kp.size, AMBIENT)
         self.received = 0
         self.refused: dict[str, int] = {}
@@ -137,11 +144,31 @@ class SimulatedRobot:
         tick = round(self.time / TICK) + 1
         reading = self.simulation.sense()
         self._states.put(self._messages.pack_state(reading, tick, self.temperature, self._schedule.remote), self.time)
+        self._show()
         due = self._states.take(self.time)
         for message in due:
             self._endpoint.send(message)
             self._sent_tick = int(record(STATE, message)["tick"])
         return len(due)
+
+    def _show(self) -> None:
+        """Send what the motion capture sees, whenever it has a new picture."""
+        picture = self.simulation.objects.picture()
+        if picture is None or picture.time <= self._shown:
+            return
+        self._shown = picture.time
+        gripper = self.simulation.gripper
+        held = [None if gripper is None else gripper.held(side) for side in SIDES]
+        names = self.simulation.objects.names
+        capture = Capture(picture.time + TICK, picture.robot, names, picture.poses, (held[0], held[1]))
+        self._endpoint.publish(OBJECTS, capture.text())
+
+    def _take_grips(self) -> None:
+        for text in self._endpoint.texts(GRIPS):
+            try:
+                carry_out(grips_of(text), self.simulation)
+            except CaptureError as error:
+                self._refuse("grips", str(error), "grips")
 
     def take(self, timeout: float = 0.0) -> int | None:
         """Take the commands that have arrived within `timeout` [s]; return what the last sound one answers, if any."""
@@ -170,22 +197,24 @@ class SimulatedRobot:
             return "motion mode", f"motion mode '{self.switcher.active}' is active; release it first"
         return None
 
-    def _refuse(self, kind: str, text: str) -> None:
+    def _refuse(self, kind: str, text: str, what: str = "command") -> None:
         self.refused[kind] = self.refused.get(kind, 0) + 1
         if self.time - self._told.get(kind, -math.inf) >= _TELL_EVERY:
             self._told[kind] = self.time
-            self._tell(f"[{self.time:.2f} s] command refused ({self.refused[kind]} so far): {text}")
+            self._tell(f"[{self.time:.2f} s] {what} refused ({self.refused[kind]} so far): {text}")
 
     def move(self) -> None:
         """Make one physics step with the newest command."""
         for sent, command in self._commands.take(self.time):
             if sent >= self._command_sent:  # a command that was overtaken is too old
                 self._command, self._command_sent, self._last_arrival = command, sent, self.time
+        self._take_grips()
         self.hoist.update()
         self.simulation.step(self._command, self.simulation.timestep)
-        self._watch()
+        self._measure()
+        self._watcher(self._command)
 
-    def _watch(self) -> None:
+    def _measure(self) -> None:
         simulation, before = self.simulation, self.extremes
         robot, state = simulation.robot, simulation.state()
         beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)

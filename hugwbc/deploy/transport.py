@@ -26,6 +26,14 @@ class Endpoint(Protocol):
         """Return the messages that have arrived, oldest first; wait up to `timeout` [s] for the first one."""
         ...
 
+    def publish(self, topic: str, text: str) -> None:
+        """Send a text on a topic besides states and commands."""
+        ...
+
+    def texts(self, topic: str) -> list[str]:
+        """Return the texts that have arrived on a topic since the last call, oldest first."""
+        ...
+
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
         """Call the robot's motion switcher.
 
@@ -62,6 +70,15 @@ class LocalEndpoint:
         """Empty the box."""
         return self._inbox.take(timeout)
 
+    def publish(self, topic: str, text: str) -> None:
+        """Put a text into the other end's box."""
+        self._outbox.texts[topic].append(text)
+
+    def texts(self, topic: str) -> list[str]:
+        """Empty the box of a topic."""
+        waiting = self._inbox.texts[topic]
+        return [waiting.popleft() for _ in range(len(waiting))]
+
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
         """Call the service of the other end at once."""
         service = self._outbox.service
@@ -81,6 +98,7 @@ class _Box:
     def __init__(self, size: int) -> None:
         self._messages: collections.deque[bytes] = collections.deque(maxlen=size)
         self._changed = threading.Condition()
+        self.texts: dict[str, collections.deque[str]] = collections.defaultdict(lambda: collections.deque(maxlen=size))
         self.service: Service | None = None
 
     def put(self, message: bytes) -> None:

@@ -13,7 +13,7 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
-from hugwbc.runtime.sight import Sight, carry_out
+from hugwbc.runtime.sight import Sight, SimulatedWorld, carry_out
 from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, FollowingSource, SeeingSource
 from hugwbc.sim import Engine
@@ -127,7 +127,13 @@ class ControlLoop:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._commanded_arms: np.ndarray | None = None
-        self._sight = None if self._seeing is None else Sight(simulation, self.safe.robot)
+        sensing = simulation.sensing
+        self._sight = Sight(
+            SimulatedWorld(simulation),
+            self.safe.robot,
+            noisy=bool(sensing.object_position or sensing.object_attitude),
+            drifting=not sensing.position,
+        )
         self._free_arms = UpperBody.none()
 
     def reset(self) -> None:
@@ -140,7 +146,7 @@ class ControlLoop:
         self._commanded_arms = None
         if self.upper_body is not None:
             self.upper_body.reset()
-        if self._seeing is not None and self._sight is not None:
+        if self._seeing is not None:
             self._seeing.restart()
             self._sight.reset()
 
@@ -162,7 +168,6 @@ class ControlLoop:
 
     def _look(self, source: SeeingSource, t: float, state: RobotState) -> RobotState:
         """Show the source what is known now and carry its grips out; return the state in the world that it sees."""
-        assert self._sight is not None
         view = self._sight.look(t, state)
         source.see(view)
         if source.grips:

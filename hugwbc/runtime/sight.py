@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import math
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 
@@ -103,15 +104,60 @@ class SeenRobot:
         )
 
 
+class World(Protocol):
+    """What a motion capture sees of robot and objects, and what the grippers hold."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects."""
+        ...
+
+    def picture(self) -> Picture | None:
+        """Return the newest picture; None without one."""
+        ...
+
+    def held(self, side: str) -> str | None:
+        """Return what the gripper of a hand holds; None for nothing."""
+        ...
+
+
+class SimulatedWorld:
+    """The world of a simulation."""
+
+    def __init__(self, simulation: Engine) -> None:
+        """Look at a simulation."""
+        self._simulation = simulation
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects."""
+        return self._simulation.objects.names
+
+    def picture(self) -> Picture | None:
+        """Return the newest picture; None without a scene."""
+        return self._simulation.objects.picture()
+
+    def held(self, side: str) -> str | None:
+        """Return what the gripper of a hand holds; None for nothing."""
+        gripper = self._simulation.gripper
+        return None if gripper is None else gripper.held(side)
+
+
 class Sight:
     """Builds the `View` of every tick from the estimate, the motion capture and the grippers."""
 
-    def __init__(self, simulation: Engine, robot: Robot) -> None:
-        """Look at a simulation; the hands are where the joints of `robot` say."""
-        self._simulation = simulation
+    def __init__(self, world: World, robot: Robot, *, noisy: bool = True, drifting: bool = True) -> None:
+        """Look at a world; the hands are where the joints of `robot` say.
+
+        Args:
+            world: what is seen.
+            robot: its kinematics.
+            noisy: whether the objects are seen with noise, which is averaged.
+            drifting: whether the estimate has no position of its own, so that it is corrected by what is seen.
+        """
+        self._world, self._noisy, self._drifting = world, noisy, drifting
         self._kinematics = Kinematics(robot)
         self._robot = SeenRobot()
-        self._noisy = bool(simulation.sensing.object_position or simulation.sensing.object_attitude)
         self._average = Average(SMOOTHING_TIME)
         self._poses: np.ndarray | None = None
 
@@ -128,24 +174,23 @@ class Sight:
             time: since the start of the run [s].
             state: the estimate, or the reading of a robot that needs none.
         """
-        picture = self._simulation.objects.picture()
-        if not self._simulation.sensing.position:
+        picture = self._world.picture()
+        if self._drifting:
             state = self._robot.corrected(state, picture)
         self._kinematics.update(state)
-        gripper = self._simulation.gripper
         return View(
             time=time,
             state=state,
             hands=np.array([self._kinematics.position(f"{side}_hand") for side in SIDES]),
             objects=self._objects(picture),
             hand_force=state.hand_force,
-            held=(None, None) if gripper is None else (gripper.held(SIDES[0]), gripper.held(SIDES[1])),
+            held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
         )
 
     def _objects(self, picture: Picture | None) -> SeenObjects:
         if picture is None:
             return SeenObjects()
-        names = self._simulation.objects.names
+        names = self._world.names
         if not self._noisy:
             return SeenObjects(names, picture.poses, picture.age)
         share = self._average.share(picture.time)

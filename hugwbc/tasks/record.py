@@ -9,11 +9,9 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Thing
-from hugwbc.state import RobotState
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
@@ -179,7 +177,7 @@ class TaskWatch:
         self._travel: list[list[float]] = []
         self._held: list[list[int]] = []
 
-    def look(self, state: RobotState, estimate: RobotState) -> None:
+    def look(self) -> None:
         """Note which parts of the robot touch which objects, and how deep the hands are in them."""
         self._steps += 1
         if self._steps % _LOOK:
@@ -197,7 +195,7 @@ class TaskWatch:
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
-    def sample(self, moment: Moment) -> None:
+    def sample(self) -> None:
         """Note hands, joints and grips of one sample."""
         simulation, names = self._simulation, self._scene.body_names
         self._hands.append(np.stack([simulation.hand_position(side) for side in SIDES]))

@@ -65,7 +65,7 @@ def run_task(
     watch, ended = TaskWatch(simulation), math.inf
 
     def sample(moment: Moment) -> None:
-        watch.sample(moment)
+        watch.sample()
         if on_moment is not None:
             on_moment(moment)
 
@@ -84,7 +84,7 @@ def run_task(
         estimator=estimator,
         on_progress=on_progress,
         on_moment=sample,
-        on_step=watch.look,
+        on_step=lambda state, estimate: watch.look(),
         until=over,
     )
     record = watch.record(trace, _ending(source, ended))
