@@ -93,7 +93,7 @@ class LivePage:
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show what is wanted
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
-        self._abandoned = False
+        self._abandoned = self._unheard = False
         self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
         # The page draws MuJoCo's model of the robot, whichever engine moves it.
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
@@ -159,6 +159,7 @@ class LivePage:
                 shown.remove()
             self._build_objects(simulation.scene)
         self._asked.clear()
+        self._unheard = False
         self.pushes.clear()
 
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
@@ -247,8 +248,8 @@ class LivePage:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the person asked to stop or to reset since the page was staged, or is gone."""
-        return self._abandoned or not self._asked.isdisjoint(("stop", "reset"))
+        """Whether the person asked to stop or to reset since the page was staged, fell silent meanwhile, or is gone."""
+        return self._abandoned or self._unheard or not self._asked.isdisjoint(("stop", "reset"))
 
     def moved(self) -> None:
         """Show what is wanted on the sliders, after it was changed elsewhere."""
@@ -293,6 +294,8 @@ class LivePage:
             self._driven = {}
         # A busy computer may keep a page from speaking for a moment; the robot then waits and goes on.
         self.source.pause(on=not gone and silence > SILENT_TIME)
+        # A task has no such pause: whoever runs it stops it (`interrupted`).
+        self._unheard = self._unheard or silence > SILENT_TIME
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
