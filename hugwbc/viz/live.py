@@ -4,7 +4,7 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import mujoco
@@ -40,6 +40,12 @@ HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
 CAMERA_MODES = ("follows", "turns along", "stays")
 NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
+# In the light theme and in the dark one.
+FLOOR_COLOURS = {
+    "plane_color": ((238, 241, 245), (58, 64, 74)),
+    "cell_color": ((208, 213, 220), (80, 88, 100)),
+    "section_color": ((168, 175, 186), (108, 117, 131)),
+}
 WORLD = "/world"  # everything that stands still for the robot; it moves instead of the cameras
 
 
@@ -100,8 +106,8 @@ class LivePage:
         self._drawn = mujoco.MjData(self._model)
         self._kinematics = Kinematics(simulation.robot)
         self._dark: bool | None = None
-        self._theme(dark=False)
         self._build_scene(self._model)
+        self._theme(dark=False)
         self._build_objects(simulation.scene)
         self._build_panel()
         self.show(simulation)
@@ -115,7 +121,9 @@ class LivePage:
         scene = self.server.scene
         scene.set_up_direction("+z")
         self._world = scene.add_frame(WORLD, show_axes=False)
-        scene.add_grid(f"{WORLD}/floor", 200.0, 200.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=0.5)
+        self._floor = scene.add_grid(
+            f"{WORLD}/floor", 200.0, 200.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=1.0
+        )
         self.server.initial_camera.position = CAMERA
         self.server.initial_camera.look_at = LOOK_AT
         bodies = [model.body(index).name for index in range(1, model.nbody)]
@@ -178,6 +186,8 @@ class LivePage:
 
     def _theme(self, *, dark: bool) -> None:
         self._dark = dark
+        for part, (light, night) in FLOOR_COLOURS.items():
+            setattr(self._floor, part, night if dark else light)
         # viser's share button would open the page to everybody.
         self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
@@ -318,16 +328,18 @@ class LivePage:
         drawn.qpos[:] = simulation.qpos
         mujoco.mj_kinematics(self._model, drawn)
         assert state.position is not None and state.velocity is not None
-        with self.server.atomic():
+        forces = ""
+        with _drawn_later(), self.server.atomic():
             for link, handle in self._links.items():
                 handle.position, handle.wxyz = drawn.body(link).xpos, drawn.body(link).xquat
             forces = self._show_objects(simulation, drawn)
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
             self._follow(state.position, state.yaw, state.time)
-        while self._moved:
-            name = self._moved.pop()
-            self._sliders[name].value = getattr(self.source.wanted, name)
+        with _drawn_later():
+            while self._moved:
+                name = self._moved.pop()
+                self._sliders[name].value = getattr(self.source.wanted, name)
         self._say(simulation, forces, task)
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
@@ -383,6 +395,20 @@ class LivePage:
         """Stop listening."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
+
+
+@contextlib.contextmanager
+def _drawn_later() -> Iterator[None]:
+    """Leave what is left of a picture to the next one if viser stumbles over its own threads.
+
+    It wakes the task that sends from the thread that draws, without a lock; rarely, that task begins to wait at the
+    same moment. The message itself is kept, and a robot must not stop for it.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "mutated during iteration" not in str(error):
+            raise
 
 
 def _slider_range(name: str) -> tuple[float, float]:

@@ -146,6 +146,7 @@ def tray_on_a_table():
 def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(tmp_path):
     own, staged = Simulation(), Simulation(scene=tray_on_a_table())
     page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
+    page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
 
     def perform(name, stop):
@@ -190,6 +191,7 @@ def test_a_page_that_falls_silent_during_a_task_ends_it_within_half_a_second():
 def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     own = Simulation()
     page, told = LivePage(own, name="test", tasks=("carry",)), []
+    page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
 
     def perform(name, stop):
@@ -200,6 +202,23 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     words = "carry was not done: the robot stands in the table"
     assert words in told and words in page.link._status["notes"]
     assert 0.0 < own.time < 0.2, "it stood up again after the attempt, and goes on"
+    page.close()
+
+
+def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
+    simulation = Simulation()
+    page = LivePage(simulation, name="test")
+    words = ["deque mutated during iteration", "another thing"]
+
+    class Stumbling:
+        def __setattr__(self, name, value):
+            raise RuntimeError(words[0])
+
+    monkeypatch.setitem(page._links, "pelvis", Stumbling())
+    page.show(simulation)
+    words.pop(0)
+    with pytest.raises(RuntimeError, match="another thing"):
+        page.show(simulation)
     page.close()
 
 
