@@ -15,14 +15,20 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.own_terms import own_terms
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
-_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE
+_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE  # without terms of other packages
 _LAST_SEED = 2**31 - 1
 
 ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.float32)
-OBSERVATION_SPACE = spaces.Box(-_LARGEST, _LARGEST, (_SIZE,), np.float32)
+
+
+def observation_space(config: EnvConfig) -> spaces.Box:
+    """Return the space of a robot's observations, which terms of other packages make larger."""
+    size = _SIZE + obs.size_of(own_terms(config.observations))
+    return spaces.Box(-_LARGEST, _LARGEST, (size,), np.float32)
 
 
 class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -64,9 +70,9 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ConfigError(f"render_mode is {render_mode!r}; give None")
         self.config = dataclasses.replace(config or EnvConfig(), count=num_envs)
         self.num_envs, self.render_mode = num_envs, render_mode
-        self.single_action_space, self.single_observation_space = ACTION_SPACE, OBSERVATION_SPACE
+        self.single_action_space, self.single_observation_space = ACTION_SPACE, observation_space(self.config)
         self.action_space = batch_space(ACTION_SPACE, num_envs)
-        self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.env: HumanoidEnv | None = None
         self._threads, self._curriculum = threads, curriculum
         self._steps = self._not_finite = self._clamped = 0
@@ -176,7 +182,7 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
         """Set up spaces; arguments as of `H1VectorEnv`."""
         self._robots = H1VectorEnv(1, config=config, curriculum=curriculum, render_mode=render_mode)
         self.render_mode = render_mode
-        self.action_space, self.observation_space = ACTION_SPACE, OBSERVATION_SPACE
+        self.action_space, self.observation_space = ACTION_SPACE, self._robots.single_observation_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

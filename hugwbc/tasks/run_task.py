@@ -79,7 +79,7 @@ def run_task(
         controller,
         source,
         simulation,
-        UpperBodySource(),
+        UpperBodySource(robot=simulation.robot),
         duration=task.limit,
         estimator=estimator,
         on_progress=on_progress,

@@ -134,7 +134,10 @@ class Drive:
             return
         self._end_record(fell=False)
         self.page.source.stand()
-        words = self.perform(task, stop)
+        try:
+            words = self.perform(task, stop)
+        except HugwbcError as error:  # such as a scene in which the robot does not fit; driving goes on
+            words = f"{task} was not done: {error}"
         self.page.stage(self.loop.simulation)
         self._restart()
         self.tell(words)

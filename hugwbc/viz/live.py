@@ -4,7 +4,7 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import mujoco
@@ -40,6 +40,12 @@ HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
 CAMERA_MODES = ("follows", "turns along", "stays")
 NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
+# In the light theme and in the dark one.
+FLOOR_COLOURS = {
+    "plane_color": ((238, 241, 245), (58, 64, 74)),
+    "cell_color": ((208, 213, 220), (80, 88, 100)),
+    "section_color": ((168, 175, 186), (108, 117, 131)),
+}
 WORLD = "/world"  # everything that stands still for the robot; it moves instead of the cameras
 
 
@@ -93,15 +99,15 @@ class LivePage:
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show what is wanted
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
-        self._abandoned = False
+        self._abandoned = self._unheard = False
         self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
         # The page draws MuJoCo's model of the robot, whichever engine moves it.
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
         self._drawn = mujoco.MjData(self._model)
         self._kinematics = Kinematics(simulation.robot)
         self._dark: bool | None = None
-        self._theme(dark=False)
         self._build_scene(self._model)
+        self._theme(dark=False)
         self._build_objects(simulation.scene)
         self._build_panel()
         self.show(simulation)
@@ -115,7 +121,9 @@ class LivePage:
         scene = self.server.scene
         scene.set_up_direction("+z")
         self._world = scene.add_frame(WORLD, show_axes=False)
-        scene.add_grid(f"{WORLD}/floor", 200.0, 200.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=0.5)
+        self._floor = scene.add_grid(
+            f"{WORLD}/floor", 200.0, 200.0, plane="xy", cell_size=0.5, section_size=1.0, plane_opacity=1.0
+        )
         self.server.initial_camera.position = CAMERA
         self.server.initial_camera.look_at = LOOK_AT
         bodies = [model.body(index).name for index in range(1, model.nbody)]
@@ -159,6 +167,7 @@ class LivePage:
                 shown.remove()
             self._build_objects(simulation.scene)
         self._asked.clear()
+        self._unheard = False
         self.pushes.clear()
 
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
@@ -177,6 +186,8 @@ class LivePage:
 
     def _theme(self, *, dark: bool) -> None:
         self._dark = dark
+        for part, (light, night) in FLOOR_COLOURS.items():
+            setattr(self._floor, part, night if dark else light)
         # viser's share button would open the page to everybody.
         self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
@@ -247,8 +258,8 @@ class LivePage:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the person asked to stop or to reset since the page was staged, or is gone."""
-        return self._abandoned or not self._asked.isdisjoint(("stop", "reset"))
+        """Whether the person asked to stop or to reset since the page was staged, fell silent meanwhile, or is gone."""
+        return self._abandoned or self._unheard or not self._asked.isdisjoint(("stop", "reset"))
 
     def moved(self) -> None:
         """Show what is wanted on the sliders, after it was changed elsewhere."""
@@ -293,6 +304,8 @@ class LivePage:
             self._driven = {}
         # A busy computer may keep a page from speaking for a moment; the robot then waits and goes on.
         self.source.pause(on=not gone and silence > SILENT_TIME)
+        # A task has no such pause: whoever runs it stops it (`interrupted`).
+        self._unheard = self._unheard or silence > SILENT_TIME
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
@@ -315,16 +328,18 @@ class LivePage:
         drawn.qpos[:] = simulation.qpos
         mujoco.mj_kinematics(self._model, drawn)
         assert state.position is not None and state.velocity is not None
-        with self.server.atomic():
+        forces = ""
+        with _drawn_later(), self.server.atomic():
             for link, handle in self._links.items():
                 handle.position, handle.wxyz = drawn.body(link).xpos, drawn.body(link).xquat
             forces = self._show_objects(simulation, drawn)
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
             self._follow(state.position, state.yaw, state.time)
-        while self._moved:
-            name = self._moved.pop()
-            self._sliders[name].value = getattr(self.source.wanted, name)
+        with _drawn_later():
+            while self._moved:
+                name = self._moved.pop()
+                self._sliders[name].value = getattr(self.source.wanted, name)
         self._say(simulation, forces, task)
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
@@ -380,6 +395,20 @@ class LivePage:
         """Stop listening."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
+
+
+@contextlib.contextmanager
+def _drawn_later() -> Iterator[None]:
+    """Leave what is left of a picture to the next one if viser stumbles over its own threads.
+
+    It wakes the task that sends from the thread that draws, without a lock; rarely, that task begins to wait at the
+    same moment. The message itself is kept, and a robot must not stop for it.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "mutated during iteration" not in str(error):
+            raise
 
 
 def _slider_range(name: str) -> tuple[float, float]:

@@ -1,11 +1,17 @@
+import dataclasses
 import pathlib
+import sys
 
 import pytest
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, shapes_of
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.sim import ArenaChoice
+from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task, shapes_of
 from hugwbc.tasks.suite import modules_of
 from hugwbc.tasks.task import SCENES
+from hugwbc.upper_ik import UpperBodySource
 
 OWN = """
 from hugwbc.sim import Scene
@@ -27,6 +33,24 @@ def test_a_task_has_its_name_its_scene_and_a_behaviour(name):
     assert (SCENES / f"{name}.yaml").is_file()
     behaviour = task.behaviour(shapes_of(task.scene.draw(0)))
     assert 0.0 < behaviour.timeout < task.limit, "a behaviour ends before the task's limit"
+
+
+@pytest.mark.parametrize("robot", ["h1", "h1-2023"])
+def test_the_arms_are_those_of_the_robot_that_plays(robot, monkeypatch):
+    moved = []
+
+    class Noted(UpperBodySource):
+        def update(self, *given):
+            moved.append(self.ik.robot.name)
+            return super().update(*given)
+
+    # The package has a function of the module's name.
+    monkeypatch.setattr(sys.modules["hugwbc.tasks.run_task"], "UpperBodySource", Noted)
+    task, arena = load_task("press_button"), ArenaChoice(robot=robot, sensing="exact").chosen
+    run_task(
+        dataclasses.replace(task, limit=0.1), HoldController(load_robot(robot)), arena.simulation(scene=task.scene)
+    )
+    assert set(moved) == {robot}
 
 
 @pytest.mark.parametrize("name", TASK_NAMES)

@@ -1,7 +1,11 @@
 """The live page: what a person does there reaches the robot, what a page of another site sends does not."""
 
 import http.client
+import re
 import shutil
+import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -13,7 +17,7 @@ pytest.importorskip("viser")
 from websockets.datastructures import Headers
 
 from hugwbc import Command, Gait, rotations
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, SceneError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.scripts.script_file import load_script
@@ -142,6 +146,7 @@ def tray_on_a_table():
 def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(tmp_path):
     own, staged = Simulation(), Simulation(scene=tray_on_a_table())
     page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
+    page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
 
     def perform(name, stop):
@@ -162,6 +167,58 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(t
     assert "carry with test: done after 1.0 s" in told
     assert page.link._status["notes"] == ["carry with test: done after 1.0 s"] and not page.interrupted
     assert page._objects == [] and page._forces == {}, "the person's own robot stands alone again"
+    page.close()
+
+
+def test_a_page_that_falls_silent_during_a_task_ends_it_within_half_a_second():
+    simulation, now = Simulation(scene=tray_on_a_table()), [100.0]
+    page = LivePage(simulation, name="test", tasks=("carry",))
+    page.link.clock = lambda: now[0]
+    page.link._hear(1, "{}")
+    page.stage(simulation)
+    while not page.interrupted and now[0] < 105.0:
+        now[0] += 0.033
+        page.show(simulation, "carry")
+    assert 100.2 < now[0] <= 100.5
+    page.link._hear(1, "{}")
+    page.show(simulation, "carry")
+    assert page.interrupted, "one that is back is told that the task was stopped"
+    page.stage(simulation)
+    assert not page.interrupted
+    page.close()
+
+
+def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
+    own = Simulation()
+    page, told = LivePage(own, name="test", tasks=("carry",)), []
+    page.link.clock = lambda: 100.0  # the page is never silent
+    loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
+
+    def perform(name, stop):
+        raise SceneError("the robot stands in the table")
+
+    page.link._hear(1, '{"presses": ["task:carry"]}')
+    Drive(loop, page, perform=perform, tell=told.append).run(0.2)
+    words = "carry was not done: the robot stands in the table"
+    assert words in told and words in page.link._status["notes"]
+    assert 0.0 < own.time < 0.2, "it stood up again after the attempt, and goes on"
+    page.close()
+
+
+def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
+    simulation = Simulation()
+    page = LivePage(simulation, name="test")
+    words = ["deque mutated during iteration", "another thing"]
+
+    class Stumbling:
+        def __setattr__(self, name, value):
+            raise RuntimeError(words[0])
+
+    monkeypatch.setitem(page._links, "pelvis", Stumbling())
+    page.show(simulation)
+    words.pop(0)
+    with pytest.raises(RuntimeError, match="another thing"):
+        page.show(simulation)
     page.close()
 
 
@@ -209,19 +266,28 @@ def driven(tmp_path):
 
 
 @pytest.fixture
-def browser_page(driven):
+def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="pip install 'hugwbc[dev]' brings playwright")
     if BROWSER is None:
         pytest.skip("no chromium on this machine; install it (Debian: apt install chromium) to drive the page")
     with playwright.sync_playwright() as api:
         browser = api.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        page = browser.new_page(viewport=SIZE)
-        page.set_default_timeout(60_000)
-        page.goto(driven.page.address)
-        page.get_by_role("button", name="walking").wait_for()
-        page.get_by_role("slider").first.wait_for()
-        yield page
+        yield browser
         browser.close()
+
+
+def opened(browser, address):
+    page = browser.new_page(viewport=SIZE)
+    page.set_default_timeout(60_000)
+    page.goto(address)
+    page.get_by_role("button", name="walking").wait_for()
+    page.get_by_role("slider").first.wait_for()
+    return page
+
+
+@pytest.fixture
+def browser_page(driven, browser):
+    return opened(browser, driven.page.address)
 
 
 def on_screen(point):
@@ -311,8 +377,33 @@ def test_a_task_is_started_from_the_menu_and_stopped(driven, browser_page):
     page.wait_for_function("document.body.innerText.includes('carry tray at')")
     page.wait_for_function("document.querySelector('.tasks button').ariaPressed == 'true'")
     page.keyboard.press(" ")
-    page.wait_for_function("document.body.innerText.includes('carry_tray: stopped after')")
+    assert driven.until(lambda: any(words.startswith("carry_tray: stopped after") for words in driven.told))
     page.wait_for_function("document.body.innerText.includes('standing at')")
+
+
+@pytest.mark.slow
+def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_next_one(browser, tmp_path):
+    words = ["play", "--live", "--no-browser", "--controller", "qp", "--out", str(tmp_path)]
+    command = [sys.executable, "-u", "-m", "hugwbc.cli", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as play:
+        lines = iter(play.stdout)
+        try:
+            page = opened(browser, re.search(r"http://\S+", next(line for line in lines if "drive at" in line))[0])
+            page.get_by_label("task").select_option("press_button")
+            page.get_by_role("button", name="do it").click()
+            page.wait_for_function("document.body.innerText.includes('press button at')")
+            done = "document.querySelector('#drive .notes').innerText.includes('press_button with qp: done after')"
+            page.wait_for_function(done, timeout=300_000)
+            assert "done after" in next(line for line in lines if "press_button" in line)
+            page.wait_for_function("document.body.innerText.includes('standing at')")
+            page.get_by_role("button", name="do it").click()
+            page.wait_for_function("document.body.innerText.includes('press button at 1.')")
+            page.close()
+            stopped = next(line for line in lines if "press_button" in line)
+            assert "stopped after" in stopped and 1.0 < float(stopped.split()[-2]) < 3.0
+        finally:
+            play.send_signal(signal.SIGINT)
+            play.wait(60.0)
 
 
 @pytest.mark.slow

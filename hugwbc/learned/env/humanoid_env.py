@@ -26,6 +26,7 @@ from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.own_terms import Sensed, own_columns, own_terms
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.ground import Ground
@@ -58,6 +59,7 @@ class HumanoidEnv:
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
         friction: sliding friction of each robot, shape (n,).
         noise: half-widths of the paper's observation noise, shape (63,).
+        own: observation terms of other packages.
         sensors: errors of the sensors.
         loads: what the robots carry and what pulls and pushes them.
         bias: errors of v_x, v_y and omega filtered over `BIAS_TIME`, shape (n, 3).
@@ -131,6 +133,8 @@ class HumanoidEnv:
         self._take(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
+        self.own = own_terms(config.observations)
+        self._own_noise = torch.cat([torch.zeros(0), *(torch.full((t.size,), t.noise * t.scale) for t in self.own)])
         self.noise = obs.noise_amplitude() * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         self.held_foot, self.flight = self._rule(config.held_foot_grace), self._rule(config.flight_grace)
@@ -434,6 +438,7 @@ class HumanoidEnv:
         history = self.history[robots].flatten(1)
         active = self.intervention.active[robots]
         command = obs.command_observation(self.command[robots], self.gait[robots], self.bar_phase()[robots], active)
+        own = self._own_columns(robots)
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
             velocity,
@@ -447,8 +452,27 @@ class HumanoidEnv:
             self._body_facts[robots],
         )
         terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
-        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, terrain), dim=1)
-        return Observation(history, command, critic, obs.estimate_target(velocity, clearance, height))
+        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, own, terrain), dim=1)
+        return Observation(
+            history, torch.cat((command, own), 1), critic, obs.estimate_target(velocity, clearance, height)
+        )
+
+    def _own_columns(self, robots: torch.Tensor | slice) -> torch.Tensor:
+        """Return the terms of other packages, made of the newest frame as a policy reads it, shape (n, their sizes)."""
+        frame = self.history[robots, -1]
+        if not self.own:
+            return frame[:, :0]
+        told = {
+            "command": self.command[robots].numpy(),
+            "gait": self.gait[robots].numpy(),
+            "phases": self.bar_phase()[robots].numpy(),
+            "indicator": self.intervention.active[robots].numpy(),
+        }
+        sensed = Sensed.of_frame(frame.numpy(), self.robot.nominal, **told)
+        columns = torch.from_numpy(own_columns(self.own, sensed))
+        if bool(self._own_noise.any()):
+            columns += (2.0 * torch.rand(columns.shape, generator=self.generator) - 1.0) * self._own_noise
+        return columns
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 

@@ -142,10 +142,18 @@ class Dagger(abc.ABC, Generic[Config]):
             config: the settings.
             network: the student.
             capacity: number of labels that are kept.
+
+        Raises:
+            ConfigError: if the environment has observation terms of other packages.
         """
         torch.set_num_threads(config.threads)
         self.config = config
         self.network = network
+        if config.env.observations:
+            raise ConfigError(
+                "teachers have no observation terms of other packages; leave env.observations out here, and give it in "
+                "the training that continues from the snapshot"
+            )
         self.env = self._make_env(config.seed)
         self.samples = 0
         self._generator = torch.Generator().manual_seed(config.seed)

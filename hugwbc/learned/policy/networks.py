@@ -18,7 +18,6 @@ from hugwbc.learned.policy.layout import (
     ACTION_SIZE,
     COMMAND_SIZE,
     CRITIC_CORE_SIZE,
-    CRITIC_SIZE,
     ENCODER_HIDDEN,
     ESTIMATE_SIZE,
     ESTIMATOR_HIDDEN,
@@ -27,6 +26,8 @@ from hugwbc.learned.policy.layout import (
     POLICY_HIDDEN,
     PROPRIOCEPTION_SIZE,
     TERRAIN_SIZE,
+    Part,
+    size_of,
 )
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.symmetry import EvenOdd
@@ -87,20 +88,26 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """The value of a state from the privileged observation, shape (n, 342), or (n, 122) on a plane."""
+    """The value of a state from the privileged observation, shape (n, 342), or (n, 122) on a plane.
 
-    def __init__(self) -> None:
+    Attributes:
+        core: width of what it reads besides the terrain.
+    """
+
+    def __init__(self, own: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for observation terms of other packages."""
         super().__init__()
-        self.value = _mlp(CRITIC_SIZE, CRITIC_HIDDEN, 1)
+        self.core = CRITIC_CORE_SIZE + size_of(own)
+        self.value = _mlp(self.core + TERRAIN_SIZE, CRITIC_HIDDEN, 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Return the value of each row, shape (n,)."""
-        if observation.shape[1] == CRITIC_SIZE:
+        if observation.shape[1] == self.core + TERRAIN_SIZE:
             return self.value(observation).squeeze(1)
         # On a plane all samples of the terrain are one number: the sum of their weights multiplies it.
         first, rest = self.value[0], self.value[1:]
         assert isinstance(first, nn.Linear)
-        core, terrain = first.weight.split((CRITIC_CORE_SIZE, TERRAIN_SIZE), dim=1)
+        core, terrain = first.weight.split((self.core, TERRAIN_SIZE), dim=1)
         weight = torch.cat((core, terrain.sum(1, keepdim=True)), dim=1)
         return rest(nn.functional.linear(observation, weight, first.bias)).squeeze(1)
 
@@ -208,9 +215,10 @@ class SplitMlp(nn.Module):
 class SymmetricActor(nn.Module):
     """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
 
-    def __init__(self) -> None:
+    def __init__(self, own: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for observation terms of other packages."""
         super().__init__()
-        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror())
+        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror(own))
         self._frame, self._action = EvenOdd(obs.frame_mirror()), EvenOdd(obs.action_mirror())
         self._estimate = EvenOdd(obs.estimate_mirror())
         half = LATENT_SIZE // 2
@@ -239,7 +247,7 @@ class SymmetricActor(nn.Module):
 
     def plain(self) -> Actor:
         """Return the equivalent plain network."""
-        actor = Actor()
+        actor = Actor(len(self._command.matrix))
         latent = torch.eye(LATENT_SIZE)
         self.encoder.write_to(actor.encoder, self._history.matrix, latent)
         self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
@@ -254,9 +262,10 @@ class SymmetricActor(nn.Module):
 class SymmetricCritic(nn.Module):
     """`Critic` with V(F o) = V(o)."""
 
-    def __init__(self) -> None:
+    def __init__(self, own: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for observation terms of other packages."""
         super().__init__()
-        self._core, self._terrain = EvenOdd(obs.critic_mirror()), EvenOdd(obs.terrain_mirror())
+        self._core, self._terrain = EvenOdd(obs.critic_mirror(own)), EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
         self.value = SplitMlp(inputs, CRITIC_HIDDEN)
         self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
@@ -265,7 +274,8 @@ class SymmetricCritic(nn.Module):
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
         """Return the coordinates of an observation: even, odd, then those of the terrain, or its one number."""
-        core, terrain = observation[:, :CRITIC_CORE_SIZE], observation[:, CRITIC_CORE_SIZE:]
+        size = len(self._core.matrix)
+        core, terrain = observation[:, :size], observation[:, size:]
         return torch.cat((self._core(core), terrain if terrain.shape[1] == 1 else self._terrain(terrain)), 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
@@ -275,7 +285,7 @@ class SymmetricCritic(nn.Module):
     def prepared(self, observation: torch.Tensor) -> torch.Tensor:
         """Return the values of coordinates that `prepare` returned, shape (n,)."""
         core, odd, terrain = observation.split(
-            (self._core.even, self._core.odd, observation.shape[1] - CRITIC_CORE_SIZE), 1
+            (self._core.even, self._core.odd, observation.shape[1] - len(self._core.matrix)), 1
         )
         first, *hidden = self.value.layers
         if terrain.shape[1] == 1:
@@ -321,14 +331,15 @@ class ActorCritic(nn.Module):
 
     Attributes:
         symmetric: whether the networks commute with the mirror; joints that are mirror images then share their std.
+        own: observation terms of other packages that the networks read.
     """
 
-    def __init__(self, std: float = 1.0, *, symmetric: bool = True) -> None:
+    def __init__(self, std: float = 1.0, *, symmetric: bool = True, own: tuple[Part, ...] = ()) -> None:
         """Draw the weights of symmetric or plain networks, and set the std of all joints."""
         super().__init__()
-        self.symmetric = symmetric
-        self.actor = SymmetricActor() if symmetric else Actor()
-        self.critic = SymmetricCritic() if symmetric else Critic()
+        self.symmetric, self.own = symmetric, own
+        self.actor = SymmetricActor(own) if symmetric else Actor(COMMAND_SIZE + size_of(own))
+        self.critic = SymmetricCritic(own) if symmetric else Critic(own)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
         last = self.actor.policy.layers[-1] if isinstance(self.actor, SymmetricActor) else self.actor.policy[-1]
         for linear in (last.even, last.odd) if isinstance(last, SplitLinear) else (last,):

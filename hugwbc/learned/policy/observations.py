@@ -3,45 +3,36 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
 import torch
 
 from hugwbc import gait as gaits
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.layout import (
-    ANGULAR_VELOCITY_SCALE as ANGULAR_VELOCITY_SCALE,
-    BIAS_SCALE as BIAS_SCALE,
-    COMMAND_SCALES as COMMAND_SCALES,
+    COMMAND as COMMAND,
     COMMAND_SIZE as COMMAND_SIZE,
     CRITIC_CORE_SIZE as CRITIC_CORE_SIZE,
     CRITIC_SIZE as CRITIC_SIZE,
+    ESTIMATE as ESTIMATE,
     ESTIMATE_SIZE as ESTIMATE_SIZE,
     FIRST_COMMAND_SIZE as FIRST_COMMAND_SIZE,
-    FORCE_SCALE as FORCE_SCALE,
+    FRAME as FRAME,
     HISTORY_FRAMES as HISTORY_FRAMES,
-    JOINT_VELOCITY_SCALE as JOINT_VELOCITY_SCALE,
     JOINTS as JOINTS,
-    LATENCY_SCALE as LATENCY_SCALE,
     LENGTH_SCALE as LENGTH_SCALE,
-    LINEAR_VELOCITY_SCALE as LINEAR_VELOCITY_SCALE,
-    LOAD_SCALE as LOAD_SCALE,
-    MASS_SCALE as MASS_SCALE,
-    NOISE_ANGULAR_VELOCITY as NOISE_ANGULAR_VELOCITY,
-    NOISE_DQ as NOISE_DQ,
-    NOISE_GRAVITY as NOISE_GRAVITY,
-    NOISE_Q as NOISE_Q,
-    PAYLOAD_SCALE as PAYLOAD_SCALE,
+    PRIVILEGED as PRIVILEGED,
     PRIVILEGED_SIZE as PRIVILEGED_SIZE,
     PROPRIOCEPTION_SIZE as PROPRIOCEPTION_SIZE,
     TERRAIN_SHAPE as TERRAIN_SHAPE,
     TERRAIN_SIZE as TERRAIN_SIZE,
     TERRAIN_SPACING as TERRAIN_SPACING,
+    Part as Part,
     command_scales,
     first_layout_matrix,
+    size_of as size_of,
 )
 from hugwbc.learned.policy.symmetry import SignedPermutation
-from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
-from hugwbc.robot import load_robot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,9 +41,9 @@ class Observation:
 
     Attributes:
         history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: commands, gait, clocks and indicator, shape (n, 18).
+        command: commands, gait, clocks and indicator, shape (n, 18), then the terms of other packages.
         critic: privileged observation, shape (n, 342); on a plane, where all heights of the terrain are one number, it
-            has that number once, shape (n, 122).
+            has that number once, shape (n, 122). The terms of other packages come before the terrain.
         estimate: target of the estimator, shape (n, 6).
     """
 
@@ -78,20 +69,17 @@ def proprioception(
         dq: joint velocities [rad/s], shape (n, 19).
         action: the policy's last output, shape (n, 19).
     """
-    scaled = (angular_velocity * ANGULAR_VELOCITY_SCALE, gravity, q, dq * JOINT_VELOCITY_SCALE, action)
-    return torch.cat(scaled, dim=1)
+    return _scaled(FRAME, angular_velocity, gravity, q, dq, action)
+
+
+def _scaled(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
+    """Return the numbers of parts, shape (n, size of each), in observation units, side by side."""
+    return torch.cat([value * part.scale for value, part in zip(values, parts, strict=True)], dim=1)
 
 
 def noise_amplitude() -> torch.Tensor:
     """Return the half-widths of the paper's noise on a proprioceptive frame, in observation units, shape (63,)."""
-    parts = (
-        torch.full((3,), NOISE_ANGULAR_VELOCITY * ANGULAR_VELOCITY_SCALE),
-        torch.full((3,), NOISE_GRAVITY),
-        torch.full((JOINTS,), NOISE_Q),
-        torch.full((JOINTS,), NOISE_DQ * JOINT_VELOCITY_SCALE),
-        torch.zeros(JOINTS),
-    )
-    return torch.cat(parts)
+    return torch.cat([torch.full((part.size,), part.noise * part.scale) for part in FRAME])
 
 
 @functools.cache
@@ -137,6 +125,9 @@ def in_layout(observation: torch.Tensor, size: int) -> torch.Tensor:
     """Return a command observation, shape (n, 18), in the layout of a size: 18, or 13 for the first one."""
     if observation.shape[1] == size:
         return observation
+    observation = observation[:, :COMMAND_SIZE]  # without the terms of other packages
+    if size == COMMAND_SIZE:
+        return observation
     # Every row of the matrix has one entry, or is a sum of one-hot columns of which one is set: the product is exact.
     return observation @ first_layout().to(observation.device).T
 
@@ -149,7 +140,7 @@ def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: tor
         clearance: clearance of both soles [m], shape (n, 2).
         height: pelvis height minus the nominal one [m], shape (n,).
     """
-    return torch.cat((velocity * LINEAR_VELOCITY_SCALE, clearance * LENGTH_SCALE, height[:, None] * LENGTH_SCALE), 1)
+    return _scaled(ESTIMATE, velocity, clearance, height[:, None])
 
 
 def privileged(
@@ -179,21 +170,19 @@ def privileged(
     """
     payload, forces = load[:, :2], load[:, 2:]
     mass, latency = body.unbind(1)
-    return torch.cat(
-        (
-            velocity * LINEAR_VELOCITY_SCALE,
-            height_error[:, None] * LENGTH_SCALE,
-            clearance * LENGTH_SCALE,
-            friction[:, None],
-            foot_force.flatten(1) * FORCE_SCALE,
-            link_contact.to(velocity.dtype),
-            bias * BIAS_SCALE,
-            payload * PAYLOAD_SCALE,
-            forces * LOAD_SCALE,
-            (mass[:, None] - 1.0) * MASS_SCALE,
-            latency[:, None] * LATENCY_SCALE,
-        ),
-        dim=1,
+    return _scaled(
+        PRIVILEGED,
+        velocity,
+        height_error[:, None],
+        clearance,
+        friction[:, None],
+        foot_force.flatten(1),
+        link_contact.to(velocity.dtype),
+        bias,
+        payload,
+        *forces.split((6, 3), 1),
+        mass[:, None] - 1.0,
+        latency[:, None],
     )
 
 
@@ -208,20 +197,27 @@ def terrain_points() -> torch.Tensor:
 # Mirror maps ----------------------------------------------------------------------------------------------------------
 
 
+def _mirror(parts: Sequence[Part]) -> SignedPermutation:
+    """Return the mirror map of parts side by side."""
+    images = (part.image() for part in parts)
+    return SignedPermutation.joined(
+        [
+            SignedPermutation(torch.as_tensor(index), torch.as_tensor(sign, dtype=torch.float32))
+            for index, sign in images
+        ]
+    )
+
+
 @functools.cache
 def action_mirror() -> SignedPermutation:
     """Return the mirror map of joints and actions, n = 19."""
-    mirror = load_mirror()
-    return SignedPermutation(
-        torch.as_tensor(mirror.joint_index), torch.as_tensor(mirror.joint_sign, dtype=torch.float32)
-    )
+    return _mirror([Part("joints", JOINTS, "joints")])
 
 
 @functools.cache
 def frame_mirror() -> SignedPermutation:
     """Return the mirror map of a proprioceptive frame, n = 63."""
-    pelvis = SignedPermutation.of_signs([*AXIAL_SIGNS.tolist(), *VECTOR_SIGNS.tolist()])
-    return SignedPermutation.joined([pelvis, *[action_mirror()] * 3])
+    return _mirror(FRAME)
 
 
 @functools.cache
@@ -231,51 +227,29 @@ def history_mirror() -> SignedPermutation:
 
 
 @functools.cache
-def command_mirror() -> SignedPermutation:
-    """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet."""
-    commands = SignedPermutation.of_signs(COMMAND_SIGNS.tolist())
-    gait = SignedPermutation(
-        torch.tensor([int(Gait(value).mirrored()) for value in range(len(Gait))]), torch.ones(len(Gait))
-    )
-    clock = SignedPermutation.swapped([1.0])
-    return SignedPermutation.joined([commands, gait, clock, clock, SignedPermutation.of_signs([1.0])])
+def command_mirror(own: tuple[Part, ...] = ()) -> SignedPermutation:
+    """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet.
+
+    Args:
+        own: parts of other packages that come after it.
+    """
+    return _mirror([*COMMAND, *own])
 
 
 @functools.cache
 def estimate_mirror() -> SignedPermutation:
     """Return the mirror map of an output of the estimator, n = 6: v_y changes sign, the soles swap."""
-    same = SignedPermutation.of_signs([1.0])
-    velocity = SignedPermutation.of_signs(VECTOR_SIGNS.tolist())
-    return SignedPermutation.joined([velocity, SignedPermutation.swapped([1.0]), same])
+    return _mirror(ESTIMATE)
 
 
 @functools.cache
-def critic_mirror() -> SignedPermutation:
-    """Return the mirror map of the critic's observation without the terrain, n = 121."""
-    vector, same = VECTOR_SIGNS.tolist(), SignedPermutation.of_signs([1.0])
-    forces = SignedPermutation.swapped(vector)
-    privileged_parts = [
-        SignedPermutation.of_signs(vector),
-        same,
-        SignedPermutation.swapped([1.0]),
-        same,
-        forces,
-        _link_mirror(),
-        SignedPermutation.of_signs([1.0, -1.0, -1.0]),
-        SignedPermutation.swapped([1.0]),
-        forces,
-        SignedPermutation.of_signs(vector),
-        same,
-        same,
-    ]
-    return SignedPermutation.joined([frame_mirror(), command_mirror(), *privileged_parts])
+def critic_mirror(own: tuple[Part, ...] = ()) -> SignedPermutation:
+    """Return the mirror map of the critic's observation without the terrain, n = 121.
 
-
-def _link_mirror() -> SignedPermutation:
-    names = list(load_robot().contact_links)
-    swap = {"left": "right", "right": "left"}
-    partners = ["_".join([swap.get(part, part) for part in name.split("_")]) for name in names]
-    return SignedPermutation(torch.tensor([names.index(name) for name in partners]), torch.ones(len(names)))
+    Args:
+        own: parts of other packages that come after it.
+    """
+    return _mirror([*FRAME, *COMMAND, *PRIVILEGED, *own])
 
 
 @functools.cache
@@ -290,9 +264,14 @@ def mirror_history(history: torch.Tensor) -> torch.Tensor:
     return history_mirror()(history)
 
 
-def mirror_command_observation(observation: torch.Tensor) -> torch.Tensor:
-    """Mirror a command observation, shape (n, 18): lateral commands change sign, hopping legs and clocks swap."""
-    return command_mirror()(observation)
+def mirror_command_observation(observation: torch.Tensor, own: tuple[Part, ...] = ()) -> torch.Tensor:
+    """Mirror a command observation, shape (n, 18): lateral commands change sign, hopping legs and clocks swap.
+
+    Args:
+        observation: the observation.
+        own: parts of other packages that come after it.
+    """
+    return command_mirror(own)(observation)
 
 
 def mirror_estimate(estimate: torch.Tensor) -> torch.Tensor:

@@ -6,6 +6,7 @@ import json
 import math
 import pathlib
 import platform
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,18 @@ from numpy.typing import ArrayLike
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES, command_ranges
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
 from hugwbc.learned.policy import layout as obs
+from hugwbc.learned.policy.own_terms import own_terms
 from hugwbc.robot import Robot, load_robot, robot_names
 
 CONTRACT_VERSION = 2  # 1 has the first layout of the command observation
 # Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6), "squat_gain": (0.0, 1.0), "swing_gain": (0.0, 1.0)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
+_TERM = "term"  # key of the name of a term of another package, in the layout of the command observation
 _FIXED = (
     "joint_names",
     "history_frames",
@@ -77,6 +80,7 @@ def policy_contract(
     kp: ArrayLike | None = None,
     kd: ArrayLike | None = None,
     robot: Robot | None = None,
+    own: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the contract of a policy trained with this version, in a form that JSON can hold; SI units, radians.
 
@@ -89,6 +93,10 @@ def policy_contract(
         kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
         kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
         robot: robot of the training; None for the H1.
+        own: names of the observation terms of other packages that it reads.
+
+    Raises:
+        UnknownNameError, ConfigError: if a term is not there, or does not work.
     """
     robot = robot or load_robot()
     ranges = command_ranges(Gait.WALKING)
@@ -110,22 +118,12 @@ def policy_contract(
         "swing_gain": swing_gain,
         "leg_length": robot.leg_length,
         "history_frames": obs.HISTORY_FRAMES,
-        "proprioception": _layout(
-            ("angular velocity of the pelvis in its own frame", 3, obs.ANGULAR_VELOCITY_SCALE),
-            ("unit vector of gravity in the pelvis frame", 3, 1.0),
-            ("q - nominal", obs.JOINTS, 1.0),
-            ("dq", obs.JOINTS, obs.JOINT_VELOCITY_SCALE),
-            ("last action", obs.JOINTS, 1.0),
-        ),
-        "command": _command_layout(CONTRACT_VERSION),
+        "proprioception": _layout(obs.FRAME),
+        "command": [*_command_layout(CONTRACT_VERSION), *_own_layout(own)],
         "command_names": list(COMMAND_NAMES),
         "command_scales": obs.COMMAND_SCALES,
         "command_defaults": {name: ranges[name].default for name in COMMAND_NAMES},
-        "estimate": _layout(
-            ("velocity of the pelvis in the heading frame", 3, obs.LINEAR_VELOCITY_SCALE),
-            ("clearance of the left and the right sole", 2, obs.LENGTH_SCALE),
-            ("pelvis height minus the nominal one", 1, obs.LENGTH_SCALE),
-        ),
+        "estimate": _layout(obs.ESTIMATE),
         "gait": {
             "values": {gait.label: int(gait) for gait in Gait},
             "duty": gaits.DEFAULT_DUTY,
@@ -154,19 +152,14 @@ def policy_contract(
 
 def _command_layout(version: int) -> list[dict[str, Any]]:
     """Return the layout of the command observation in a version of the contract."""
-    gait: list[tuple[str, int, float]] = [
-        ("psi: 0.5 walking, else 0", 1, 1.0),
-        ("phi_stance: 1 standing, else 0.5", 1, 1.0),
-        ("clocks of the left and the right foot", 2, 1.0),
-    ]
     if version > 1:
-        gait = [
-            ("1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait), len(Gait), 1.0),
-            ("sin(2 pi phase) of the left and the right foot", 2, 1.0),
-            ("cos(2 pi phase) of the left and the right foot", 2, 1.0),
-        ]
-    indicator = ("intervention indicator: arms under external control", 1, 1.0)
-    return _layout(*((name, 1, obs.COMMAND_SCALES[name]) for name in COMMAND_NAMES), *gait, indicator)
+        return _layout(obs.COMMAND)
+    gait = (
+        obs.Part("psi: 0.5 walking, else 0", 1, (1.0,)),
+        obs.Part("phi_stance: 1 standing, else 0.5", 1, (1.0,)),
+        obs.Part("clocks of the left and the right foot", 2, (1.0,), sides=True),
+    )
+    return _layout((*obs.COMMAND[: len(COMMAND_NAMES)], *gait, obs.COMMAND[-1]))
 
 
 def command_size(metadata: dict[str, Any]) -> int:
@@ -174,8 +167,18 @@ def command_size(metadata: dict[str, Any]) -> int:
     return sum(int(part["size"]) for part in metadata["command"])
 
 
-def _layout(*parts: tuple[str, int, float]) -> list[dict[str, Any]]:
-    return [{"name": name, "size": size, "scale": scale} for name, size, scale in parts]
+def own_names(metadata: dict[str, Any]) -> list[str]:
+    """Return the names of the observation terms of other packages that a policy reads, from its contract."""
+    return [part[_TERM] for part in metadata["command"] if _TERM in part]
+
+
+def _own_layout(names: Sequence[str]) -> list[dict[str, Any]]:
+    terms = own_terms(names)
+    return [part | {_TERM: name} for part, name in zip(_layout(terms), names, strict=True)]
+
+
+def _layout(parts: Iterable[obs.Part]) -> list[dict[str, Any]]:
+    return [{"name": part.about, "size": part.size, "scale": part.scale} for part in parts]
 
 
 def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any]:
@@ -193,6 +196,7 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
     """
     version = metadata.get("contract")
     expected = policy_contract() | {"command": _command_layout(version if isinstance(version, int) else 1)}
+    expected["command"] += _expected_terms(metadata, origin)
     if version is None:
         described = {key: metadata[key] for key in metadata if key not in ("proprioception", "command")}
         metadata = {key: expected[key] for key in expected if key not in ("contract", "versions")} | described
@@ -221,6 +225,26 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
     for key, (low, high) in _OWN_VECTORS.items():
         _check_numbers(origin, key, metadata.get(key), joints, low, high)
     return metadata
+
+
+def _expected_terms(metadata: dict[str, Any], origin: object) -> list[dict[str, Any]]:
+    """Return the layout of the terms of other packages that a file names, as these packages declare them here.
+
+    Raises:
+        PolicyFileError: if a term is not there, or does not work.
+    """
+    parts = metadata.get("command") if metadata.get("contract") == CONTRACT_VERSION else None
+    own = [part for part in parts if isinstance(part, dict) and _TERM in part] if isinstance(parts, list) else []
+    try:
+        return _own_layout([str(part[_TERM]) for part in own])
+    except UnknownNameError as error:
+        names = ", ".join(str(part[_TERM]) for part in own)
+        raise PolicyFileError(
+            f"{origin} reads the observation terms {names} of other packages: {error} Install the package that it was "
+            "trained with"
+        ) from error
+    except ConfigError as error:
+        raise PolicyFileError(f"{origin} cannot run: {error}") from error
 
 
 def recorded_intervention(metadata: dict[str, Any]) -> str | None:

@@ -11,7 +11,8 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import feed_forward, layout as obs
 from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
-from hugwbc.learned.policy.policy_contract import command_size
+from hugwbc.learned.policy.own_terms import Sensed, own_columns, own_terms
+from hugwbc.learned.policy.policy_contract import command_size, own_names
 from hugwbc.robot import load_robot
 
 _F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
@@ -28,7 +29,8 @@ class PolicyRows:
     Attributes:
         kp, kd: gains of the joints [N*m/rad, N*m*s/rad], shape (19,).
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
-        observation: command observation in the policy's layout, shape (n, 18), or (n, 13) in the first one.
+        observation: command observation in the policy's layout, shape (n, 18), or (n, 13) in the first one; the
+            terms of other packages come after the 18.
         action, estimate: last outputs of the network, shapes (n, 19) and (n, 6).
         phase: common phase of each robot's gait, shape (n,).
     """
@@ -52,7 +54,8 @@ class PolicyRows:
         self._waist_joint = robot.waist
         self._squat_gain, self._swing_gain = (float(metadata.get(f"{name}_gain", 0.0)) for name in ("squat", "swing"))
         self._legs = LegFeedForward(robot)
-        self._layout = None if command_size(metadata) == obs.COMMAND_SIZE else obs.first_layout_matrix().T
+        self._layout = obs.first_layout_matrix().T if command_size(metadata) == obs.FIRST_COMMAND_SIZE else None
+        self._own = own_terms(own_names(metadata))
         self._command_scale = obs.command_scales()
         self.history = np.zeros((count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE), dtype=np.float32)
         self.observation = np.zeros((count, command_size(metadata)), dtype=np.float32)
@@ -84,16 +87,10 @@ class PolicyRows:
             q: joint positions [rad], shape (n, 19).
             dq: joint velocities [rad/s], shape (n, 19).
         """
-        frame = np.concatenate(
-            (
-                angular_velocity.astype(np.float32) * np.float32(obs.ANGULAR_VELOCITY_SCALE),
-                gravity.astype(np.float32),
-                q.astype(np.float32) - self._nominal_row,
-                dq.astype(np.float32) * np.float32(obs.JOINT_VELOCITY_SCALE),
-                self.action,
-            ),
-            axis=1,
-        )
+        omega, gravity, q, dq = (value.astype(np.float32) for value in (angular_velocity, gravity, q, dq))
+        values = (omega, gravity, q - self._nominal_row, dq, self.action)
+        scaled = [value * np.float32(part.scale) for value, part in zip(values, obs.FRAME, strict=True)]
+        frame = np.concatenate(scaled, axis=1)
         if self._started:
             self.history = np.concatenate((self.history[:, 1:], frame[:, None]), axis=1)
         else:
@@ -123,10 +120,15 @@ class PolicyRows:
 
     def _observe(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
         """Return the command observation of `hugwbc.learned.policy.observations` in the policy's layout."""
-        angle = 2.0 * math.pi * gaits.homogenised_phase(gaits.foot_phases(self.phase, gait))
+        phases = gaits.homogenised_phase(gaits.foot_phases(self.phase, gait))
+        angle = 2.0 * math.pi * phases
         row = np.empty((len(gait), obs.COMMAND_SIZE), dtype=np.float32)
         row[:, : _CLOCK - len(Gait)] = command.astype(np.float32) * self._command_scale
         row[:, _CLOCK - len(Gait) : _CLOCK] = gait[:, None] == _GAITS
         row[:, _CLOCK : _CLOCK + 2], row[:, _CLOCK + 2 : _CLOCK + 4] = np.sin(angle), np.cos(angle)
         row[:, -1] = indicator
+        if self._own:
+            told = {"command": command, "gait": gait, "phases": phases, "indicator": np.asarray(indicator, dtype=bool)}
+            sensed = Sensed.of_frame(self.history[:, -1], self._nominal, **told)
+            return np.concatenate((row, own_columns(self._own, sensed)), axis=1)
         return row if self._layout is None else row @ self._layout

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import torch
 
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import ESTIMATE_SIZE, LATENT_SIZE, ActorCritic
+from hugwbc.learned.policy.networks import ESTIMATE_SIZE, LATENT_SIZE, ActorCritic, SymmetricActor, SymmetricCritic
+from hugwbc.learned.policy.symmetry import EvenOdd
 
 _POLICY, _CRITIC = "actor.policy.0.weight", "critic.value.0.weight"  # of plain networks: what reads the observations
 _BEFORE_COMMAND = LATENT_SIZE + ESTIMATE_SIZE + obs.PROPRIOCEPTION_SIZE
@@ -21,7 +22,8 @@ def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None
     """Load tensors, by their names in the network; those of the first layout are changed to the present one.
 
     The first layout's command observation is a linear map of the present one, so that the changed network is the same
-    function. What the critic sees in addition now has weights of zero.
+    function. What the critic sees in addition now has weights of zero, and so have observation terms of other packages
+    that the tensors' network did not read.
 
     Raises:
         RuntimeError: if they do not fit the network.
@@ -35,7 +37,34 @@ def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None
         frame, command, privileged, terrain = tensors[_CRITIC].split(sizes, 1)
         unseen = torch.zeros(len(frame), obs.PRIVILEGED_SIZE - _FIRST_PRIVILEGED_SIZE)
         tensors[_CRITIC] = torch.cat((frame, command @ obs.first_layout(), privileged, unseen, terrain), 1)
+    if network.own:
+        tensors |= _widened(network, tensors)
     network.load_state_dict(tensors)
+
+
+def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Return the weights of first layers with zeros for the terms of other packages; none where they fit already."""
+    actor, critic = network.actor, network.critic
+    if isinstance(actor, SymmetricActor) and isinstance(critic, SymmetricCritic):
+        own = EvenOdd(obs.command_mirror(network.own)).even - EvenOdd(obs.command_mirror()).even
+        core = EvenOdd(obs.critic_mirror())
+        odd = obs.size_of(network.own) - own
+        places = {
+            "actor.policy.layers.0.even.weight": (None, own),
+            "actor.policy.layers.0.odd.weight": (None, odd),
+            "critic.value.layers.0.even.weight": (core.even, own),
+            "critic.value.layers.0.odd.weight": (core.odd, odd),
+        }
+    else:
+        size = obs.size_of(network.own)
+        places = {_POLICY: (None, size), _CRITIC: (obs.CRITIC_CORE_SIZE, size)}
+    wide, wanted = {}, network.state_dict()
+    for name, (place, count) in places.items():
+        weight = tensors[name]
+        if weight.shape[1] + count == wanted[name].shape[1] and count:
+            place = weight.shape[1] if place is None else place
+            wide[name] = torch.cat((weight[:, :place], weight.new_zeros(len(weight), count), weight[:, place:]), 1)
+    return wide
 
 
 def network_of(tensors: Mapping[str, torch.Tensor]) -> ActorCritic:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import nn
 
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
@@ -106,11 +107,11 @@ class Rollout:
     group: torch.Tensor
 
     @classmethod
-    def empty(cls, horizon: int, count: int, critic: int, device: torch.device) -> "Rollout":
-        """Allocate storage for `horizon` steps of `count` robots, with a critic's observation of `critic` numbers."""
+    def empty(cls, horizon: int, count: int, command: int, critic: int, device: torch.device) -> "Rollout":
+        """Allocate storage for `horizon` steps of `count` robots, given the widths of two observations."""
         sizes = {
             "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
-            "command": (obs.COMMAND_SIZE,),
+            "command": (command,),
             "critic": (critic,),
             "estimate": (obs.ESTIMATE_SIZE,),
             "action": (ACTION_SIZE,),
@@ -135,7 +136,14 @@ class PPO:
         skipped: number of updates left out because a loss or gradient was not finite.
     """
 
-    def __init__(self, config: PPOConfig, count: int, generator: torch.Generator, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        config: PPOConfig,
+        count: int,
+        generator: torch.Generator,
+        device: str = "cpu",
+        own: tuple[obs.Part, ...] = (),
+    ) -> None:
         """Build networks and optimiser.
 
         Args:
@@ -143,10 +151,17 @@ class PPO:
             count: number of robots.
             generator: source of exploration noise and minibatches, on the CPU.
             device: device of networks and experience; observations and actions are exchanged on the CPU.
+            own: observation terms of other packages.
+
+        Raises:
+            ConfigError: if there are such terms, and labels of a teacher, which do not have them.
         """
+        if own and config.labels is not None:
+            raise ConfigError("labels of a teacher have no observation terms of other packages; give one or the other")
         self.config = config
         self.device = torch.device(device)
-        self.network = ActorCritic(config.std_initial, symmetric=config.symmetry == "network").to(self.device)
+        symmetric = config.symmetry == "network"
+        self.network = ActorCritic(config.std_initial, symmetric=symmetric, own=own).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
@@ -189,7 +204,8 @@ class PPO:
 
     def allocate(self, critic: int) -> None:
         """Make room for an iteration of the present horizon, with a critic's observation of `critic` numbers."""
-        self._rollout = Rollout.empty(self.config.horizon, self._count, critic, self.device)
+        command = obs.COMMAND_SIZE + obs.size_of(self.network.own)
+        self._rollout = Rollout.empty(self.config.horizon, self._count, command, critic, self.device)
 
     @torch.no_grad()
     def act(self, t: int, observation: Observation, gait: torch.Tensor) -> torch.Tensor:
@@ -333,7 +349,9 @@ class PPO:
         if self.config.symmetry != "loss":
             return mean.new_zeros(())
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
-            mirrored, _ = self.network.actor(obs.mirror_history(history), obs.mirror_command_observation(command))
+            mirrored, _ = self.network.actor(
+                obs.mirror_history(history), obs.mirror_command_observation(command, self.network.own)
+            )
         return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
 
     def _cloning_loss(self) -> torch.Tensor:

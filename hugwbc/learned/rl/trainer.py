@@ -64,7 +64,7 @@ class Trainer:
         self.leads = distributed.rank() == 0
         self.generator = torch.Generator().manual_seed(own_seed)
         self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads, device=config.device)
-        self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device)
+        self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device, self.env.own)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
@@ -295,6 +295,12 @@ class Trainer:
             index, _, name = key.partition(".")
             state.setdefault(int(index), {})[name] = value.clone()
         optimiser = self.ppo.optimiser
+        parameters = [p for group in optimiser.param_groups for p in group["params"]]
+        if any(moment.dim() and moment.shape != parameters[i].shape for i, m in state.items() for moment in m.values()):
+            raise PolicyFileError(
+                "the checkpoint's network reads other observation terms than env.observations names; continue from its "
+                "snapshot"
+            )
         optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
     def _restore_counters(self, metadata: dict[str, Any]) -> None:
@@ -346,6 +352,7 @@ def contract_of(env: EnvConfig) -> dict[str, Any]:
         waist_rate=env.waist_rate,
         squat_gain=env.squat_gain,
         swing_gain=env.swing_gain,
+        own=env.observations,
     )
 
 
