@@ -9,6 +9,7 @@ from hugwbc.controller import UpperBody
 from hugwbc.state import RobotState
 
 _STRONGEST = 250.0  # [N] on one hand that the controller reckons with; more is a fault of the sensors
+_PROVE = 0.2  # [s]
 _NONE = np.zeros((2, 3))
 
 
@@ -35,27 +36,46 @@ class HandLoad:
     def reset(self) -> None:
         """Start with free hands."""
         self.force = _NONE
-        self._smooth = np.zeros((2, 3))
+        self._told, self._excess = np.zeros((2, 3)), np.zeros((2, 3))
+        self._counts = 0.0
 
-    def update(self, state: RobotState, upper_body: UpperBody, dt: float) -> None:
+    def update(self, state: RobotState, upper_body: UpperBody, dt: float, *, stepping: bool) -> None:
         """Take in one state.
 
         Args:
             state: with the forces on the hands or without them; then those that `upper_body` expects count.
             upper_body: targets of the arms, with payload and wanted forces.
             dt: time since the last call [s].
+            stepping: whether the robot is walking.
         """
-        seen = state.hand_force if self._measured else None
-        if seen is None:
-            loads = hand_loads(upper_body.hand_force, upper_body.payload)
-            seen = -loads if loads.any() else _NONE
-        if seen is _NONE and not self._smooth.any():
-            return
-        if not math.isfinite(float(seen.ravel().dot(seen.ravel()))):
-            return
+        loads = hand_loads(upper_body.hand_force, upper_body.payload)
+        told = -loads if loads.any() else _NONE
         share = 1.0 - math.exp(-self._rate * dt)
-        bounded = np.minimum(np.maximum(seen, -_STRONGEST), _STRONGEST)
-        self._smooth = self._smooth + share * (bounded - self._smooth)
-        length = np.sqrt((self._smooth * self._smooth).sum(axis=1, keepdims=True))
-        counts = np.minimum(np.maximum(length / self._least - 1.0, 0.0), 1.0)
-        self.force = self._smooth * counts if counts.any() else _NONE
+        if told is not _NONE or self._told.any():
+            if math.isfinite(float(told.ravel().dot(told.ravel()))):
+                self._told = self._told + share * (_bounded(told) - self._told)
+        self.force = _faded(self._told, self._least)
+        seen = state.hand_force if self._measured else None
+        if seen is None or not math.isfinite(float(seen.ravel().dot(seen.ravel()))):
+            return
+        self._excess = self._excess + share * (_bounded(seen) - self._told - self._excess)
+        excess = _faded(self._excess, self._least)
+        if not excess.any():
+            self._counts = 0.0
+            return
+        if stepping:
+            self._counts = min(self._counts + dt / _PROVE, 1.0)
+        self.force = self.force + self._counts * excess
+
+
+def _bounded(force: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(force, -_STRONGEST), _STRONGEST)
+
+
+def _faded(force: np.ndarray, least: float) -> np.ndarray:
+    """Return forces without those of at most `least` [N]; from twice that on they count in full."""
+    if not force.any():
+        return _NONE
+    length = np.sqrt((force * force).sum(axis=1, keepdims=True))
+    counts = np.minimum(np.maximum(length / least - 1.0, 0.0), 1.0)
+    return force * counts if counts.any() else _NONE
