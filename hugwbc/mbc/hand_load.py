@@ -19,9 +19,9 @@ class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
 
     What the targets tell counts at once. Of what is felt besides, nothing counts in a stand: a robot that leans against
-    a force holds a pull, but it presses harder on a post that it touches, which pushes back harder, until it falls. Left
-    alone, it gives way to both, and the push of a post vanishes. A force that has made the robot step and is still there
-    thereafter is a pull; it counts until it ends, in the stand that follows as well.
+    a force holds a pull, but it presses harder on a post that it touches, which pushes back harder, until it falls.
+    Left alone, it gives way to both, and the push of a post vanishes. A force that has made the robot step and is
+    still there thereafter is a pull; it counts until it ends, in the stand that follows as well.
 
     Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
 
