@@ -134,13 +134,13 @@ def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state
 @pytest.mark.slow
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
 def test_a_stand_holds_a_steady_force_on_its_hands(direction):
-    """80 N for 5 s on what the estimator and the sensors of a robot tell; the robot may step, but must not go along."""
+    """60 N for 3 s on what the estimator and the sensors of a robot tell; the robot may step, but must not go along."""
     arena = ARENAS[2]
     simulation = arena.simulation(seed=2)
     loop = ControlLoop(WholeBodyController(), Constant(Command()), simulation, None, estimator_for(arena))
     loop.reset()
-    pull = HandPull(simulation, 80.0 * np.array(direction), 1.0, 1.0)
-    while simulation.time < 7.0 and not simulation.fallen:
+    pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
+    while simulation.time < 5.0 and not simulation.fallen:
         command = loop.decide(simulation.time)
         pull.update(loop.step(command, loop.period))
     assert not simulation.fallen
