@@ -1,4 +1,4 @@
-"""Forces on the hands for the QP: what is measured or estimated of them, or else what is told."""
+"""Forces on the hands for the QP: what the targets tell, and what else has made the robot step."""
 
 import math
 
@@ -9,11 +9,19 @@ from hugwbc.controller import UpperBody
 from hugwbc.state import RobotState
 
 _STRONGEST = 250.0  # [N] on one hand that the controller reckons with; more is a fault of the sensors
+# What moves the robot is a pull if it is still there after a step or two; a touch has ended by then.
+_WAIT, _RISE = 0.4, 0.2  # [s] of stepping before a felt force begins to count, and until it counts in full
+_LASTING = 2.0  # [1/s], bandwidth of the mean that a felt force does not exceed
 _NONE = np.zeros((2, 3))
 
 
 class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
+
+    What the targets tell counts at once. Of what is felt besides, nothing counts in a stand: a robot that leans against
+    a force holds a pull, but it presses harder on a post that it touches, which pushes back harder, until it falls.
+    Left alone, it gives way to both, and the push of a post vanishes. A force that has made the robot step and is
+    still there thereafter is a pull; it counts until it ends, in the stand that follows as well.
 
     Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
 
@@ -35,27 +43,50 @@ class HandLoad:
     def reset(self) -> None:
         """Start with free hands."""
         self.force = _NONE
-        self._smooth = np.zeros((2, 3))
+        self._told, self._felt, self._mean = np.zeros((3, 2, 3))
+        self._stepped = 0.0
 
-    def update(self, state: RobotState, upper_body: UpperBody, dt: float) -> None:
-        """Take in one state.
+    def update(self, state: RobotState, upper_body: UpperBody, dt: float, *, stepping: bool) -> None:
+        """Take in one state; with forces that are not finite, the last ones stay.
 
         Args:
-            state: with the forces on the hands or without them; then those that `upper_body` expects count.
+            state: with the forces on the hands or without them; then those that `upper_body` tells count alone.
             upper_body: targets of the arms, with payload and wanted forces.
             dt: time since the last call [s].
+            stepping: whether the robot walks, or steps to catch itself.
         """
+        told = -hand_loads(upper_body.hand_force, upper_body.payload)
         seen = state.hand_force if self._measured else None
-        if seen is None:
-            loads = hand_loads(upper_body.hand_force, upper_body.payload)
-            seen = -loads if loads.any() else _NONE
-        if seen is _NONE and not self._smooth.any():
+        if seen is None and not (told.any() or self.force.any() or self._told.any()):
             return
-        if not math.isfinite(float(seen.ravel().dot(seen.ravel()))):
+        if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
             return
         share = 1.0 - math.exp(-self._rate * dt)
-        bounded = np.minimum(np.maximum(seen, -_STRONGEST), _STRONGEST)
-        self._smooth = self._smooth + share * (bounded - self._smooth)
-        length = np.sqrt((self._smooth * self._smooth).sum(axis=1, keepdims=True))
-        counts = np.minimum(np.maximum(length / self._least - 1.0, 0.0), 1.0)
-        self.force = self._smooth * counts if counts.any() else _NONE
+        self._told = self._told + share * (_bounded(told) - self._told)
+        self.force = _without_small(self._told, self._least)
+        if seen is None:
+            return
+        self._felt = self._felt + share * (_bounded(seen) - self._told - self._felt)
+        self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
+        lasting = np.minimum(_length(self._mean) / np.maximum(_length(self._felt), self._least), 1.0)
+        pull = _without_small(lasting * self._felt, self._least)
+        if not pull.any():
+            self._stepped = 0.0
+            return
+        if stepping:
+            self._stepped = min(self._stepped + dt, _WAIT + _RISE)
+        self.force = self.force + max(self._stepped - _WAIT, 0.0) / _RISE * pull
+
+
+def _bounded(force: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(force, -_STRONGEST), _STRONGEST)
+
+
+def _length(force: np.ndarray) -> np.ndarray:
+    return np.sqrt((force * force).sum(axis=1, keepdims=True))
+
+
+def _without_small(force: np.ndarray, least: float) -> np.ndarray:
+    """Return forces without those of at most `least` [N]; from twice that on they count in full."""
+    counts = np.minimum(np.maximum(_length(force) / least - 1.0, 0.0), 1.0)
+    return force * counts if counts.any() else _NONE

@@ -320,10 +320,9 @@ class ControllerParams:
     """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
     least_hand_force: float = 10.0
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
-    measured_hand_force: bool = False
+    measured_hand_force: bool = True
     """Whether the balance reckons with the forces on the hands that the state has, besides those that the targets tell.
-    Pulls are held better with them, but with estimated ones it steps and falls when a hand touches something
-    (docs/forces.md)."""
+    They count once they have made the robot step (docs/forces.md)."""
 
     # --- output
     joint_stiffness: float = 0.1

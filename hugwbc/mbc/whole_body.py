@@ -245,7 +245,8 @@ class WholeBodyController:
         self._locomotion.follow_jumps(state.position, state.velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
-        self._hand_load.update(state, upper_body, self.period)
+        stepping = self._locomotion.plan.mode is Mode.WALKING
+        self._hand_load.update(state, upper_body, self.period, stepping=stepping)
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
         smooth, report = self._filter.update(command, self.period, self._locomotion.state)

@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
-from hugwbc.mbc import ControllerParams, WholeBodyController
+from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum
 from hugwbc.mbc.hand_load import HandLoad
@@ -20,38 +20,68 @@ from hugwbc.sim.hand_pull import HandPull
 
 DT = 0.002
 ARMS = UpperBody.none()
-MEASURED = ControllerParams(measured_hand_force=True)
 PULL = np.array([[20.0, 0.0, -30.0], [0.0, 5.0, 0.0]])
+
+
+def after(load, state, time, *, stepping, targets=ARMS):
+    """Return the force that counts after some time [s]."""
+    for _ in range(round(time / DT)):
+        load.update(state, targets, DT, stepping=stepping)
+    return load.force
+
+
+def felt(state, force):
+    """Return the state with a force on the left hand [N]."""
+    return dataclasses.replace(state, hand_force=np.array([force, [0.0, 0.0, 0.0]]))
 
 
 def test_small_forces_are_none_and_large_ones_count_in_full(standing_state):
     load = HandLoad(10.0, 5.0)
     for force, share in ((4.0, 0.0), (7.5, 0.5), (40.0, 1.0)):
         load.reset()
-        state = dataclasses.replace(standing_state, hand_force=np.array([[force, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-        for _ in range(2000):
-            load.update(state, ARMS, DT)
-        assert load.force[0, 0] == pytest.approx(share * force, abs=0.05)
-        assert not load.force[1].any()
+        counted = after(load, felt(standing_state, [force, 0.0, 0.0]), 4.0, stepping=True)
+        assert counted[0, 0] == pytest.approx(share * force, abs=0.05)
+        assert not counted[1].any()
+
+
+def test_a_felt_force_counts_only_after_it_has_made_the_robot_step(standing_state):
+    load, pulled = HandLoad(10.0, 5.0), felt(standing_state, [40.0, 0.0, 0.0])
+    assert not after(load, pulled, 4.0, stepping=False).any(), "a stand that leans against a post falls"
+    assert not after(load, pulled, 0.3, stepping=True).any(), "a touch ends with the first step"
+    assert after(load, pulled, 0.4, stepping=True)[0, 0] == pytest.approx(40.0, abs=0.1)
+    assert after(load, pulled, 1.0, stepping=False)[0, 0] == pytest.approx(40.0, abs=0.1), "the stand that follows"
+    assert not after(load, felt(standing_state, [0.0, 0.0, 0.0]), 1.0, stepping=False).any()
+    assert not after(load, pulled, 4.0, stepping=False).any(), "the next force has to prove itself"
+
+
+def test_a_short_blow_does_not_count_in_full(standing_state):
+    load = HandLoad(10.0, 5.0)
+    after(load, felt(standing_state, [15.0, 0.0, 0.0]), 2.0, stepping=True)
+    assert after(load, felt(standing_state, [150.0, 0.0, 0.0]), 0.1, stepping=True)[0, 0] < 60.0
 
 
 def test_without_an_estimate_what_is_told_counts(standing_state):
     load = HandLoad(10.0, 5.0)
     told = dataclasses.replace(ARMS, payload=np.array([3.0, 0.0]), hand_force=np.array([[0.0, 0.0, 0.0], [15.0, 0, 0]]))
     state = dataclasses.replace(standing_state, hand_force=None)
-    for _ in range(2000):
-        load.update(state, told, DT)
-    assert load.force == pytest.approx(np.array([[0.0, 0.0, -29.43], [-15.0, 0.0, 0.0]]), abs=0.05)
+    force = after(load, state, 4.0, stepping=False, targets=told)
+    assert force == pytest.approx(np.array([[0.0, 0.0, -29.43], [-15.0, 0.0, 0.0]]), abs=0.05)
     assert told.hand_force.tolist() == [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0]], "the targets are the caller's"
+
+
+def test_what_is_told_and_felt_counts_once(standing_state):
+    load = HandLoad(10.0, 5.0)
+    told = dataclasses.replace(ARMS, hand_force=np.array([[-40.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    force = after(load, felt(standing_state, [40.0, 0.0, 0.0]), 4.0, stepping=True, targets=told)
+    assert force == pytest.approx(np.array([[40.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), abs=0.05)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_broken_estimate_leaves_the_last_force(standing_state, bad):
     load = HandLoad(10.0, 5.0)
-    load.update(dataclasses.replace(standing_state, hand_force=PULL), ARMS, 1.0)
-    before = load.force.copy()
-    load.update(dataclasses.replace(standing_state, hand_force=np.full((2, 3), bad)), ARMS, 1.0)
-    assert load.force.tolist() == before.tolist() and before.any()
+    before = after(load, dataclasses.replace(standing_state, hand_force=PULL), 2.0, stepping=True).copy()
+    broken = after(load, dataclasses.replace(standing_state, hand_force=np.full((2, 3), bad)), 1.0, stepping=True)
+    assert broken.tolist() == before.tolist() and before.any()
 
 
 def test_the_bias_has_the_forces_on_the_hands(standing_state):
@@ -82,12 +112,13 @@ def test_the_balance_shifts_by_the_moment_over_the_weight(standing_state):
 
 
 def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state):
-    controller = WholeBodyController(MEASURED)
+    controller = WholeBodyController()
     controller.reset(standing_state)
-    targets = UpperBody.targets(standing_state.q[controller.robot.arms])
-    pulled = dataclasses.replace(standing_state, hand_force=np.array([[0.0, 150.0, 0.0], [0.0, 150.0, 0.0]]))
+    targets = dataclasses.replace(
+        UpperBody.targets(standing_state.q[controller.robot.arms]), hand_force=np.tile((0.0, -150.0, 0.0), (2, 1))
+    )
     for _ in range(300):
-        controller.act(pulled, Command(), targets)
+        controller.act(standing_state, Command(), targets)
     diagnostics = controller.diagnostics
     assert diagnostics.status is QpStatus.SOLVED
     limit = controller.params.torque_fraction * controller.robot.torque_limit
@@ -103,14 +134,14 @@ def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state
 @pytest.mark.slow
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
 def test_a_stand_holds_a_steady_force_on_its_hands(direction):
-    """60 N for 3 s on what the estimator and the sensors of a robot tell; without the forces 60 N made it fall."""
+    """60 N for 3 s on what the estimator and the sensors of a robot tell; the robot may step, but must not go along."""
     arena = ARENAS[2]
     simulation = arena.simulation(seed=2)
-    loop = ControlLoop(WholeBodyController(MEASURED), Constant(Command()), simulation, None, estimator_for(arena))
+    loop = ControlLoop(WholeBodyController(), Constant(Command()), simulation, None, estimator_for(arena))
     loop.reset()
     pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
     while simulation.time < 5.0 and not simulation.fallen:
         command = loop.decide(simulation.time)
         pull.update(loop.step(command, loop.period))
     assert not simulation.fallen
-    assert np.linalg.norm(simulation.state().position[:2]) < 0.3
+    assert np.linalg.norm(simulation.state().position[:2]) < 1.2

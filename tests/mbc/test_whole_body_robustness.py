@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import time
 
 import mujoco
 import numpy as np
@@ -145,20 +146,35 @@ def _random_state(rng, absurd):
         angular_velocity=scale * rng.normal(size=3),
         position=np.array([0.0, 0.0, 0.95]) + (scale * rng.normal(size=3) if absurd else 0.0),
         velocity=scale * rng.normal(size=3),
+        hand_force=30.0 * scale * rng.normal(size=(2, 3)),
     )  # fmt: skip
+
+
+def _random_loads(rng, absurd):
+    """Targets of the arms with payloads and wanted forces."""
+    scale = 10.0 ** rng.uniform(0.0, 7.0) if absurd else 1.0
+    q = ROBOT.nominal[ROBOT.arms] + 0.3 * scale * rng.normal(size=8)
+    payload, force = scale * rng.uniform(0.0, 3.0, 2), 30.0 * scale * rng.normal(size=(2, 3))
+    if absurd:
+        (payload if rng.integers(2) else force.reshape(-1))[0] = rng.choice([np.nan, np.inf, -np.inf, 0.0])
+    return dataclasses.replace(UpperBody.targets(q), payload=payload, hand_force=force)
 
 
 def _broken(state, rng):
     """The state with a NaN or an infinity in one of its fields."""
-    name = rng.choice(["q", "dq", "orientation", "angular_velocity", "position", "velocity"])
+    name = rng.choice(["q", "dq", "orientation", "angular_velocity", "position", "velocity", "hand_force"])
     values = getattr(state, name).copy()
-    values[rng.integers(values.size)] = rng.choice([np.nan, np.inf, -np.inf])
+    values.flat[rng.integers(values.size)] = rng.choice([np.nan, np.inf, -np.inf])
     return dataclasses.replace(state, **{name: values})
 
 
 @pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
-    """Half of the states and of the commands absurd: NaN, infinite, far out of range, numbers up to 1e7."""
+    """Half of the states, commands and loads absurd: NaN, infinite, far out of range, numbers up to 1e7.
+
+    Printed: the ticks above 5 ms of processor time.
+    """
+    slow: list[float] = []
     rng, controller, outputs = np.random.default_rng(0), WholeBodyController(), collections.Counter()
     limit = controller.params.torque_fraction * ROBOT.torque_limit
     gaits = list(Gait)
@@ -172,12 +188,16 @@ def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
         command = Command.from_array(values, gaits[rng.integers(len(gaits))])
         if index % 5 == 0:
             controller.reset(state)
-        joint_command = controller.act(state, command, UpperBody.none())
+        targets = _random_loads(rng, absurd) if index % 4 < 2 else UpperBody.none()
+        start = time.thread_time()
+        joint_command = controller.act(state, command, targets)
+        slow += [took for took in [1e3 * (time.thread_time() - start)] if took > 5.0]
         assert joint_command.is_finite
         assert np.all(np.abs(joint_command.tau) <= limit + 1e-9)
         diagnostics = controller.diagnostics
         assert (diagnostics.output is Output.SOLUTION) == (diagnostics.status is not QpStatus.FAILED)
         outputs[absurd, diagnostics.output] += 1
+    print(f"{len(slow)} of {count} ticks above 5 ms, the slowest {max(slow, default=0.0):.1f} ms; {dict(outputs)}")
     assert {output for _, output in outputs} == set(Output)
     assert outputs[False, Output.SOLUTION] > 0.99 * count / 2, "ordinary states are solved"
 

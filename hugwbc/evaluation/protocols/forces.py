@@ -225,7 +225,7 @@ def _simulation(settings: ForcesConfig, seed: tuple[int, int], duration: float) 
     if settings.part != "press":
         return conditions.simulation(duration, seed)
     wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
-    return conditions.chosen_arena.simulation(
+    return conditions.chosen.simulation(
         timestep=conditions.timestep,
         variation=conditions.variation(),
         latency=conditions.latency,

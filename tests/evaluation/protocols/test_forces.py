@@ -60,6 +60,12 @@ def test_the_press_is_judged_by_the_contact_force():
     assert watch.end[0] - watch.begun[0] == pytest.approx(0.09)
 
 
+def test_a_press_has_a_wall_to_press():
+    settings = ForcesConfig(part="press")
+    assert forces._simulation(settings, (0, 0), 1.0).scene is not None
+    assert forces._simulation(dataclasses.replace(settings, part="pull"), (0, 0), 1.0).scene is None
+
+
 def test_the_load_is_the_truth_of_carrying():
     watch = forces._Watch(ForcesConfig(load=2.0), None)
     watch(state(5.0), dataclasses.replace(state(5.0), hand_force=np.tile((0.0, 0.0, -19.62), (2, 1))))
