@@ -10,7 +10,7 @@ from hugwbc.scripts.behaviours import Course, Grip, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, lifted
-from hugwbc.tasks.moves import ARRIVED, Moves, crouch, hands_in, up
+from hugwbc.tasks.moves import ARRIVED, Moves, crouch, hands_in
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -52,6 +52,7 @@ MILESTONES = (
 _DISTANCE = 0.40  # [m], from the pelvis to the middle of the tray
 _BESIDE = 0.045  # [m], of a hand from the edge of the tray
 _ABOVE = 0.05  # [m], of a hand above the plate
+_LIFT = 0.08  # [m], by which the robot is lower than for its arms' comfort when it grips the tray
 _BACK, _AHEAD = 0.45, 2.5  # [m], before and after the corner
 
 
@@ -73,7 +74,8 @@ class CarryTray(Moves):
         tray = seen(view, "tray")
         axes = rotations.rotation_z(tray.yaw)
         way = (axes[:, 0], axes[:, 0])
-        posture = crouch(float(tray.position[2]) + 0.1)
+        # The legs lift the tray: an arm that rises turns its forearm, and the tray with it.
+        posture = Command(h=crouch(float(tray.position[2]) + _ABOVE).h - _LIFT)
         for gap in (0.06, 0.0):
             y = self._half + _BESIDE + gap
             points = tray.position + np.array([[-0.02, y, _ABOVE], [-0.02, -y, _ABOVE]]) @ axes.T
@@ -83,12 +85,9 @@ class CarryTray(Moves):
         self.doing = "grip the tray"
         view = yield from self.grip(view, Grip("left", "tray"), Grip("right", "tray", hook=True))
         self.doing = "lift the tray"
-        view = yield from self.glide(
-            view, hands_in(view, "world") + up(0.06), frame="world", speed=0.05, together=True, directions=way
-        )
         ahead = np.array([1.0, 0.0, 0.0])
         view = yield from self.glide(
-            view, hands_in(view, "heading"), together=True, directions=(ahead, ahead), posture=Command(), settle=1.0
+            view, hands_in(view, "heading"), together=True, directions=(ahead, ahead), posture=Command(), settle=1.5
         )
         self.doing = "carry the tray"
         yaw = view.state.yaw

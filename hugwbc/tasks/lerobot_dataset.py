@@ -9,12 +9,15 @@ FOLDER/
   data/chunk-000/file-000.parquet                 a row for each frame
 """
 
+import contextlib
 import json
 import os
 import pathlib
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -65,7 +68,8 @@ class DatasetWriter:
     """A data set that is written episode by episode, and is never there half-written.
 
     Use it in a `with` statement. Everything goes into a hidden folder beside the one that is asked for, which gets its
-    name at the end. An error or Ctrl-C ends the data set after the last complete episode.
+    name at the end. An error or Ctrl-C ends the data set after the last complete episode; Ctrl-C while files are
+    written takes effect when they are.
     """
 
     def __init__(self, folder: pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
@@ -117,14 +121,15 @@ class DatasetWriter:
         Raises:
             ConfigError: if there is no episode, or something has taken the name meanwhile.
         """
-        try:
-            self._close()
-            if kind is None or (self._episodes and not self._torn):
-                self._finish()
-                self._name()
-        finally:
-            if not self._complete:
-                shutil.rmtree(self._staging, ignore_errors=True)
+        with _ctrl_c_waits():
+            try:
+                self._close()
+                if kind is None or (self._episodes and not self._torn):
+                    self._finish()
+                    self._name()
+            finally:
+                if not self._complete:
+                    shutil.rmtree(self._staging, ignore_errors=True)
 
     def add(self, episode: Demonstration) -> None:
         """Write one episode.
@@ -137,6 +142,10 @@ class DatasetWriter:
                 f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "
                 f"is for another data set: this one has {', '.join(self._tasks)} with robot {self._robot.name}"
             )
+        with _ctrl_c_waits():
+            self._write(episode)
+
+    def _write(self, episode: Demonstration) -> None:
         columns = self._columns(episode)
         arrays = [_arrow(columns[key], self._schema.field(key).type) for key in self._schema.names]
         table = pa.Table.from_arrays(arrays, schema=self._schema)
@@ -247,6 +256,26 @@ class DatasetWriter:
             "video_path": None,
             "features": self._features,
         }
+
+
+@contextlib.contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Keep a Ctrl-C back until the files are written; outside of the main thread there is none.
+
+    Raises:
+        KeyboardInterrupt: at the end, if it came meanwhile and nothing else went wrong.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _place(number: int) -> dict[str, int]:

@@ -93,7 +93,8 @@ class WipeTable(Moves):
         pressing = Pressing(view, row=1, normal=up(1.0), force=WIPING)
         while (view.time - begin) * _SPEED < along[-1] + 0.05:
             way = (view.time - begin) * _SPEED
-            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)]) - up(pressing.depth(view))
+            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
+            press = np.stack([np.zeros(3), -up(pressing.asked(view))])
             view = yield Action(standing(view), targets(np.stack([aside, at]), "world", forces=press))
         self.doing = "raise the hand"
         at = np.stack([aside, path[-1] + up(0.12)])

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import pathlib
+import signal
 
 import datasets
 import numpy as np
@@ -267,18 +268,40 @@ def test_a_recording_that_was_stopped_keeps_its_complete_episodes(tmp_path, erro
 
 def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path, monkeypatch):
     def stop(*_: object) -> None:
-        raise KeyboardInterrupt
+        raise OSError("no space left on device")
 
     with pytest.raises(KeyboardInterrupt), DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT):
         raise KeyboardInterrupt
     with (
-        pytest.raises(KeyboardInterrupt),
+        pytest.raises(OSError, match="no space"),
         DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
     ):
         writer.add(made_up("press_button", 5))
         monkeypatch.setattr(pq.ParquetWriter, "write_table", stop)  # in the middle of the second episode
         writer.add(made_up("press_button", 5))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("call", ["ParquetWriter.write_table", "ParquetWriter.close", "write_table"])
+def test_ctrl_c_while_a_file_is_written_waits_for_it(tmp_path, monkeypatch, call):
+    owner = pq.ParquetWriter if "." in call else pq
+    name = call.split(".")[-1]
+    write = getattr(owner, name)
+
+    def interrupted(*given, **named) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write(*given, **named)
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
+    ):
+        writer.add(made_up("press_button", 5))
+        monkeypatch.setattr(owner, name, interrupted)
+        writer.add(made_up("press_button", 4))
+    assert list(tmp_path.iterdir()) == [tmp_path / "demos"]
+    assert read_info(tmp_path / "demos")["total_frames"] == 9
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_folder_is_never_overwritten(tmp_path):

@@ -23,8 +23,8 @@ TIP = 0.04  # [m], from the hand's origin to the end of the forearm
 _PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
 
 STIFFNESS = 1000.0  # [N/m], about that of a hand in front of the body
-PRESSING_GAIN = 2.0  # [1/s], at which the depth of a pressing hand goes to where its force is the wanted one
-DEEPEST = 0.06  # [m], of a pressing hand's target
+PRESSING_GAIN = 2.0  # [1/s], at which the force of a pressing hand goes to the wanted one
+MOST_MORE = 25.0  # [N], that a hand is asked for beyond the wanted force
 
 Point = tuple[float, float, float]
 Aim = Callable[[View], HandTargets]
@@ -159,10 +159,10 @@ def wait(view: View, seconds: float) -> Course:
 
 
 class Pressing:
-    """How deep inside a surface the target of a hand lies that presses with a force.
+    """The force to ask of a hand that it presses with a wanted one.
 
-    A force that is fed forward arrives only if the place of the surface is known to a few millimetres. Where forces on
-    the hands are known, their error moves the target.
+    A hand gives way along the force that it is asked for, so that its target cannot make up for what friction of the
+    drives and errors of the model take from it. Where forces on the hands are known, their error changes what is asked.
     """
 
     def __init__(self, view: View, row: int, normal: np.ndarray, force: float) -> None:
@@ -175,16 +175,16 @@ class Pressing:
             force: wanted, against the surface [N].
         """
         self._row, self._normal, self._force = row, normal, force
-        self._time, self._depth = view.time, 0.0
+        self._time, self._more = view.time, 0.0
 
-    def depth(self, view: View) -> float:
-        """Return the depth of the target at this tick [m]."""
+    def asked(self, view: View) -> float:
+        """Return the force to ask for at this tick, against the surface [N]."""
         if view.hand_force is not None:
             missing = self._force - float(view.hand_force[self._row] @ self._normal)
-            step = PRESSING_GAIN * (view.time - self._time) * missing / STIFFNESS
-            self._depth = float(np.clip(self._depth + step, -DEEPEST, DEEPEST))
+            more = self._more + PRESSING_GAIN * (view.time - self._time) * missing
+            self._more = float(np.clip(more, -0.8 * self._force, MOST_MORE))
         self._time = view.time
-        return self._depth
+        return self._force + self._more
 
 
 def check_above(name: str, value: float, most: float, unit: str = "m") -> None:

@@ -315,5 +315,5 @@ class Wipe(Behaviour):
         pressing = Pressing(view, row, seen(view, self.object).direction(self.normal), self.force)
         while (way := self.speed * (view.time - begin)) < length + 0.3 * self.speed:
             self.progress = f"{100 * min(way, length):.0f} of {100 * length:.0f} cm are wiped"
-            view = yield Action(standing(view), on(view, way, -pressing.depth(view), self.force))
+            view = yield Action(standing(view), on(view, way, 0.0, pressing.asked(view)))
         return (yield from move(self, view, lambda v: on(v, length, 0.08, 0.0), tolerance=math.inf))

@@ -1,0 +1,30 @@
+"""What a pressing hand is asked for."""
+
+import numpy as np
+import pytest
+from behaviour_helpers import view
+
+from hugwbc.scripts.behaviours.hand_motion import MOST_MORE, Pressing
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def asked_after(seconds: float, felt: float | None) -> float:
+    """Ask for 15 N for a time, while the right hand feels a force upwards [N]."""
+    force = None if felt is None else np.array([[0.0, 0.0, 99.0], [0.0, 0.0, felt]])
+    pressing = Pressing(view(0.0, hand_force=force), 1, UP, 15.0)
+    for time in np.arange(0.02, seconds, 0.02):
+        pressing.asked(view(float(time), hand_force=force))
+    return pressing.asked(view(seconds, hand_force=force))
+
+
+def test_a_hand_that_feels_too_little_is_asked_for_more():
+    assert asked_after(0.5, 15.0) == pytest.approx(15.0)
+    assert asked_after(0.5, 10.0) == pytest.approx(20.0)
+    assert asked_after(0.5, 20.0) == pytest.approx(10.0)
+    assert asked_after(0.5, None) == 15.0
+
+
+def test_what_is_asked_for_has_bounds_and_keeps_its_sign():
+    assert asked_after(20.0, 0.0) == 15.0 + MOST_MORE
+    assert 0.0 < asked_after(20.0, 99.0) < 15.0
