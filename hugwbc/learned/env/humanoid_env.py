@@ -259,8 +259,10 @@ class HumanoidEnv:
     def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
         squat, swing = self.config.squat_gain, self.config.swing_gain
         if squat > 0.0 or swing > 0.0:
-            state = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
-            offsets = tensor(self._legs.offsets(*(squat * posture.numpy().T), swing * swing_clearance(*state, self.dt)))
+            phase, gait, command = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
+            height, pitch = squat * posture.numpy().T
+            lifted = swing * swing_clearance(phase, gait, command, self.dt)
+            offsets = tensor(self._legs.offsets(height, pitch, lifted))
         else:
             offsets = torch.zeros(len(waist), obs.JOINTS)
         offsets[:, self.body.waist] += waist

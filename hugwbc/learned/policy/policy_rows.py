@@ -114,8 +114,9 @@ class PolicyRows:
         q[:, self._waist_joint] += self._waist
         if self._squat_gain > 0.0 or self._swing_gain > 0.0:
             self._posture = follow(self._posture, command[:, _SQUAT], self._period)
-            clearance = self._swing_gain * swing_clearance(self.phase, gait, command, self._period)
-            q += self._legs.offsets(*(self._squat_gain * self._posture.T), clearance)
+            height, pitch = self._squat_gain * self._posture.T
+            lifted = self._swing_gain * swing_clearance(self.phase, gait, command, self._period)
+            q += self._legs.offsets(height, pitch, lifted)
         return q
 
     def _observe(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
