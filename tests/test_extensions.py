@@ -13,6 +13,9 @@ from hugwbc.cli import main
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.engine import identity
 from hugwbc.evaluation.protocols import PROTOCOLS, protocol_names, protocol_of
+from hugwbc.report.profiles import profile_cells
+from hugwbc.report.report_page import sections
+from hugwbc.report.report_plan import ReportPlan
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, plugins
 from hugwbc.tasks import load_task
 from hugwbc.tasks.suite import file_of, modules_of, registered_tasks
@@ -164,6 +167,15 @@ def test_a_task_of_a_package_is_found_by_name(install, tmp_path, capsys):
     install("own_other", TASK, tasks="other = own_other:TASK")
     with pytest.raises(ConfigError, match="calls itself 'own_task'; give both one name"):
         load_task("other")
+
+
+def test_a_protocol_of_a_package_is_in_the_report(install):
+    install("own_protocol", PROTOCOL, protocols="again = own_protocol:Again")
+    assert [protocol.name for protocol in sections()][-1] == "again"
+    cells = profile_cells("quick", [ControllerSpec("hold")], seed=3)
+    again = [cell for cell in cells if cell.protocol == "again"]
+    assert again and len(again) == len([cell for cell in cells if cell.protocol == "single-command"])
+    assert {cell.protocol for cell in ReportPlan("quick", ("hold",), protocols=("again",)).cells} == {"again"}
 
 
 def test_a_protocol_of_a_package_has_its_verb(install, tmp_path, capsys):

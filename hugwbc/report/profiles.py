@@ -10,7 +10,7 @@ from typing import Any
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation.engine import Cell
-from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
+from hugwbc.evaluation.protocols import Protocol, all_protocols, protocol_of
 from hugwbc.runtime.controllers import ControllerSpec
 
 Run = tuple[str, Any]  # name of a protocol, and settings of one run
@@ -38,7 +38,7 @@ def profile_cells(
     return [
         Cell(name, spec, own, protocol.run, protocol.total(own))
         for name, config in PROFILES[profile](settings)
-        for protocol in (PROTOCOLS[name],)
+        for protocol in (protocol_of(name),)
         for spec in (*specs, *(further if protocol.ablation else ()))
         for own in (protocol.for_training(config, spec.training),)
     ]
@@ -55,7 +55,7 @@ def _full(settings: Mapping[str, Any]) -> Iterator[Run]:
 
 
 def _available() -> list[tuple[str, Protocol[Any, Any, Any]]]:
-    return [(name, protocol) for name, protocol in PROTOCOLS.items() if not protocol.unavailable()]
+    return [(name, protocol) for name, protocol in all_protocols().items() if not protocol.unavailable()]
 
 
 PROFILES: Mapping[str, Callable[[Mapping[str, Any]], Iterator[Run]]] = {"quick": _quick, "full": _full}

@@ -7,7 +7,7 @@ from typing import Any
 
 from hugwbc.evaluation.engine import CellResult
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
+from hugwbc.evaluation.protocols import Protocol, all_protocols
 from hugwbc.evaluation.protocols.protocol import Measured
 from hugwbc.evaluation.tables import Table, markdown_table
 from hugwbc.files import write_whole
@@ -26,13 +26,17 @@ LEGEND = (
     "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
     "interval."
 )
-SECTIONS = tuple(protocol for protocol in PROTOCOLS.values() if protocol.report_title)
 _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "Reward": (("reward",), "a step"),
     "Episode length": (("episode_length",), "steps"),
     "Tracking error while walking": (tuple(f"walking_error/{n}" for n in ("v_x", "v_y", "omega")), "m/s, rad/s"),
     "Curricula": (("alpha", "penalty_scale", "max_speed"), ""),
 }
+
+
+def sections() -> tuple[Protocol[Any, Any, Any], ...]:
+    """Return the protocols that the report has sections of, in its order; those of other packages come last."""
+    return tuple(protocol for protocol in all_protocols().values() if protocol.report_title)
 
 
 def measured_by(protocol: Protocol[Any, Any, Any], results: Sequence[CellResult]) -> list[Measured]:
@@ -46,8 +50,8 @@ def all_figures(results: Sequence[CellResult]) -> list[Figure]:
     The figures that only the paper has come last, after all that belong to a controller.
     """
     figures = []
-    measured_of = {protocol.name: measured_by(protocol, results) for protocol in SECTIONS}
-    for protocol in SECTIONS:
+    measured_of = {protocol.name: measured_by(protocol, results) for protocol in sections()}
+    for protocol in sections():
         measured = measured_of[protocol.name]
         for controller, result in measured:
             figures += protocol.figures(controller, result)
@@ -111,7 +115,7 @@ def report_markdown(report: Report) -> str:
     lines = [f"# {TITLE}", "", *(f"- {note}" for note in report.notes), "", "## Conclusions", ""]
     lines += [*(f"- {line}" for line in report.conclusions()), ""]
     lines += [markdown_table(report.duel())] if len(report.controllers) > 1 else []
-    for protocol in SECTIONS:
+    for protocol in sections():
         tables = report.tables(protocol)
         if tables:
             lines += ["", f"## {protocol.report_title}", "", protocol.report_text]
@@ -121,7 +125,7 @@ def report_markdown(report: Report) -> str:
 
 def report_page(report: Report) -> str:
     """Return the report as a page that loads nothing else."""
-    parts = [(protocol.report_title, _section(report, protocol)) for protocol in SECTIONS]
+    parts = [(protocol.report_title, _section(report, protocol)) for protocol in sections()]
     parts += [("Noise of the intervention", _clouds()), ("Training", _training(report.training))]
     parts = [(title, html) for title, html in parts if html]
     titles = ["Conclusions", *(title for title, _ in parts)]

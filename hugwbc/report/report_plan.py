@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.engine import Cell, CellResult
-from hugwbc.evaluation.protocols import PROTOCOLS
+from hugwbc.evaluation.protocols import all_protocols
 from hugwbc.evaluation.protocols.intervention import TRAINED
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.policy_contract import versions
@@ -48,9 +48,9 @@ class ReportPlan:
         labels = [spec.label for spec in (*self.specs, *self.further)]
         if len(set(labels)) < len(labels):
             raise ConfigError(f"controllers are {labels}; give at least one, each once")
-        known = tuple(dict.fromkeys(cell.protocol for cell in self._all_cells))
+        protocols, known = all_protocols(), tuple(dict.fromkeys(cell.protocol for cell in self._all_cells))
         for name in self.protocols:
-            if reason := PROTOCOLS[name].unavailable() if name in PROTOCOLS else "":
+            if reason := protocols[name].unavailable() if name in protocols else "":
                 raise ConfigError(reason)
             if name not in known:
                 raise UnknownNameError("protocol of the report", name, known)
@@ -104,13 +104,13 @@ class ReportPlan:
                 "The quick profile has few and short episodes: its intervals are wide, and of very few episodes too "
                 "narrow. `--profile full` has the paper's sizes."
             )
-        for protocol in PROTOCOLS.values():
+        for protocol in all_protocols().values():
             reason = protocol.unavailable()
             if protocol.report_title and reason and not self.protocols:
                 notes.append(f"The section '{protocol.report_title}' is missing: {reason}.")
         trainings = {spec.training for spec in (*self.specs, *self.further)}
         missing = [words for training, words in TRAINED.items() if training not in trainings]
-        ablation = {name for name, protocol in PROTOCOLS.items() if protocol.ablation}
+        ablation = {name for name, protocol in all_protocols().items() if protocol.ablation}
         if missing and (not self.protocols or ablation & set(self.protocols)):
             notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
         return notes

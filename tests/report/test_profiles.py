@@ -5,7 +5,7 @@ from hugwbc.learned.policy import save_policy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.report.profiles import profile_cells
-from hugwbc.report.report_page import SECTIONS
+from hugwbc.report.report_page import sections
 from hugwbc.runtime.controllers import ControllerSpec
 
 SPECS = [ControllerSpec("learned"), ControllerSpec("qp")]
@@ -14,8 +14,8 @@ SPECS = [ControllerSpec("learned"), ControllerSpec("qp")]
 @pytest.mark.parametrize("profile", ["quick", "full"])
 def test_a_profile_has_every_protocol_of_the_report_for_every_controller(profile):
     cells = profile_cells(profile, SPECS, seed=3)
-    assert {cell.protocol for cell in cells} == {p.name for p in SECTIONS if not p.unavailable()}
-    assert {p.name for p in SECTIONS if p.unavailable()} <= {"engines"}
+    assert {cell.protocol for cell in cells} == {p.name for p in sections() if not p.unavailable()}
+    assert {p.name for p in sections() if p.unavailable()} <= {"engines"}
     assert [cell.spec for cell in cells] == SPECS * (len(cells) // 2)
     assert {cell.config.seed for cell in cells} == {3}
 

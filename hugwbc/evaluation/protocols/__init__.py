@@ -30,11 +30,11 @@ from hugwbc.evaluation.protocols.small_velocities import SmallVelocitiesProtocol
 from hugwbc.evaluation.protocols.suite_tasks import TasksProtocol
 from hugwbc.evaluation.protocols.tour import TourProtocol
 
-__all__ = ["PROTOCOLS", "PlannedProtocol", "Protocol", "protocol_names", "protocol_of"]
+__all__ = ["PROTOCOLS", "PlannedProtocol", "Protocol", "all_protocols", "protocol_names", "protocol_of"]
 
 GROUP = "hugwbc.protocols"
 
-# By name, in the order in which the command line lists them and the report shows them.
+# By name, in the order in which the command line lists them and the report shows them; those of others come after.
 PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
     protocol.name: protocol
     for protocol in (
@@ -68,6 +68,15 @@ def protocol_names() -> tuple[str, ...]:
     """
     ours = {name: f"{type(protocol).__module__}:{type(protocol).__name__}" for name, protocol in PROTOCOLS.items()}
     return tuple(extensions.registered(GROUP, "protocol", ours))
+
+
+def all_protocols() -> dict[str, Protocol[Any, Any, Any]]:
+    """Return the protocols of this package, and those of other packages after them, by name.
+
+    Raises:
+        ConfigError: if one of another package cannot be loaded, or is none.
+    """
+    return {name: protocol_of(name) for name in protocol_names()}
 
 
 @functools.cache
