@@ -292,16 +292,20 @@ def test_ctrl_c_while_a_file_is_written_waits_for_it(tmp_path, monkeypatch, call
         signal.raise_signal(signal.SIGINT)
         write(*given, **named)
 
-    with (
-        pytest.raises(KeyboardInterrupt),
-        DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
-    ):
-        writer.add(made_up("press_button", 5))
-        monkeypatch.setattr(owner, name, interrupted)
-        writer.add(made_up("press_button", 4))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background may ignore Ctrl-C
+    try:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
+        ):
+            writer.add(made_up("press_button", 5))
+            monkeypatch.setattr(owner, name, interrupted)
+            writer.add(made_up("press_button", 4))
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == [tmp_path / "demos"]
     assert read_info(tmp_path / "demos")["total_frames"] == 9
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_folder_is_never_overwritten(tmp_path):
