@@ -10,7 +10,7 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import policy_dir
-from hugwbc.report.report_page import SECTIONS
+from hugwbc.report.report_page import sections
 
 WORDS = ["report", "--protocols", "contacts", "--workers", "1"]
 
@@ -157,7 +157,7 @@ def test_the_quick_profile_from_end_to_end(tmp_path):
     words = ["report", "--controllers", "hold", "--workers", "1", "--out", str(out)]
     assert main([*words, "--results", str(tmp_path / "results")]) == 0
     page = (out / "report.html").read_text()
-    assert all(f">{section.report_title}</h2>" in page for section in SECTIONS)
+    assert all(f">{section.report_title}</h2>" in page for section in sections())
     assert page.count("<figure>") > 20 and "nan" not in page.lower().split("<svg")[0]
 
 
