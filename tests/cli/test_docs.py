@@ -57,6 +57,8 @@ def test_scripts_are_listed_and_printed(capsys):
     assert all(f"{name} " in printed for name in SCRIPT_NAMES) and "Stand still." in printed
     assert main(["scripts", "wave"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["segments"]
+    assert "cup" in printed and main(["scripts", "fetch_cup"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["steps"]
     assert main(["scripts", "wav"]) == 2
     assert "Did you mean 'wave'?" in capsys.readouterr().err
 

@@ -331,13 +331,16 @@ class Place(Behaviour):
 
 
 class Release(Behaviour):
-    """Lets go: opens the grippers, takes the hands apart and back, and gives the arms to the controller."""
+    """Lets go: opens the grippers, takes the hands off and back, and gives the arms to the controller.
+
+    Two hands go apart; a single one goes away from the middle of what its gripper held.
+    """
 
     def __init__(self, apart: float = 0.08, back: float = 0.2, *, rest: bool = True, timeout: float = 10.0) -> None:
         """Set how.
 
         Args:
-            apart: by how much each of two hands goes away from the other [m].
+            apart: by how much a hand goes away from the other one, or from the object [m].
             back: by how much they then come back to the robot [m].
             rest: whether the controller gets the arms afterwards.
             timeout: after which it fails [s].
@@ -364,6 +367,11 @@ class Release(Behaviour):
             aside = aside / max(float(np.linalg.norm(aside)), 1e-6)
             # From where the hands are, not from inside the object where their targets were.
             points = view.hands + self.apart * np.array([aside, -aside])
+        else:
+            for row, name in enumerate(view.held):
+                if name is not None:  # a hand on top of a cup rises, one at a handle goes back
+                    away = view.hands[row] - seen(view, name).position
+                    points[row] = view.hands[row] + self.apart * away / max(float(np.linalg.norm(away)), 1e-6)
         left, right = (points[row] if given else None for row, given in enumerate(hands.given))
         opened = HandTargets(
             left,

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from behaviour_helpers import objects, view
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import UpperBodySource, load_controller, rollout
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.scripts.behaviours import (
+    Action,
     Attach,
     Behaviour,
     BehaviourSource,
@@ -24,16 +26,20 @@ from hugwbc.scripts.behaviours import (
     Stand,
     Status,
     WalkTo,
+    load_behaviour,
 )
 from hugwbc.sim import ARENAS, Simulation
-from hugwbc.sim.scenes import Box, Button, Scene, Table
+from hugwbc.sim.scenes import Box, Button, Scene, Table, load_scene
+from hugwbc.targets import HandTargets
 
 
-def _play(behaviour: Behaviour, scene: Scene, seed: int, seconds: float) -> tuple[BehaviourSource, Simulation]:
+def _play(
+    behaviour: Behaviour, scene: Scene, seed: int, seconds: float, controller: str = "learned"
+) -> tuple[BehaviourSource, Simulation]:
     arena = ARENAS[2]
     source, simulation = BehaviourSource(behaviour), arena.simulation(scene=scene, seed=seed)
     trace = rollout(
-        load_controller("learned"),
+        load_controller(controller),
         source,
         simulation,
         UpperBodySource(),
@@ -91,6 +97,35 @@ def test_a_walk_ends_where_it_should() -> None:
     x, y = simulation.qpos[:2]
     assert math.hypot(x - 1.5, y) < 0.04  # 3 cm as it is seen
     assert abs(math.degrees(float(rotations.yaw_of(simulation.qpos[3:7])))) < 4.0
+
+
+def test_a_hand_on_top_of_a_cup_rises_when_it_lets_go() -> None:
+    known = {"hands": ((0.3, 0.2, 1.0), (0.4, -0.2, 0.93)), "objects": objects(cup=(0.4, -0.2, 0.85))}
+    asked = Action(hands=HandTargets(None, (0.4, -0.2, 0.93), "world"))
+    release = Release(apart=0.08)
+    release.begin(view(held=(None, "cup"), last=asked, **known))
+    rights = []
+    for tick in range(100):
+        asked = release.update(view(0.02 * tick, held=(None, None if tick else "cup"), last=asked, **known))
+        if asked.hands is None:  # the controller has the arms again
+            break
+        rights.append(asked.hands.right)
+    path = np.array(rights)
+    rising = path[path[:, 2] < 1.0]
+    assert len(rising) > 5 and path[:, 2].max() == pytest.approx(1.01, abs=5e-3)
+    np.testing.assert_allclose(rising[:, :2], np.tile([0.4, -0.2], (len(rising), 1)), atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_cup_is_fetched_from_a_shelf() -> None:
+    source, simulation = _play(
+        load_behaviour("fetch_cup"), load_scene("cupboard"), seed=3, seconds=90.0, controller="qp"
+    )
+    assert source.status is Status.SUCCESS, source.reason
+    cup, pose = simulation.objects["cup"], simulation.state()
+    assert cup.position[2] == pytest.approx(0.85, abs=0.01) and cup.tilt < 0.05
+    assert pose.position is not None and math.hypot(pose.position[0] - 0.2, pose.position[1] - 2.0) < 0.03
+    assert abs(math.degrees(float(pose.yaw)) - 90.0) < 3.0
 
 
 @pytest.mark.slow
