@@ -51,6 +51,7 @@ class Moves(Behaviour):
         together: bool = False,
         directions: Directions = (None, None),
         forces: np.ndarray = NO_FORCE,
+        stiffness: float | None = None,
         posture: Command | None = None,
         settle: float = 0.3,
     ) -> Course:
@@ -64,6 +65,7 @@ class Moves(Behaviour):
             together: whether the hands hold one object.
             directions: along which the forearms should point.
             forces: of the hands on what they touch, at the end [N], shape (2, 3).
+            stiffness: of the hands [N/m]; None for that of the servo.
             posture: standing command with h, p and w; None for that of the last tick.
             settle: time afterwards in which the targets stay [s].
         """
@@ -76,7 +78,7 @@ class Moves(Behaviour):
         while view.time - begin < duration + settle:
             blend = smooth_step((view.time - begin) / duration)
             at, force = start + blend * (points - start), before + blend * (forces - before)
-            view = yield Action(command, targets(at, frame, together, directions, force))
+            view = yield Action(command, targets(at, frame, together, directions, force, stiffness))
         return view
 
     def carry(self, view: View, goal: np.ndarray, seconds: float, directions: Directions = (None, None)) -> Course:
@@ -116,6 +118,7 @@ def targets(
     together: bool = False,
     directions: Directions = (None, None),
     forces: np.ndarray = NO_FORCE,
+    stiffness: float | None = None,
 ) -> HandTargets:
     """Return hand targets from points and forces, shapes (2, 3); a row of NaN is a hand without one."""
     left, right = (None if np.isnan(point).any() else point for point in points)
@@ -123,7 +126,14 @@ def targets(
         force if point is not None and force.any() else None for point, force in zip((left, right), forces, strict=True)
     ]
     return HandTargets(
-        left, right, frame, *directions, together=together, left_force=pressing[0], right_force=pressing[1]
+        left,
+        right,
+        frame,
+        *directions,
+        together=together,
+        left_force=pressing[0],
+        right_force=pressing[1],
+        stiffness=stiffness,
     )
 
 

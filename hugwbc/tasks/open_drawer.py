@@ -6,7 +6,7 @@ from hugwbc.scripts.behaviours import Course, Failure, Grip, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_end, happened
-from hugwbc.tasks.moves import ARRIVED, NO_HAND, Moves, crouch
+from hugwbc.tasks.moves import ARRIVED, NO_HAND, Moves, crouch, hands_in
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
 
@@ -25,6 +25,7 @@ _BAR = 0.06  # [m], from the front of the cabinet to the handle
 _TIP = 0.068
 _STEP_BACK = 0.32  # [m]
 _MOST_STEPS = 3
+_YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the sway of a step
 
 
 class OpenDrawer(Moves):
@@ -54,6 +55,8 @@ class OpenDrawer(Moves):
         self.doing = "hook the handle"
         view = yield from self.grip(view, Grip("right", "drawer", hook=True))
         self.doing = "pull the drawer"
+        hands = np.stack([NO_HAND, hands_in(view, "heading")[1]])
+        view = yield from self.glide(view, hands, stiffness=_YIELDING)
         for _ in range(_MOST_STEPS):
             left = OPENED + 0.02 - float((closed.position - seen(view, "drawer").position) @ ahead)
             if left < 0.005:
