@@ -6,7 +6,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.scripts.behaviours import Course, Failure, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.scripts.behaviours.walk_steps import Goal, Walk, WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_rest, in_axes_of, touched
 from hugwbc.tasks.moves import ARRIVED, Moves
@@ -48,9 +48,49 @@ MILESTONES = (
 _REACH = 0.36  # [m], from the pelvis to the handle
 _TIP = 0.05  # [m], from the hand frame to the handle's middle when they touch
 _APART = 0.18  # [m], of each hand from the middle
-_ROLLS_ON = 0.06  # [m], after the robot has begun to slow down
+_ROLLS_ON = 0.1  # [m], after the robot has begun to slow down
 _SPEED = 0.3  # [m/s]
 _MOST_STEPS = 3
+_LOOK_AHEAD = 0.55  # [m], of the goal of the walk: a nearer one is walked to without turning
+_STEER, _BACK = 1.2, 0.5  # way aside for a cart's way off the line, and for a robot that is not behind its middle
+_MOST_ASIDE = 0.2  # [m]
+
+
+class Line:
+    """The line on which the cart shall go, from its first place along its first heading.
+
+    Attributes:
+        yaw: direction of the line [rad].
+        axes: along it and to its left, as columns, shape (2, 2).
+    """
+
+    def __init__(self, start: np.ndarray, yaw: float) -> None:
+        """Take the first place [m], shape (3,), and heading [rad]."""
+        self.yaw, self.axes, self._start = yaw, rotations.rotation_z(yaw)[:2, :2], start[:2]
+
+    def place(self, position: np.ndarray) -> np.ndarray:
+        """Return how far along the line and to its left a position is [m], shape (2,)."""
+        return (position[:2] - self._start) @ self.axes
+
+
+class _Behind(Walk):
+    """Walks behind a cart until it is where it should be.
+
+    The castors roll in every direction: the cart goes where it is pushed. So the robot goes aside with its hands on
+    the handle, against the cart's way off the line, and back behind its middle.
+    """
+
+    def __init__(self, line: Line) -> None:
+        """Take the line from where the cart stands to its goal."""
+        super().__init__(speed=_SPEED, tolerance=0.1)
+        self._line = line
+
+    def goal(self, view: View, begin: View) -> Goal:
+        cart, robot = self._line.place(seen(view, "cart").position), self._line.place(view.position)
+        ahead = min(WAY - cart[0] - _ROLLS_ON + 0.02, _LOOK_AHEAD)
+        aside = float(np.clip(-_STEER * cart[1] - _BACK * (robot[1] - cart[1]), -_MOST_ASIDE, _MOST_ASIDE))
+        x, y = view.position[:2] + self._line.axes @ (ahead, aside)
+        return Goal(float(x), float(y), self._line.yaw)
 
 
 class PushCart(Moves):
@@ -68,7 +108,7 @@ class PushCart(Moves):
     def course(self, view: View) -> Course:  # noqa: D102
         distance = self._length / 2 + _REACH
         start = seen(view, "cart")
-        ahead = rotations.rotation_z(start.yaw)[:, 0]
+        line = Line(start.position, start.yaw)
         self.doing = "walk to the cart"
         z = self._handle - 0.98
         ready = np.array([[_REACH - _TIP - 0.08, _APART, z], [_REACH - _TIP - 0.08, -_APART, z]])
@@ -80,13 +120,10 @@ class PushCart(Moves):
         view = yield from self.glide(view, pushing, speed=0.1)
         self.doing = "push the cart"
         for _ in range(_MOST_STEPS):
-            left = WAY - float((seen(view, "cart").position - start.position) @ ahead)
-            if left < 0.5 * NEAR:
+            if WAY - line.place(seen(view, "cart").position)[0] < 0.5 * NEAR:
                 break
-            goal = view.position + (left - _ROLLS_ON + 0.02) * ahead
-            walk = WalkTo((float(goal[0]), float(goal[1])), start.yaw, speed=_SPEED, tolerance=0.06)
-            view = yield from self.walk(view, walk)
-        moved = float((seen(view, "cart").position - start.position) @ ahead)
+            view = yield from self.walk(view, _Behind(line))
+        moved = float(line.place(seen(view, "cart").position)[0])
         if abs(moved - WAY) > NEAR:
             raise Failure(f"push: the cart came {moved:.2f} of {WAY:g} m")
         self.doing = "let go of the cart"
