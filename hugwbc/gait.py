@@ -12,12 +12,14 @@ import numpy as np
 
 from hugwbc.blends import minimum_jerk
 from hugwbc.errors import UnknownNameError
+from hugwbc.state import GRAVITY
 
 # Standard deviation of the switching intervals of the expected contact, in units of the homogenised phase.
 CONTACT_SIGMA = 0.05
 STANDING_PHASE = 0.25  # middle of stance: expected contact 1, clock +1
 FLYING_PHASE = 0.75  # middle of swing: expected contact 0, clock -1
 DEFAULT_DUTY = 0.5
+_BOUNCING = (1.0, 10.0)  # [Hz], range of the frequencies of `bounce`, so that any number gives a finite path
 
 Array = Any  # a NumPy array or a torch tensor
 
@@ -66,6 +68,11 @@ class Gait(enum.IntEnum):
 def hopping(gait: Array) -> Array:
     """Return whether values of `Gait` are hops on either leg, same shape, bool."""
     return (gait == int(Gait.HOPPING_LEFT)) | (gait == int(Gait.HOPPING_RIGHT))
+
+
+def flies(gait: Array) -> Array:
+    """Return whether values of `Gait` are jumps or hops, which have a flight, same shape, bool."""
+    return (gait == int(Gait.JUMPING)) | hopping(gait)
 
 
 def _xp(array: Array) -> Any:  # noqa: ANN401  the array's own namespace
@@ -168,3 +175,24 @@ def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Arr
     u = xp.clip(xp.where(rising, homogenised - 0.5, 1.0 - homogenised) / 0.25, 0.0, 1.0)
     base = xp.where(rising, start, end)
     return xp.where(homogenised < 0.5, 0.0, base + (height - base) * minimum_jerk(u))
+
+
+def bounce(phase: Array, gait: Array, frequency: Array) -> tuple[Array, Array]:
+    """Return height [m] and speed [m/s] of the vertical path of a body that flies when its gait's clock says so.
+
+    A free fall in the flight, and the same parabola upside down in the stance, with constant force. Both last half a
+    cycle, so that the height is zero on average, at touch-down and at lift-off. Zero in gaits without a flight.
+
+    Args:
+        phase: common phase in [0, 1), shape (n,).
+        gait: values of `Gait`, shape (n,).
+        frequency: commanded f [Hz], shape (n,).
+
+    Returns:
+        Height and speed, each of shape (n,).
+    """
+    flying, u = phase >= DEFAULT_DUTY, (phase % 0.5) / 0.5
+    sign = flies(gait) * (2.0 * flying - 1.0)
+    duration = 0.5 / _xp(frequency).clip(frequency, *_BOUNCING)
+    speed = 0.5 * GRAVITY * duration  # at lift-off
+    return sign * speed * duration * u * (1.0 - u), sign * speed * (1.0 - 2.0 * u)

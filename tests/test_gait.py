@@ -11,6 +11,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.gait import (
     Gait,
     advance_phase,
+    bounce,
     clock,
     expected_contact,
     foot_phases,
@@ -178,3 +179,21 @@ def test_stance_and_swing_share_the_cycle_by_the_duty() -> None:
     assert float(np.mean(expected_contact(phases))) == pytest.approx(0.5, abs=1e-6)
     assert float(np.mean(homogenised_phase(phases, 0.7) < 0.5)) == pytest.approx(0.7, abs=1e-9)
     assert math.isclose(float(np.mean(clock(phases))), 0.0, abs_tol=1e-12)
+
+
+def test_a_bounce_is_a_free_fall_in_flight_and_its_mirror_image_in_stance() -> None:
+    phase, step = np.arange(0.0, 1.0, 0.001), 0.001 / 2.0  # 2 Hz
+    gait, frequency = np.full(1000, int(Gait.HOPPING_LEFT)), np.full(1000, 2.0)
+    height, speed = bounce(phase, gait, frequency)
+    acceleration = np.gradient(speed, step)
+    np.testing.assert_allclose(np.gradient(height, step), speed, atol=6e-3)
+    np.testing.assert_allclose(acceleration[1:499], 9.81)
+    np.testing.assert_allclose(acceleration[501:999], -9.81)
+    assert height.mean() == pytest.approx(0.0, abs=1e-12) and height[0] == height[500] == 0.0
+
+
+def test_a_bounce_is_for_jumps_and_hops_alone_and_always_finite() -> None:
+    gait, frequency = torch.tensor([0, 1, 2, 3, 4]), torch.tensor([0.0, 2.0, 0.0, math.inf, 2.0])
+    height, speed = bounce(torch.full((5,), 0.75), gait, frequency)
+    assert torch.isfinite(height).all() and torch.isfinite(speed).all()
+    assert (height != 0.0).tolist() == [False, False, True, True, True]

@@ -28,7 +28,7 @@ def test_a_plan_is_a_table_and_json(tmp_path: pathlib.Path, capsys: pytest.Captu
     assert plan["core_hours"] == pytest.approx(sum(stage["cpu_seconds"] for stage in plan["stages"]) / 3600.0)
     assert plan["core_hours"] < 16.0
     gaits = next(stage for stage in plan["stages"] if stage["stage"] == "gaits")
-    assert gaits["steps"] == 28e6 and gaits["most_steps"] == 84e6
+    assert gaits["steps"] == 36e6 and gaits["most_steps"] == 108e6
 
 
 def test_a_plan_finds_every_mistake(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:

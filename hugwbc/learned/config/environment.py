@@ -204,12 +204,17 @@ class ExtraWeights:
     """Error of the yaw rate, filtered likewise, up to 1 rad/s."""
     foot_impact: float = -10.0
     """Squared excess of a sole's speed of descent over 0.3 m/s, one control step before it touches the ground, up to
-    4 (m/s)^2. Without it soles met the ground at up to 3 m/s."""
+    4 (m/s)^2; not in jumps and hops, which it keeps on the ground. Without it soles met the ground at up to 3 m/s."""
     contact_mismatch: float = -2.0
     """sum_i |C_i - c_i|, with c_i whether foot i is on the ground; not in standing."""
     flight_contact: float = -3.0
     """sum_i (1 - C_i) c_i in jumping and hopping. A hop at twice the clock's frequency, which is easier, touches the
     ground in every flight; with the paper's term alone it cost 0.8 a second of 9."""
+    bounce_tracking: float = 0.0
+    """exp(-e^2 / 0.2) of the pelvis' vertical speed against that of a flight by the clock, in jumping.
+    Without it the policy bobs to the clock instead of jumping."""
+    bounce_error: float = 0.0
+    """Square of that error, up to 2 (m/s)^2, which has a slope where the exponential is flat."""
     unequal_support: float = -3.0
     """1 while a single foot carries the robot although both feet move in phase (standing, jumping). Without it the
     policy ran at twice the frequency instead of jumping."""

@@ -306,6 +306,7 @@ class HumanoidEnv:
             older_action=self.actions[2],
             target_clearance=gaits.swing_height(bar_phase, self.command[:, [_L]]),
             contact=gaits.expected_contact(bar_phase),
+            bounce=torch.stack(gaits.bounce(self.phase, self.gait, self.command[:, _F]), dim=1),
             in_phase=bar_phase[:, 0] == bar_phase[:, 1],
             intervention=self.intervention.active,
             fallen=fallen,

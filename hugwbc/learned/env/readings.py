@@ -86,6 +86,7 @@ class Transition:
         foot_offset: left minus right sole in the heading frame, shape (n, 3).
         target_clearance: swing profile of both feet, shape (n, 2).
         contact: expected contact C of both feet, shape (n, 2).
+        bounce: height and speed of the flight of jumps and hops by the clock (`hugwbc.gait.bounce`), shape (n, 2).
         in_phase: whether both feet have the same homogenised phase, shape (n,), bool.
         intervention: the paper's I(t), shape (n,), bool.
         fallen: whether the episode ends early, shape (n,), bool.
@@ -115,6 +116,7 @@ class Transition:
     foot_offset: torch.Tensor
     target_clearance: torch.Tensor
     contact: torch.Tensor
+    bounce: torch.Tensor
     in_phase: torch.Tensor
     intervention: torch.Tensor
     fallen: torch.Tensor

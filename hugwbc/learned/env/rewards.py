@@ -14,10 +14,9 @@ import torch
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
 from hugwbc.extensions import described, load_entry
-from hugwbc.gait import DEFAULT_DUTY, Gait, hopping
+from hugwbc.gait import Gait, flies
 from hugwbc.learned.config.own_rewards import PENALTIES, registered_rewards
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
-from hugwbc.state import GRAVITY
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
@@ -29,9 +28,9 @@ SWING_PRECISION = 0.05  # [m]
 LARGEST_YAW_RATE_ERROR = 4.0  # [rad^2/s^2]
 LARGEST_VELOCITY_ERROR = 1.0  # [m^2/s^2]
 LARGEST_VELOCITY_BIAS, LARGEST_YAW_RATE_BIAS = 0.5, 1.0  # [m/s], [rad/s]
-SLOWEST_STRIDE = 1.0  # [Hz]
 SOFT_DESCENT = 0.3  # [m/s], of a sole one control step before it touches the ground
 LARGEST_IMPACT = 4.0  # [m^2/s^2]
+LARGEST_BOUNCE_ERROR = 2.0  # [m^2/s^2]
 _OMEGA, _F, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("omega", "f", "h", "p", "w"))
 
 Term = Callable[[Transition, Body], torch.Tensor]
@@ -50,8 +49,8 @@ def angular_velocity_tracking(t: Transition, body: Body) -> torch.Tensor:
 
 
 def body_height_tracking(t: Transition, body: Body) -> torch.Tensor:
-    """(h_target - h)^2."""
-    return (t.command[:, _H] - t.height).square()
+    """(h_target - h)^2, with the clock's flight added to the target of jumps and hops, which the paper leaves out."""
+    return (t.command[:, _H] + t.bounce[:, 0] - t.height).square()
 
 
 def body_pitch_tracking(t: Transition, body: Body) -> torch.Tensor:
@@ -89,8 +88,8 @@ def roll_pitch_angular_velocity(t: Transition, body: Body) -> torch.Tensor:
 
 
 def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
-    """v_z^2."""
-    return t.velocity[:, 2].square()
+    """(v_z - b)^2, with b the speed of the clock's flight in jumps and hops, which the paper leaves out."""
+    return (t.velocity[:, 2] - t.bounce[:, 1]).square()
 
 
 def feet_slip(t: Transition, body: Body) -> torch.Tensor:
@@ -197,7 +196,12 @@ def yaw_rate_error(t: Transition, body: Body) -> torch.Tensor:
 def posture_precision(t: Transition, body: Body) -> torch.Tensor:
     """Mean of exp(-|e| / 0.1) over body height, body pitch and waist yaw (not in the paper)."""
     errors = torch.stack(
-        (t.command[:, _H] - t.height, t.command[:, _P] - t.pitch, t.command[:, _W] - t.q[:, body.waist]), dim=1
+        (
+            t.command[:, _H] + t.bounce[:, 0] - t.height,
+            t.command[:, _P] - t.pitch,
+            t.command[:, _W] - t.q[:, body.waist],
+        ),
+        dim=1,
     )
     return torch.exp(-errors.abs() / POSTURE_PRECISION).mean(1)
 
@@ -220,13 +224,11 @@ def yaw_rate_bias(t: Transition, body: Body) -> torch.Tensor:
 def foot_impact(t: Transition, body: Body) -> torch.Tensor:
     """sum_i min(4, max(0, d_i - d_0)^2) over feet that touch down (not in the paper).
 
-    d_i is the speed of descent one control step before: contact stops a sole within a step. d_0 is 0.3 m/s, in jumps
-    and hops plus the speed of a free fall of half a flight: less of it means less flight.
+    d_i is the speed of descent one control step before: contact stops a sole within a step. d_0 is 0.3 m/s. Zero in
+    jumps and hops, where less of it means less flight.
     """
-    fall = GRAVITY * 0.5 * (1.0 - DEFAULT_DUTY) / t.command[:, _F].clamp(min=SLOWEST_STRIDE)
-    soft = SOFT_DESCENT + fall * ((t.gait == int(Gait.JUMPING)) | hopping(t.gait))
-    excess = (t.descent - soft[:, None]).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
-    return (t.touch_down * excess).sum(1)
+    excess = (t.descent - SOFT_DESCENT).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
+    return (t.touch_down * excess).sum(1) * ~flies(t.gait)
 
 
 def contact_mismatch(t: Transition, body: Body) -> torch.Tensor:
@@ -238,7 +240,19 @@ def contact_mismatch(t: Transition, body: Body) -> torch.Tensor:
 def flight_contact(t: Transition, body: Body) -> torch.Tensor:
     """sum_i (1 - C_i) c_i in jumping and hopping (not in the paper)."""
     touching = ((1.0 - t.contact) * feet_on_ground(t.foot_force)).sum(1)
-    return touching * ((t.gait == int(Gait.JUMPING)) | hopping(t.gait))
+    return touching * flies(t.gait)
+
+
+def bounce_tracking(t: Transition, body: Body) -> torch.Tensor:
+    """exp(-(b - v_z)^2 / 0.2) in jumping, with b the speed of the clock's flight (not in the paper)."""
+    error = (t.bounce[:, 1] - t.velocity[:, 2]).square()
+    return torch.exp(-error / TRACKING_SIGMA) * (t.gait == int(Gait.JUMPING))
+
+
+def bounce_error(t: Transition, body: Body) -> torch.Tensor:
+    """(b - v_z)^2, at most 2, in jumping, with b the speed of the clock's flight (not in the paper)."""
+    error = (t.bounce[:, 1] - t.velocity[:, 2]).square()
+    return error.clamp(max=LARGEST_BOUNCE_ERROR) * (t.gait == int(Gait.JUMPING))
 
 
 def unequal_support(t: Transition, body: Body) -> torch.Tensor:
@@ -289,6 +303,8 @@ EXTRA_TERMS: dict[str, Term] = {
         foot_impact,
         contact_mismatch,
         flight_contact,
+        bounce_tracking,
+        bounce_error,
         unequal_support,
     )
 }

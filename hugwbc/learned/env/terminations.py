@@ -2,7 +2,7 @@
 
 import torch
 
-from hugwbc.gait import Gait, hopping
+from hugwbc.gait import Gait, flies
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
@@ -39,8 +39,7 @@ def missed_flight(readings: Readings, gait: torch.Tensor, contact: torch.Tensor)
         gait: values of `Gait`, shape (n,).
         contact: expected contacts of both feet, shape (n, 2).
     """
-    flies = ((gait == int(Gait.JUMPING)) | hopping(gait)) & (contact < 0.5).all(1)
-    return flies & feet_on_ground(readings.foot_force).any(1)
+    return flies(gait) & (contact < 0.5).all(1) & feet_on_ground(readings.foot_force).any(1)
 
 
 class FeetRule:
