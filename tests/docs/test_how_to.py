@@ -29,6 +29,10 @@ def test_add_a_reward(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-reward.md", folder, in_processes=True)
 
 
+def test_add_a_randomization(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-randomization.md", folder, in_processes=True)
+
+
 def test_add_an_observation(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-an-observation.md", folder, in_processes=True)
 

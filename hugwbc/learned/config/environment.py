@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.own_rewards import with_registered
+from hugwbc.learned.config.own_settings import registered_rewards, with_registered
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.policy.own_terms import check_names
 from hugwbc.robot import Robot, load_robot
@@ -225,7 +225,8 @@ class ExtraWeights:
 
 
 if not TYPE_CHECKING:  # the same class unless another package registers terms
-    ExtraWeights = with_registered(ExtraWeights, tuple(field.name for field in dataclasses.fields(RewardWeights)))
+    _OF_THE_PAPER = [field.name for field in dataclasses.fields(RewardWeights)]
+    ExtraWeights = with_registered(ExtraWeights, registered_rewards(), "reward", _OF_THE_PAPER)
 
 
 @dataclasses.dataclass(frozen=True)

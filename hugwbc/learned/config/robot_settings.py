@@ -2,10 +2,12 @@
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc.learned.config.checks import require, require_finite
+from hugwbc.learned.config.own_settings import registered_randomizations, with_registered
 from hugwbc.robot import Robot
 
 
@@ -82,10 +84,15 @@ class RandomizationConfig:
             require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
         low, high = self.torso_mass
         require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
-        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
+        own = registered_randomizations()
+        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset", *own):
             value = getattr(self, name)
             require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
         require(self.push_interval >= 1, "randomization.push_interval", self.push_interval, "at least 1")
+
+
+if not TYPE_CHECKING:  # the same class unless another package registers randomisations
+    RandomizationConfig = with_registered(RandomizationConfig, registered_randomizations(), "randomization")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.config.own_rewards import registered_rewards
+from hugwbc.learned.config.own_settings import registered_rewards
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets

@@ -15,7 +15,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
 from hugwbc.extensions import described, load_entry
 from hugwbc.gait import Gait, flies
-from hugwbc.learned.config.own_rewards import PENALTIES, registered_rewards
+from hugwbc.learned.config.own_settings import PENALTIES, registered_rewards
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2

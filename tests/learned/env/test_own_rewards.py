@@ -11,7 +11,7 @@ import torch
 
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardWeights, environment as settings
-from hugwbc.learned.config.own_rewards import PENALTIES, REWARDS, registered_rewards, with_registered
+from hugwbc.learned.config.own_settings import PENALTIES, REWARDS, registered_rewards, with_registered
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.env.rewards import evaluate_terms, term
 
@@ -29,7 +29,8 @@ def register(monkeypatch):
         monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [e for e in entries if e.group == group])
         registered_rewards.cache_clear()
         term.cache_clear()
-        weights = with_registered(plain, tuple(field.name for field in dataclasses.fields(RewardWeights)))
+        of_the_paper = [field.name for field in dataclasses.fields(RewardWeights)]
+        weights = with_registered(plain, registered_rewards(), "reward", of_the_paper)
         monkeypatch.setattr(settings, "ExtraWeights", weights)
         return EnvConfig(count=3, extra=weights(**dict.fromkeys(functions, 2.0)))
 
@@ -45,7 +46,7 @@ def ones(t, body):
 
 
 def test_without_such_packages_the_settings_are_what_they_were():
-    assert registered_rewards() == {} and with_registered(ExtraWeights) is ExtraWeights
+    assert with_registered(ExtraWeights, registered_rewards(), "reward") is ExtraWeights
     assert [field.name for field in dataclasses.fields(ExtraWeights)][-1] == "unequal_support"
 
 
@@ -94,7 +95,7 @@ def test_a_term_that_is_switched_on_later_is_tried_then(register):
 
 def test_names_that_are_taken_or_no_options_are_refused(register):
     for name in ("alive", "feet_slip"):
-        with pytest.raises(ConfigError, match=f"reward '{name}' .* has the name of a term of hugwbc"):
+        with pytest.raises(ConfigError, match=f"reward '{name}' .* has the name of a reward of hugwbc"):
             register(**{name: ones})
     with pytest.raises(ConfigError, match="is no name of an option"):
         register(**{"two words": ones})
