@@ -17,6 +17,9 @@ from hugwbc.scripts.script import Script
 ARRIVED = 0.05  # [m]; a hand that came this close to its target has arrived
 JUMP = 0.1  # [m]; a target that moves by more between two samples is a new one, to which the hand has to travel
 CLEARLY = 0.85  # an error below this share of another one is clearly smaller
+# ... unless nobody would see the difference: in m/s, rad/s, m and rad of the commands, and in m of the hands.
+SEEN = {"v_x": 0.01, "v_y": 0.01, "omega": 0.01, "h": 0.003, "p": 0.01, "w": 0.01}
+SEEN_BY_HANDS = 0.003
 NAMES = {"v_x": "forward speed", "v_y": "sideways speed", "omega": "turning", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
 ARRIVAL_NOTE = (
@@ -174,7 +177,7 @@ def _wins(outcomes: Mapping[str, Outcome]) -> dict[str, list[str]]:
     for command, words in NAMES.items():
         errors = {name: outcome.errors[command] for name, outcome in outcomes.items()}
         ranked = sorted((error, name) for name, error in errors.items() if math.isfinite(error))
-        if len(ranked) > 1 and ranked[0][0] < CLEARLY * ranked[1][0]:
+        if len(ranked) > 1 and ranked[0][0] < min(CLEARLY * ranked[1][0], ranked[1][0] - SEEN[command]):
             wins[ranked[0][1]].append(words)
     return wins
 
@@ -188,7 +191,7 @@ def _hands(traces: Sequence[Trace]) -> list[str]:
         return [f"only the hands of {_listed([name for _, name in found])} arrived"]
     (best, name), (second, other) = found[0], found[1]
     near = f"{100 * best:.1f} cm against {100 * second:.1f} cm"
-    if best < CLEARLY * second:
+    if best < min(CLEARLY * second, second - SEEN_BY_HANDS):
         return [f"{name}'s hands were nearer to their targets once there ({near} of {other})"]
     return [f"the hands were equally near to their targets once there ({name} {near} of {other})"]
 

@@ -156,6 +156,7 @@ _TEMPLATE = """<!DOCTYPE html>
   @media (max-width: 640px) {
     th, td { white-space: normal; padding: 3px 6px; }
     td.text { min-width: 0; }
+    th[scope="row"] { min-width: 7em; }
   }
   svg { display: block; width: 100%; height: auto; }
 </style>

@@ -83,3 +83,9 @@ def test_the_sentence_says_who_did_better_at_what(reaching):
     assert text.startswith("learned fell after 3.0 s, qp stayed up for 10.0 s; ")
     alone = verdict({"qp": summarise(runs[1])}, runs[1:])
     assert alone == "qp stayed up for 10.0 s."
+
+
+def test_differences_that_nobody_sees_are_not_named(reaching):
+    runs = [reaching("learned", bias={"v_x": 0.008, "h": 0.002}), reaching("qp", bias={"v_x": 0.001, "h": 0.0005})]
+    text = verdict({run.name: summarise(run) for run in runs}, runs)
+    assert "clearly better" not in text and "equally near" in text
