@@ -28,6 +28,9 @@ SHOTS = {  # seed, and time of the picture [s]
     "push_cart": (0, 11.0),
     "open_drawer": (0, 14.0),
     "hold_payload": (0, 16.0),
+    "open_door": (0, 10.0),
+    "wipe_table": (0, 16.0),
+    "carry_tray": (0, 20.0),
 }
 STORY = (9.1, 18.2, 27.3, 36.2)  # [s] of fetch_box: take, carry, turn and walk, let go
 BELOW_CAPTION = 60  # [pixel]
