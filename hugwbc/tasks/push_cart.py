@@ -48,7 +48,7 @@ MILESTONES = (
 _REACH = 0.36  # [m], from the pelvis to the handle
 _TIP = 0.05  # [m], from the hand frame to the handle's middle when they touch
 _APART = 0.18  # [m], of each hand from the middle
-_ROLLS_ON = 0.14  # [m], after the robot has begun to slow down
+_ROLLS_ON = 0.14  # [m], after the robot has begun to slow down; creeping on with one hand turns the cart
 _SPEED = 0.3  # [m/s]
 _MOST_STEPS = 3
 _LOOK_AHEAD = 0.55  # [m], of the goal of the walk: a nearer one is walked to without turning
@@ -102,7 +102,6 @@ class PushCart(Moves):
         """Take length and handle height of the cart."""
         cart = shapes["cart"]
         self._length = settled(cart["size"][0])  # type: ignore[index]
-        self._middle = settled(cart["size"][2]) - 0.015  # type: ignore[index]  # height of its origin
         self._handle = settled(cart["handle"])  # type: ignore[arg-type]
 
     def course(self, view: View) -> Course:  # noqa: D102
@@ -120,7 +119,7 @@ class PushCart(Moves):
         view = yield from self.glide(view, pushing, speed=0.1)
         self.doing = "push the cart"
         for _ in range(_MOST_STEPS):
-            if WAY - line.place(seen(view, "cart").position)[0] < 0.5 * NEAR:
+            if WAY - line.place(seen(view, "cart").position)[0] < 0.8 * NEAR:
                 break
             view = yield from self.walk(view, _Behind(line))
         moved = float(line.place(seen(view, "cart").position)[0])
