@@ -23,7 +23,6 @@ _REACH, _ASIDE = 0.42, 0.18  # [m], of the pelvis from the handle, which is in f
 _BAR = 0.06  # [m], from the front of the cabinet to the handle
 # [m], from the hand frame to the handle when it is hooked: a hand that touches it would press against its own hook.
 _TIP = 0.068
-_STEP_BACK = 0.32  # [m]
 _MOST_STEPS = 3
 _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the sway of a step
 

@@ -1,11 +1,8 @@
 """Observation terms that another package registers."""
 
 import dataclasses
-import importlib.metadata
 import math
 import pickle
-import sys
-import types
 
 import numpy as np
 import pytest
@@ -43,15 +40,11 @@ def forget():
 
 
 @pytest.fixture
-def register(monkeypatch):
+def register(monkeypatch, install):
     """The function that registers terms of a module `own_terms`."""
 
     def register(**found):
-        module = types.ModuleType("own_terms")
-        vars(module).update(found)
-        monkeypatch.setitem(sys.modules, "own_terms", module)
-        entries = [importlib.metadata.EntryPoint(name, f"own_terms:{name}", GROUP) for name in found]
-        monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [e for e in entries if e.group == group])
+        install("own_terms", GROUP, found)
         forget()
 
     yield register

@@ -1,9 +1,6 @@
 """Randomisations that another package registers."""
 
 import dataclasses
-import importlib.metadata
-import sys
-import types
 
 import numpy as np
 import pytest
@@ -16,16 +13,12 @@ from hugwbc.sim.batch import BatchSimulation
 
 
 @pytest.fixture
-def register(monkeypatch):
+def register(monkeypatch, install):
     """The function that registers randomisations of a module `own_draws`, and returns the class of settings."""
     plain = robot_settings.RandomizationConfig
 
     def register(**functions):
-        module = types.ModuleType("own_draws")
-        vars(module).update(functions)
-        monkeypatch.setitem(sys.modules, "own_draws", module)
-        entries = [importlib.metadata.EntryPoint(name, f"own_draws:{name}", RANDOMIZATIONS) for name in functions]
-        monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [e for e in entries if e.group == group])
+        install("own_draws", RANDOMIZATIONS, functions)
         registered_randomizations.cache_clear()
         settings = with_registered(plain, registered_randomizations(), "randomization")
         monkeypatch.setattr(robot_settings, "RandomizationConfig", settings)
@@ -48,6 +41,7 @@ def _draw(config):
 
 
 def test_without_such_packages_the_settings_are_what_they_were():
+    assert registered_randomizations() == {}
     assert with_registered(RandomizationConfig, registered_randomizations(), "randomization") is RandomizationConfig
 
 

@@ -1,10 +1,7 @@
 """Reward terms that another package registers."""
 
 import dataclasses
-import importlib.metadata
 import pickle
-import sys
-import types
 
 import pytest
 import torch
@@ -17,16 +14,12 @@ from hugwbc.learned.env.rewards import evaluate_terms, term
 
 
 @pytest.fixture
-def register(monkeypatch):
+def register(monkeypatch, install):
     """The function that registers terms of a module `own_terms`, and returns settings with a weight of 2 for each."""
     plain = settings.ExtraWeights
 
     def register(group=REWARDS, **functions):
-        module = types.ModuleType("own_terms")
-        vars(module).update(functions)
-        monkeypatch.setitem(sys.modules, "own_terms", module)
-        entries = [importlib.metadata.EntryPoint(name, f"own_terms:{name}", group) for name in functions]
-        monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [e for e in entries if e.group == group])
+        install("own_terms", group, functions)
         registered_rewards.cache_clear()
         term.cache_clear()
         of_the_paper = [field.name for field in dataclasses.fields(RewardWeights)]
@@ -46,7 +39,7 @@ def ones(t, body):
 
 
 def test_without_such_packages_the_settings_are_what_they_were():
-    assert with_registered(ExtraWeights, registered_rewards(), "reward") is ExtraWeights
+    assert registered_rewards() == {} and with_registered(ExtraWeights, registered_rewards(), "reward") is ExtraWeights
     assert [field.name for field in dataclasses.fields(ExtraWeights)][-1] == "unequal_support"
 
 
