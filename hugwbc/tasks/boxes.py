@@ -6,6 +6,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
 from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH
+from hugwbc.scripts.behaviours.view import SeenObject
 from hugwbc.targets import HandFrame
 from hugwbc.tasks.moves import ARRIVED, SPEED, Moves, crouch, hands_in, up
 
@@ -25,15 +26,18 @@ class BoxMoves(Moves):
         width: of the box along its y axis [m].
         at: where on the box the hands press, in its axes from its middle: x and z [m].
         squeeze: force of each hand [N].
+        gap: between a hand that holds the box and the box [m]; negative where its target is inside.
     """
 
-    def __init__(self, width: float, at: tuple[float, float] = (-0.025, 0.07), squeeze: float = SQUEEZE) -> None:
-        """Take the width [m] and where and how hard to press.
+    def __init__(
+        self, width: float, at: tuple[float, float] = (-0.025, 0.07), squeeze: float = SQUEEZE, gap: float = -INTO
+    ) -> None:
+        """Take the width [m], where and how hard to press, and the gap of a hand that holds it.
 
         The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they
         are not above its middle.
         """
-        self.width, self.at, self.squeeze = width, at, squeeze
+        self.width, self.at, self.squeeze, self.gap = width, at, squeeze, gap
 
     def sides(self, gap: float) -> np.ndarray:
         """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
@@ -84,15 +88,20 @@ class BoxMoves(Moves):
         self.doing = f"grasp '{name}'"
         box = seen(view, name)
         posture = posture or crouch(float(box.position[2]) + self.at[1])
+        view = yield from self.beside(view, box, posture, max(self.gap, 0.01))
+        points = box.position + self.sides(self.gap) @ rotations.rotation_z(box.yaw).T
+        return (yield from self._glide_with_box(view, points, box.yaw, posture, settle=0.7))
+
+    def beside(self, view: View, box: SeenObject, posture: Command, gap: float) -> Course:
+        """Put the hands to both sides of the box, in the end with a gap between each hand and the box [m]."""
         ahead = rotations.rotation_z(box.yaw)
         way = (ahead[:, 0], ahead[:, 0])
-        for gap, speed in ((BESIDE, 0.2), (0.01, 0.1)):
-            points = box.position + self.sides(gap) @ ahead.T
+        for apart, speed in ((BESIDE, 0.2), (gap, 0.1)):
+            points = box.position + self.sides(apart) @ ahead.T
             view = yield from self.glide(
                 view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
             )
-        points = box.position + self.sides(-INTO) @ ahead.T
-        return (yield from self._glide_with_box(view, points, box.yaw, posture, settle=0.7))
+        return view
 
     def raised(self, view: View, name: str, height: float, speed: float) -> Course:
         """Lift the box straight up by a height [m] at a speed [m/s].
@@ -123,7 +132,7 @@ class BoxMoves(Moves):
     def to_chest(self, view: View, goal: np.ndarray) -> Course:
         """Bring the box to the chest and stand upright; from then on it goes with the robot."""
         self.doing = "bring the box to the chest"
-        points = self.sides(-INTO) - [self.at[0], 0.0, self.at[1]] + goal
+        points = self.sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         return (yield from self._glide_with_box(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5))
 
     def put(self, view: View, name: str, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
@@ -135,7 +144,7 @@ class BoxMoves(Moves):
             box = seen(view, name)
             # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
             slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
-            points = goal + up(height) + (self.sides(-INTO) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
+            points = goal + up(height) + (self.sides(self.gap) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
             view = yield from self._glide_with_box(view, points, yaw, posture, speed=speed, settle=0.8)
         return view
 

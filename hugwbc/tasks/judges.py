@@ -18,10 +18,10 @@ LIFTED = 0.05  # [m]
 
 
 def touched(body: str, missed: str) -> Milestone:
-    """Return the milestone that a hand touches a body; short of it, the progress is how near a hand came."""
+    """Return the milestone that a hand touches or grips a body; short of it, the progress is how near a hand came."""
 
     def progress(record: TaskRecord) -> float:
-        if record.touches(HANDS, body):
+        if record.touches(HANDS, body) or body in record.gripped:
             return 1.0
         away = np.linalg.norm(record.hands - record.poses[body][:, None, :3], axis=2)
         return 0.9 * float(np.clip(1.0 - away.min() / max(away[0].min(), 1e-6), 0.0, 1.0))

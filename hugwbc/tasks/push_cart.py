@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.scripts.behaviours import Course, Failure, View, seen
-from hugwbc.scripts.behaviours.walk_steps import Goal, Walk, WalkTo
+from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours import Course, Failure, Grip, View, seen
+from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_rest, in_axes_of, touched
 from hugwbc.tasks.moves import ARRIVED, Moves
@@ -46,55 +47,16 @@ MILESTONES = (
 
 
 _REACH = 0.36  # [m], from the pelvis to the handle
-_TIP = 0.05  # [m], from the hand frame to the handle's middle when they touch
-_APART = 0.18  # [m], of each hand from the middle
-_ROLLS_ON = 0.14  # [m], after the robot has begun to slow down; creeping on with one hand turns the cart
+# [m], from the hand frame to the handle's middle when it is hooked: a hand that touched it would press on its hook.
+_TIP = 0.07
+_APART = 0.20  # [m], of each hand from the middle
+_YIELDING = 400.0  # [N/m], of the hands: the cart shall not follow the sway of the steps
 _SPEED = 0.3  # [m/s]
 _MOST_STEPS = 3
-_LOOK_AHEAD = 0.55  # [m], of the goal of the walk: a nearer one is walked to without turning
-_STEER, _BACK = 1.2, 0.5  # way aside for a cart's way off the line, and for a robot that is not behind its middle
-_MOST_ASIDE = 0.2  # [m]
-
-
-class Line:
-    """The line on which the cart shall go, from its first place along its first heading.
-
-    Attributes:
-        yaw: direction of the line [rad].
-        axes: along it and to its left, as columns, shape (2, 2).
-    """
-
-    def __init__(self, start: np.ndarray, yaw: float) -> None:
-        """Take the first place [m], shape (3,), and heading [rad]."""
-        self.yaw, self.axes, self._start = yaw, rotations.rotation_z(yaw)[:2, :2], start[:2]
-
-    def place(self, position: np.ndarray) -> np.ndarray:
-        """Return how far along the line and to its left a position is [m], shape (2,)."""
-        return (position[:2] - self._start) @ self.axes
-
-
-class _Behind(Walk):
-    """Walks behind a cart until it is where it should be.
-
-    The castors roll in every direction: the cart goes where it is pushed. So the robot goes aside with its hands on
-    the handle, against the cart's way off the line, and back behind its middle.
-    """
-
-    def __init__(self, line: Line) -> None:
-        """Take the line from where the cart stands to its goal."""
-        super().__init__(speed=_SPEED, tolerance=0.1)
-        self._line = line
-
-    def goal(self, view: View, begin: View) -> Goal:
-        cart, robot = self._line.place(seen(view, "cart").position), self._line.place(view.position)
-        ahead = min(WAY - cart[0] - _ROLLS_ON + 0.02, _LOOK_AHEAD)
-        aside = float(np.clip(-_STEER * cart[1] - _BACK * (robot[1] - cart[1]), -_MOST_ASIDE, _MOST_ASIDE))
-        x, y = view.position[:2] + self._line.axes @ (ahead, aside)
-        return Goal(float(x), float(y), self._line.yaw)
 
 
 class PushCart(Moves):
-    """Put both hands on the handle, walk ahead, and stop where the cart is seen at its goal."""
+    """Hook the handle with both hands, walk ahead, and stop where the cart is seen at its goal."""
 
     timeout = 55.0
 
@@ -105,28 +67,45 @@ class PushCart(Moves):
         self._handle = settled(cart["handle"])  # type: ignore[arg-type]
 
     def course(self, view: View) -> Course:  # noqa: D102
-        distance = self._length / 2 + _REACH
         start = seen(view, "cart")
-        line = Line(start.position, start.yaw)
+        ahead = rotations.rotation_z(start.yaw)[:, 0]
+        goal = start.position + WAY * ahead
         self.doing = "walk to the cart"
-        z = self._handle - 0.98
-        ready = np.array([[_REACH - _TIP - 0.08, _APART, z], [_REACH - _TIP - 0.08, -_APART, z]])
+        distance = self._length / 2 + _REACH
+        ready = self._hands(self._handle - 0.98, gap=0.08)
         view = yield from self.glide(view, ready)
         view = yield from self.walk(view, WalkTo(before="cart", distance=distance, tolerance=ARRIVED))
-        self.doing = "put the hands on the handle"
-        z = self._handle - float(view.position[2])
-        pushing = np.array([[_REACH - _TIP + 0.02, _APART, z], [_REACH - _TIP + 0.02, -_APART, z]])
-        view = yield from self.glide(view, pushing, speed=0.1)
+        self.doing = "reach for the handle"
+        cart = seen(view, "cart")
+        turn = rotations.rotation_z(cart.yaw)
+        bar = cart.position + turn @ np.array([-self._length / 2 - _TIP, 0.0, 0.0])
+        points = bar + np.array([[0.0, _APART, 0.0], [0.0, -_APART, 0.0]]) @ turn.T
+        points[:, 2] = self._handle
+        way = (turn[:, 0], turn[:, 0])
+        view = yield from self.glide(view, points, frame="world", directions=way, speed=0.1, settle=0.6)
+        self.doing = "hook the handle"
+        view = yield from self.grip(view, *(Grip(side, "cart", hook=True) for side in SIDES))
         self.doing = "push the cart"
+        view = yield from self.glide(view, self._hands(float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
         for _ in range(_MOST_STEPS):
-            if WAY - line.place(seen(view, "cart").position)[0] < 0.8 * NEAR:
+            left = goal - seen(view, "cart").position
+            if np.hypot(*left[:2]) < 0.4 * NEAR:
                 break
-            view = yield from self.walk(view, _Behind(line))
-        moved = float(line.place(seen(view, "cart").position)[0])
-        if abs(moved - WAY) > NEAR:
-            raise Failure(f"push: the cart came {moved:.2f} of {WAY:g} m")
+            x, y = (view.position + left)[:2].tolist()
+            view = yield from self.walk(view, WalkTo((x, y), start.yaw, speed=_SPEED))
+            if None in view.held:
+                raise Failure("push: a hook broke")
+        off = float(np.hypot(*(goal - seen(view, "cart").position)[:2]))
+        if off > NEAR:
+            raise Failure(f"push: the cart stands {100 * off:.0f} cm off its goal")
         self.doing = "let go of the cart"
+        view = yield from self.grip(view, *(Grip(side, None) for side in SIDES))
         return (yield from self.glide(view, ready, speed=0.1))
+
+    def _hands(self, height: float, gap: float = 0.0) -> np.ndarray:
+        """Return the hands before the handle, at a height over the pelvis [m], in the heading frame, shape (2, 3)."""
+        x = _REACH - _TIP - gap
+        return np.array([[x, _APART, height], [x, -_APART, height]])
 
 
 TASK = Task(
@@ -136,4 +115,5 @@ TASK = Task(
     behaviour=PushCart,
     limit=60.0,
     milestones=MILESTONES,
+    idealised=("attach",),
 )

@@ -1,8 +1,8 @@
 """Put one box on another, upright, and let go."""
 
-import numpy as np
-
-from hugwbc.scripts.behaviours import Course, View, seen
+from hugwbc.commands import Command
+from hugwbc.robot import SIDES
+from hugwbc.scripts.behaviours import Course, Grip, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.boxes import DISTANCE, BoxMoves
@@ -27,25 +27,35 @@ MILESTONES = (
 )
 
 
-_UP = 0.06  # [m], off the table by the arms
-# Where the box is carried [m], in the heading frame: over the lower box, and hardly higher before the robot than it was
-# taken. Forearms that rise turn up, and a light box turns with them.
-_CHEST = np.array([0.36, 0.0, 0.17])
+# [m], between a hand and the box that hangs from it: a hand that touches the box would press against its own hook.
+_GAP = 0.015
+_HOOK = 0.05  # [m], of the hooks above the middle of the box, which hangs from both like a pendulum
 
 
 class StackBoxes(BoxMoves):
-    """Grasp one box, stand up with it, step sideways, and put it on the other one."""
+    """Hook one box with both hands, stand up with it, step sideways, and put it on the other one.
+
+    A box of half a kilogram between forearms that only press on it turns with them, and slips.
+    """
 
     timeout = 80.0
 
     def __init__(self, shapes: Shapes) -> None:
         """Take the sizes of the boxes."""
         upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
-        super().__init__(width=settled(upper[1]), at=(-0.025, 0.045))  # type: ignore[index]
+        super().__init__(width=settled(upper[1]), at=(0.0, _HOOK), squeeze=0.0, gap=_GAP)  # type: ignore[index]
         self._apart = (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
 
+    def grasp(self, view: View, name: str, posture: Command | None = None) -> Course:  # noqa: D102
+        view = yield from super().grasp(view, name, posture)
+        return (yield from self.grip(view, *(Grip(side, name, hook=True) for side in SIDES)))
+
+    def let_go(self, view: View) -> Course:  # noqa: D102
+        view = yield from self.grip(view, *(Grip(side, None) for side in SIDES))
+        return (yield from super().let_go(view))
+
     def course(self, view: View) -> Course:  # noqa: D102
-        view = yield from self.take(view, "upper", height=_UP, goal=_CHEST)
+        view = yield from self.take(view, "upper")
         self.doing = "carry the box to the other one"
         view = yield from self.walk(view, WalkTo(before="lower", distance=DISTANCE, speed=0.25, tolerance=ARRIVED))
         lower = seen(view, "lower")
@@ -60,4 +70,5 @@ TASK = Task(
     behaviour=StackBoxes,
     limit=90.0,
     milestones=MILESTONES,
+    idealised=("attach",),
 )
