@@ -8,13 +8,17 @@ from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
 from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH
 from hugwbc.scripts.behaviours.view import SeenObject
 from hugwbc.targets import HandFrame
-from hugwbc.tasks.moves import ARRIVED, SPEED, Moves, crouch, hands_in, up
+from hugwbc.tasks.moves import ARRIVED, LOWEST, SPEED, Moves, hands_in, up
 
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
 SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips with less (docs/log/tasks.md)
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
 DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
 CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
+# [m], height of the hands at which the forearms of a robot that stands upright are about level. It lifts and lowers with
+# its legs: a forearm that rises turns up, and a box turns with it.
+LEVEL = 1.13
+STANDING = 0.98  # [m], height of the pelvis
 RISEN = 0.03  # [m], of a box that is lifted
 _LET_GO = 0.10  # [m], how far the hands open
 
@@ -87,7 +91,7 @@ class BoxMoves(Moves):
         """Crouch, put the hands beside the box, and squeeze it."""
         self.doing = f"grasp '{name}'"
         box = seen(view, name)
-        posture = posture or crouch(float(box.position[2]) + self.at[1])
+        posture = posture or squat(float(box.position[2]) + self.at[1])
         view = yield from self.beside(view, box, posture, max(self.gap, 0.01))
         points = box.position + self.sides(self.gap) @ rotations.rotation_z(box.yaw).T
         return (yield from self._glide_with_box(view, points, box.yaw, posture, settle=0.7))
@@ -110,7 +114,7 @@ class BoxMoves(Moves):
             Failure: if it stays where it is.
         """
         self.doing = f"lift '{name}'"
-        last = view.last.hands
+        last, command = view.last.hands, view.last.command
         before = seen(view, name).position[2]
         assert last is not None
         view = yield from self.glide(
@@ -121,6 +125,7 @@ class BoxMoves(Moves):
             together=True,
             directions=(last.left_direction, last.right_direction),
             forces=last.forces(),
+            posture=Command(h=min(command.h + height, 0.0), p=command.p),
         )
         rise = float(seen(view, name).position[2] - before)
         if rise < RISEN:
@@ -138,7 +143,7 @@ class BoxMoves(Moves):
     def put(self, view: View, name: str, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
         self.doing = f"put '{name}' down"
-        posture = crouch(float(goal[2]) + self.at[1])
+        posture = squat(float(goal[2]) + self.at[1])
         ahead = rotations.rotation_z(yaw)
         for height, speed in ((above, 0.12), (-0.005, 0.05)):
             box = seen(view, name)
@@ -181,3 +186,17 @@ class BoxMoves(Moves):
         out = np.array([[0.0, _LET_GO, 0.0], [0.0, -_LET_GO, 0.0]])
         view = yield from self.glide(view, points + out, speed=0.1, settle=0.2)
         return (yield from self.glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=Command()))
+
+
+def squat(height: float) -> Command:
+    """Return the standing command with which the forearms are level while the hands are at a height [m]."""
+    return Command(h=float(np.clip(height - LEVEL, LOWEST, 0.0)))
+
+
+def carried_at(height: float) -> np.ndarray:
+    """Return where the hands carry a box, in the heading frame [m]: with level forearms, or higher if they must.
+
+    Args:
+        height: over the ground that they need [m].
+    """
+    return CHEST * [1.0, 1.0, 0.0] + up(float(np.clip(height, LEVEL, STANDING + CHEST[2])) - STANDING)

@@ -6,7 +6,7 @@ from hugwbc import rotations
 from hugwbc.scripts.behaviours import Course, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.boxes import DISTANCE, BoxMoves
+from hugwbc.tasks.boxes import DISTANCE, BoxMoves, carried_at
 from hugwbc.tasks.judges import (
     apart,
     at_rest,
@@ -56,6 +56,7 @@ MILESTONES = (
 
 
 _BACK = 0.35  # [m], step back with the box before the turn
+_CLEAR = 0.05  # [m], of the box over both tables
 
 
 class FetchBox(BoxMoves):
@@ -71,7 +72,8 @@ class FetchBox(BoxMoves):
         self._top = settled(shapes["bench"]["height"])  # type: ignore[arg-type]
 
     def course(self, view: View) -> Course:  # noqa: D102
-        view = yield from self.take(view, "box")
+        highest = max(float(seen(view, "box").position[2]), self._top + self._half)
+        view = yield from self.take(view, "box", goal=carried_at(highest + self.at[1] + _CLEAR))
         self.doing = "carry the box"
         yaw = view.state.yaw
         back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
