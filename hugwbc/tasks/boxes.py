@@ -19,6 +19,9 @@ CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the headi
 # its legs: a forearm that rises turns up, and a box turns with it.
 LEVEL = 1.13
 STANDING = 0.98  # [m], height of the pelvis
+# Slope with which the forearms point inwards, so that their tips press. Where the rear edges of the box share the force,
+# the tips, which carry most of the weight, slip.
+TOE_IN = 0.3
 RISEN = 0.03  # [m], of a box that is lifted
 _LET_GO = 0.10  # [m], how far the hands open
 
@@ -34,7 +37,7 @@ class BoxMoves(Moves):
     """
 
     def __init__(
-        self, width: float, at: tuple[float, float] = (-0.025, 0.07), squeeze: float = SQUEEZE, gap: float = -INTO
+        self, width: float, at: tuple[float, float] = (-0.025, 0.0), squeeze: float = SQUEEZE, gap: float = -INTO
     ) -> None:
         """Take the width [m], where and how hard to press, and the gap of a hand that holds it.
 
@@ -99,7 +102,7 @@ class BoxMoves(Moves):
     def beside(self, view: View, box: SeenObject, posture: Command, gap: float) -> Course:
         """Put the hands to both sides of the box, in the end with a gap between each hand and the box [m]."""
         ahead = rotations.rotation_z(box.yaw)
-        way = (ahead[:, 0], ahead[:, 0])
+        way = inwards(box.yaw)
         for apart, speed in ((BESIDE, 0.2), (gap, 0.1)):
             points = box.position + self.sides(apart) @ ahead.T
             view = yield from self.glide(
@@ -164,15 +167,15 @@ class BoxMoves(Moves):
         speed: float = SPEED,
         settle: float,
     ) -> Course:
-        """Glide with the box between the hands, whose forearms point along its heading, a yaw in the frame [rad]."""
-        ahead, left = rotations.rotation_z(yaw).T[:2]
+        """Glide with the box between the hands, whose forearms follow its heading, a yaw in the frame [rad]."""
+        left = rotations.rotation_z(yaw)[:, 1]
         return self.glide(
             view,
             points,
             frame=frame,
             speed=speed,
             together=True,
-            directions=(ahead, ahead),
+            directions=inwards(yaw),
             forces=self.squeeze * np.array([-left, left]),
             posture=posture,
             settle=settle,
@@ -191,6 +194,12 @@ class BoxMoves(Moves):
 def squat(height: float) -> Command:
     """Return the standing command with which the forearms are level while the hands are at a height [m]."""
     return Command(h=float(np.clip(height - LEVEL, LOWEST, 0.0)))
+
+
+def inwards(yaw: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the directions of both forearms at a box with a heading [rad]."""
+    ahead, left = rotations.rotation_z(yaw).T[:2]
+    return ahead - TOE_IN * left, ahead + TOE_IN * left
 
 
 def carried_at(height: float) -> np.ndarray:
