@@ -15,12 +15,12 @@ SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips wit
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
 DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
 CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
-# [m], height of the hands at which the forearms of a robot that stands upright are about level. It lifts and lowers with
-# its legs: a forearm that rises turns up, and a box turns with it.
+# [m], height of the hands at which the forearms of a robot that stands upright are about level. Legs lift and lower
+# boxes: a forearm that rises turns up, and a box turns with it.
 LEVEL = 1.13
 STANDING = 0.98  # [m], height of the pelvis
-# Slope with which the forearms point inwards, so that their tips press. Where the rear edges of the box share the force,
-# the tips, which carry most of the weight, slip.
+# Slope with which the forearms point inwards, so that their tips press. Where the rear edges of the box take a share of
+# the force, the tips slip, which carry most of the weight.
 TOE_IN = 0.3
 RISEN = 0.03  # [m], of a box that is lifted
 _LET_GO = 0.10  # [m], how far the hands open

@@ -52,6 +52,7 @@ _TIP = 0.07
 _APART = 0.20  # [m], of each hand from the middle
 _YIELDING = 400.0  # [N/m], of the hands: the cart shall not follow the sway of the steps
 _SPEED = 0.3  # [m/s]
+_THERE = 0.06  # [m]
 _MOST_STEPS = 3
 
 
@@ -89,10 +90,10 @@ class PushCart(Moves):
         view = yield from self.glide(view, self._hands(float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
         for _ in range(_MOST_STEPS):
             left = goal - seen(view, "cart").position
-            if np.hypot(*left[:2]) < 0.4 * NEAR:
+            if np.hypot(*left[:2]) < 1.5 * _THERE:
                 break
             x, y = (view.position + left)[:2].tolist()
-            view = yield from self.walk(view, WalkTo((x, y), start.yaw, speed=_SPEED))
+            view = yield from self.walk(view, WalkTo((x, y), start.yaw, speed=_SPEED, tolerance=_THERE))
             if None in view.held:
                 raise Failure("push: a hook broke")
         off = float(np.hypot(*(goal - seen(view, "cart").position)[:2]))
