@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hugwbc.scripts.behaviours import Course, Failure, Grip, View, seen
+from hugwbc.scripts.behaviours import Course, Grip, Pull, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_end, happened
@@ -23,7 +23,8 @@ _REACH, _ASIDE = 0.42, 0.18  # [m], of the pelvis from the handle, which is in f
 _BAR = 0.06  # [m], from the front of the cabinet to the handle
 # [m], from the hand frame to the handle when it is hooked: a hand that touches it would press against its own hook.
 _TIP = 0.068
-_MOST_STEPS = 3
+_FARTHER = 0.02  # [m], than the drawer has to open
+_SPEED = 0.2  # [m/s]
 _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the sway of a step
 
 
@@ -56,19 +57,7 @@ class OpenDrawer(Moves):
         self.doing = "pull the drawer"
         hands = np.stack([NO_HAND, hands_in(view, "heading")[1]])
         view = yield from self.glide(view, hands, stiffness=_YIELDING)
-        for _ in range(_MOST_STEPS):
-            left = OPENED + 0.02 - float((closed.position - seen(view, "drawer").position) @ ahead)
-            if left < 0.005:
-                break
-            back = view.position - (left + 0.02) * ahead
-            walk = WalkTo((float(back[0]), float(back[1])), closed.yaw, speed=0.25)
-            view = yield from self.walk(view, walk)
-            if view.held[1] is None:
-                break  # the force was too large for the hook: at the drawer's stop, or before
-        opened = float((closed.position - seen(view, "drawer").position) @ ahead)
-        if opened < OPENED:
-            lost = "" if view.held[1] else ", and the hook broke"
-            raise Failure(f"pull: the drawer is open by {100 * opened:.0f} of {100 * OPENED:.0f} cm{lost}")
+        view = yield from self.walk(view, Pull("drawer", OPENED + _FARTHER, speed=_SPEED))
         self.doing = "let go of the handle"
         view = yield from self.grip(view, Grip("right", None))
         return (yield from self.wait(view, 0.5))
