@@ -26,11 +26,12 @@ SHOTS = {  # seed, and time of the picture [s]
     "fetch_box": (0, 18.2),
     "lift_from_stool": (0, 18.0),
     "push_cart": (0, 11.0),
-    "open_drawer": (0, 14.0),
+    "open_drawer": (0, 12.0),
     "hold_payload": (0, 16.0),
     "open_door": (0, 10.0),
     "wipe_table": (0, 16.0),
     "carry_tray": (0, 20.0),
+    "stack_boxes": (0, 21.0),
 }
 STORY = (9.1, 18.2, 27.3, 36.2)  # [s] of fetch_box: take, carry, turn and walk, let go
 BELOW_CAPTION = 60  # [pixel]
@@ -66,7 +67,7 @@ def still(trace: Trace, moment: float, edges: tuple[int, int]) -> np.ndarray:
     }
     with tempfile.TemporaryDirectory() as folder:
         film = pathlib.Path(folder) / "still.mp4"
-        obstacle = write_video(film, [dataclasses.replace(trace, **one)], hide=LAYERS)
+        obstacle = write_video(film, [dataclasses.replace(trace, **one)], hide=tuple(LAYERS))
         if obstacle is not None:
             raise RuntimeError(obstacle)
         with imageio.get_reader(film) as reader:
