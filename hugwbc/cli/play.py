@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hugwbc.cli.output import parse, say
+from hugwbc.cli.output import output_folder, parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
@@ -20,6 +20,8 @@ from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
 from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
+from hugwbc.scripts.motion import load_motion
+from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
@@ -29,7 +31,7 @@ from hugwbc.viz.show import at_real_time, open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
-_COMMANDING = ("gait", "left_hand", "right_hand", *COMMAND_NAMES)
+_COMMANDING = ("gait", "motion", "left_hand", "right_hand", *COMMAND_NAMES)
 # What says what the robot does in place of a person at a page.
 _DRIVING = ("script", "listen", "headless", *_COMMANDING)
 
@@ -49,6 +51,9 @@ class PlayOptions(ArenaChoice):
     script: str | None = None
     """Play this script or behaviour instead of one command: name of a shipped one, or a file (.yaml);
     docs/how-to/add-a-behaviour.md."""
+    motion: pathlib.Path | None = None
+    """Move the arms by this file (.npz, or .csv with the joints' names; docs/upper_ik.md), while the rest of the body
+    follows the command; it ends with the file."""
     task: str | None = None
     """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
     scene: str | None = None
@@ -221,7 +226,7 @@ def _run_live(options: PlayOptions) -> int:
     _refuse_beside("--live", "the live page is driven by its own sliders", options, _DRIVING)
     if not 0 <= options.port <= LAST_PORT:
         raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
-    _check_host(options.host)
+    _check_address(options.host, options.port)
     try:
         from hugwbc.viz.drive import Drive
         from hugwbc.viz.live import LivePage
@@ -251,22 +256,32 @@ def _run_live(options: PlayOptions) -> int:
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:
-        Drive(loop, page, folder=options.out, perform=perform, tell=say).run(options.duration or np.inf)
+        with output_folder(options.out):
+            Drive(loop, page, folder=options.out, perform=perform, tell=say).run(options.duration or np.inf)
     finally:
         page.close()
     return 0
 
 
-def _check_host(host: str) -> None:
-    """Refuse an address that is not this machine's: the page's server would fail in its own thread without a message.
+def _check_address(host: str, port: int) -> None:
+    """Refuse an address that cannot be had.
+
+    The page's server would fail in its own thread without a message, or take another port than the one asked for.
 
     Raises:
-        ConfigError: if no port of the host can be opened.
+        ConfigError: if no port of the host can be opened, or this one is in use.
     """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+        socket.create_server((host, 0), family=family).close()
     except OSError as error:
         raise ConfigError(f"cannot serve on host '{host}': {error}; give an address of this machine") from error
+    try:
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        raise ConfigError(
+            f"cannot serve on port {port}: {error}; give another one, or 0 for any that is free"
+        ) from error
 
 
 def _source(options: PlayOptions) -> tuple[CommandSource, float]:
@@ -276,6 +291,7 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
         ConfigError: if commands and a port to listen on are both given, or the port cannot be used.
         CommandError: if a value is out of range, or if values and a script are both given.
         TargetError: if only one hand has a target, or a target is not finite.
+        MotionFileError: if the motion file cannot be used.
     """
     if options.listen is not None:
         _refuse_beside("--listen", "the other program gives the commands", options, (*_COMMANDING, "script"))
@@ -286,7 +302,7 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
     if options.script is not None:
         others = [
             *values,
-            *(name for name in ("gait", "left_hand", "right_hand") if getattr(options, name) is not None),
+            *(name for name in ("gait", "motion", "left_hand", "right_hand") if getattr(options, name) is not None),
         ]
         if others:
             raise CommandError(f"a script and {', '.join(others)} are both given; give one or the other")
@@ -297,6 +313,13 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
     command = Command.from_mapping(values, gait).validate()
+    if options.motion is not None:
+        _refuse_beside("--motion", "a motion moves both arms", options, ("left_hand", "right_hand"))
+        motion = load_motion(options.motion)
+        segment = Segment(
+            motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
+        )
+        return Script(motion.name, (segment,)), options.duration or motion.duration
     return Constant(command, _hands(options)), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
 
 

@@ -1,9 +1,11 @@
 """Arm motions: files of joint positions over time, resampling, the paper's noise range, and a seeded generator.
 
 A motion file is an .npz without pickled objects, with `fps` (frames per second), `joint_names` (strings) and
-`positions` (frames x joints, radians). It holds all eight arm joints, in any order and among any others.
+`positions` (frames x joints, radians). It holds all eight arm joints, in any order and among any others. Or it is a
+.csv, whose first line names the columns: `t` [s], which rises in equal steps, and the joints [rad].
 """
 
+import csv
 import dataclasses
 import io
 import logging
@@ -23,6 +25,9 @@ _log = logging.getLogger(__name__)
 MOTION_FPS = 50.0  # [Hz]; motions are resampled to this rate, which is the learned controller's
 FRAME_RATES = (0.1, 1e4)  # [Hz], the valid range in files; rates far from any camera's are mistakes
 _FIELDS = ("fps", "joint_names", "positions")
+_READABLE = (".npz", ".csv")
+_TIME = "t"  # the column of a .csv
+_UNEVEN = 0.02  # share of a step by which the times of a .csv may differ from equal steps, being rounded
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
 _UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, MemoryError, NotImplementedError, RuntimeError,
@@ -114,7 +119,11 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
 
 
 def _read_motion(path: pathlib.Path) -> ArmMotion:
-    arrays = read_arrays(path)
+    path = pathlib.Path(path)
+    if path.suffix.lower() not in _READABLE:
+        valid = f"valid: {' and '.join(_READABLE)}; convert it to one of them"
+        raise MotionFileError(f"cannot read {path}: '{path.suffix}' is no kind of motion file; {valid}")
+    arrays = _read_csv(path) if path.suffix.lower() == ".csv" else read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]
     if absent:
         raise MotionFileError(f"{path} lacks {', '.join(absent)}; a motion file is an .npz with {', '.join(_FIELDS)}")
@@ -136,7 +145,45 @@ def _read_motion(path: pathlib.Path) -> ArmMotion:
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
     unused = tuple(name for name in found if name not in robot.arm_names)
-    return ArmMotion(pathlib.Path(path).stem, float(fps.item()), arms, unused)
+    return ArmMotion(path.stem, float(fps.item()), arms, unused)
+
+
+def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
+    """Return the fields of a motion from a table.
+
+    Raises:
+        MotionFileError: if it cannot be read, lacks the times, has a line that is not one number for each column, or
+            times that do not rise in equal steps.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MotionFileError(
+            f"cannot read {path}: {error}; give a .csv with the columns t and one per joint"
+        ) from error
+    names = [name.strip() for name in rows[0]] if rows else []
+    if _TIME not in names:
+        raise MotionFileError(f"{path}:1: no column is named {_TIME}; the first line names {_TIME} [s] and the joints")
+    frames = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            frames.append([float(value) for value in row])
+        except ValueError as error:
+            raise MotionFileError(f"{path}:{number}: {error}; give numbers [s, rad]") from None
+        if len(row) != len(names):
+            raise MotionFileError(f"{path}:{number}: {len(row)} numbers for {len(names)} columns; give one for each")
+    if len(frames) < 2:
+        raise MotionFileError(f"{path} has {len(frames)} frames; a motion needs at least 2")
+    table, column = np.array(frames), names.index(_TIME)
+    steps = np.diff(table[:, column])
+    mean = float(steps.mean())
+    if not mean > 0.0 or not np.all(np.abs(steps - mean) <= _UNEVEN * mean):  # a NaN fails the comparison
+        raise MotionFileError(f"{path}: the times do not rise in equal steps; resample the motion")
+    joints = np.array([name for name in names if name != _TIME])
+    return {"fps": np.array(1.0 / mean), "joint_names": joints, "positions": np.delete(table, column, axis=1)}
 
 
 def is_real(array: np.ndarray) -> bool:

@@ -91,7 +91,7 @@
       box.querySelector(".tasks button").dataset.action = `task:${event.target.value}`;
       event.target.blur();  // the keys are for driving
     });
-    box.querySelector(".values").open = innerWidth > 640;
+    box.querySelector(".values").open = innerWidth > 1100;  // narrower, it hides the legs
     box.addEventListener("click", (event) => {
       const pressed = event.target.closest("button");
       if (!pressed) return;

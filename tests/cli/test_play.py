@@ -1,8 +1,12 @@
+import socket
+
+import numpy as np
 import pytest
 
 from hugwbc.cli import main, play
 from hugwbc.gait import Gait
 from hugwbc.runtime import Constant
+from hugwbc.scripts.motion import generate_motions
 from hugwbc.scripts.script import Script
 
 
@@ -79,3 +83,30 @@ def test_a_task_is_played(capsys, standing_task):
     assert main(["play", "--task", str(path), "--controller", "hold", "--headless", "--sensing", "exact"]) == 0
     out = capsys.readouterr().out
     assert "stand with hold, seed 0: not done: the robot did not fly" in out and "score: 0.00" in out
+
+
+def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
+    (motion,) = generate_motions(seed=3, count=1, duration=1.0)
+    motion.save(tmp_path / "wave.npz")
+    source, duration = play._source(play.PlayOptions(motion=tmp_path / "wave.npz", v_x=0.3))
+    assert duration == 1.0 and source.command_at(1.0).v_x == pytest.approx(0.3)
+    hands = source.hands_at(0.5)
+    assert hands is not None and hands.joints is not None
+    np.testing.assert_allclose(hands.joints, motion.at(0.5)[0])
+    for words in (["--motion", str(tmp_path / "none.npz")], ["--motion", str(tmp_path)]):
+        assert main(["play", "--headless", *words]) == 2
+        assert str(tmp_path) in capsys.readouterr().err
+    assert main(["play", "--headless", "--motion", "wave.npz", "--script", "walk"]) == 2
+    assert "motion" in capsys.readouterr().err
+
+
+def test_a_port_in_use_and_a_folder_that_cannot_be_written_are_refused(tmp_path, capsys):
+    common = ["play", "--live", "--no-browser", "--controller", "hold", "--duration", "0.1"]
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        assert main([*common, "--port", str(other.getsockname()[1])]) == 2
+    assert "give another one, or 0" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert main([*common, "--out", str(tmp_path / "file" / "x")]) == 2
+    assert "give a folder that can be written" in capsys.readouterr().err
+    assert main([*common, "--out", str(tmp_path / "new")]) == 0
+    assert not (tmp_path / "new").exists(), "nothing was recorded"

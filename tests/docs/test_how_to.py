@@ -33,6 +33,10 @@ def test_add_a_randomization(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-randomization.md", folder, in_processes=True)
 
 
+def test_add_a_curriculum(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-curriculum.md", folder, in_processes=True)
+
+
 def test_add_an_observation(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-an-observation.md", folder, in_processes=True)
 

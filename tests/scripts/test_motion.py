@@ -117,3 +117,43 @@ def test_generated_motions_follow_their_seed_and_move_like_arms() -> None:
         speed = np.abs(np.diff(a.positions, axis=0)) * a.fps
         # The fastest minimum-jerk movement through 60 % of the widest range in 0.4 s has a peak of 1.875 d / T.
         assert 0.5 < speed.max() < 1.875 * 0.6 * 5.5 / 0.4
+
+
+def table(path: pathlib.Path, *lines: str) -> pathlib.Path:
+    """Write a motion as a table of three frames at 20 Hz, unless other lines are given."""
+    names = load_robot().arm_names
+    rows = [[0.05 * frame, *(0.1 * frame * np.ones(8)), 0.3] for frame in range(3)]
+    whole = [",".join(["t", *names, "torso_joint"]), *(",".join(f"{value:.3f}" for value in row) for row in rows)]
+    path.write_text("\n".join(lines or whole) + "\n")
+    return path
+
+
+def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path) -> None:
+    motion = load_motion(table(tmp_path / "wave.csv"))
+    assert (motion.name, motion.fps, motion.unused) == ("wave", pytest.approx(20.0), ("torso_joint",))
+    robot = load_robot()
+    expected = np.clip(0.1 * np.arange(3)[:, None] * np.ones(8), robot.lower[robot.arms], robot.upper[robot.arms])
+    np.testing.assert_allclose(motion.positions, expected)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (("x,y", "1,2"), r":1: no column is named t"),
+        (("t,a", "0,0", "0.1,b"), r":3: could not convert string to float: 'b'"),
+        (("t,a", "0,0", "0.1"), r":3: 1 numbers for 2 columns"),
+        (("t,a", "0,0"), "has 1 frames"),
+        (("t,a", "0,0", "0,0", "0,0"), "do not rise in equal steps"),
+        (("t,a", "0,0", "0.1,0", "0.4,0"), "do not rise in equal steps"),
+        (("t,a", "0,0", "nan,0", "0.4,0"), "do not rise in equal steps"),
+        (("t,a", "0,0", "0.1,0"), "lacks the joints left_shoulder_pitch_joint"),
+    ],
+)
+def test_bad_tables_are_refused(lines: tuple[str, ...], message: str, tmp_path: pathlib.Path) -> None:
+    with pytest.raises(MotionFileError, match=message):
+        load_motion(table(tmp_path / "bad.csv", *lines))
+
+
+def test_other_kinds_of_files_are_refused(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(MotionFileError, match=r"'\.bvh' is no kind of motion file; valid: \.npz and \.csv; convert"):
+        load_motion(tmp_path / "dance.bvh")

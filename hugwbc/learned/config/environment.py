@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.own_settings import registered_rewards, with_registered
+from hugwbc.learned.config.own_settings import registered_curricula, registered_rewards, with_registered
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.policy.own_terms import check_names
 from hugwbc.robot import Robot, load_robot
@@ -112,7 +112,14 @@ class CurriculumConfig:
         for name in ("warm_up_iterations", "alpha_step", "speed_step"):
             value = getattr(self, name)
             require(value >= 0, f"curriculum.{name}", value, "0 or more")
-        require(0.0 <= self.agile_fraction <= 1.0, "curriculum.agile_fraction", self.agile_fraction, "0 to 1")
+        for name in ("agile_fraction", *registered_curricula()):
+            require(0.0 <= getattr(self, name) <= 1.0, f"curriculum.{name}", getattr(self, name), "0 to 1")
+
+
+if not TYPE_CHECKING:  # the same class unless another package registers curricula
+    CurriculumConfig = with_registered(
+        CurriculumConfig, registered_curricula(), "curriculum", ("penalty", "alpha", "speed", "terrain")
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """What other packages register for the training, as settings: names only, nothing is loaded here.
 
 A reward term is an entry point in the group `hugwbc.rewards`, or in `hugwbc.penalties` if the curriculum of penalties
-is to scale it; a randomisation is one in `hugwbc.randomizations`. Its name becomes an option of `hugwbc train` and a
-setting of recipes: the weight of the term, or the width of the randomisation, 0 until one is given.
+is to scale it; a randomisation is one in `hugwbc.randomizations`, a curriculum one in `hugwbc.curricula`. Its name
+becomes an option of `hugwbc train` and a setting of recipes: the weight of the term, the width of the randomisation, or
+the highest level of the curriculum, 0 until one is given.
 """
 
 import dataclasses
@@ -17,6 +18,7 @@ from hugwbc import extensions
 from hugwbc.errors import ConfigError
 
 REWARDS, PENALTIES, RANDOMIZATIONS = "hugwbc.rewards", "hugwbc.penalties", "hugwbc.randomizations"
+CURRICULA = "hugwbc.curricula"
 Settings = TypeVar("Settings")
 
 
@@ -41,6 +43,16 @@ def registered_randomizations() -> dict[str, EntryPoint]:
         ConfigError: if a name is no name of an option.
     """
     return _registered(RANDOMIZATIONS, "randomization")
+
+
+@functools.cache
+def registered_curricula() -> dict[str, EntryPoint]:
+    """Return the registered curricula by name.
+
+    Raises:
+        ConfigError: if a name is no name of an option.
+    """
+    return _registered(CURRICULA, "curriculum")
 
 
 def _registered(group: str, kind: str) -> dict[str, EntryPoint]:

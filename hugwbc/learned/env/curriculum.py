@@ -18,6 +18,7 @@ from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CurriculumConfig
+from hugwbc.learned.env.own_curricula import Measured, OwnLevels
 
 SPEED_COLUMNS = [COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")]  # the columns of a command on the grid
 GAITS = (Gait.WALKING, Gait.JUMPING)  # that have a grid
@@ -132,6 +133,7 @@ class Curriculum:
         alpha: noise level of the intervention.
         max_speed: largest v_x of the agile group [m/s].
         grid: speeds of the agile group by cell; None if they have one range.
+        own: levels of the curricula of other packages.
         gates: last decision of each curriculum's gate, in words.
     """
 
@@ -141,12 +143,14 @@ class Curriculum:
     alpha: float = 0.0
     max_speed: float = MAX_SPEED[0]
     grid: SpeedGrid | None = dataclasses.field(init=False)
+    own: OwnLevels = dataclasses.field(init=False)
     gates: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Start at the configured penalty and at the paper's initial speeds."""
         self.penalty_scale = self.config.penalty_start
         self.grid = SpeedGrid.up_to(MAX_SPEED[0], MAX_YAW_RATE[0]) if self.config.speed == "grid" else None
+        self.own = OwnLevels(self.config)
 
     @property
     def max_yaw_rate(self) -> float:
@@ -172,8 +176,16 @@ class Curriculum:
         self.iteration += 1
         # The running rewards start at zero, and the policy has only begun to learn.
         if self.iteration <= self.config.warm_up_iterations:
-            self.gates = dict.fromkeys(("penalty", "alpha", "speed"), f"warm-up until {self.config.warm_up_iterations}")
+            waiting = ("penalty", "alpha", "speed", *self.own.values)
+            self.gates = dict.fromkeys(waiting, f"warm-up until {self.config.warm_up_iterations}")
             return
+        self._update_ours(agile, intervened, terrain_mastered=terrain_mastered)
+        levels = (self.penalty_scale, self.alpha, self.max_speed)
+        self.gates |= self.own.move(Measured(self.iteration, agile, intervened, *levels))
+
+    def _update_ours(
+        self, agile: tuple[float, float] | None, intervened: tuple[float, float] | None, *, terrain_mastered: bool
+    ) -> None:
         self.penalty_scale = min(1.0, self.penalty_scale * self.config.penalty_growth)
         self.gates["penalty"] = f"{self.penalty_scale:.3f}"
         if not terrain_mastered:
@@ -244,7 +256,7 @@ class Curriculum:
         }
         if self.grid is not None:
             state |= {"grid": self.grid.weight.tolist(), "grid_passed": self.grid.passed.tolist()}
-        return state
+        return state | {f"own_{name}": level for name, level in self.own.values.items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the levels; without a stored grid, one starts from the speed that was reached."""
@@ -252,6 +264,8 @@ class Curriculum:
         self.penalty_scale, self.alpha, self.max_speed = (
             float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
         )
+        # A curriculum that was not there when the state was stored starts at its beginning.
+        self.own.restore({name: float(state.get(f"own_{name}", 0.0)) for name in self.own.values})
         if self.grid is not None:
             self.grid = SpeedGrid.up_to(self.max_speed, self.max_yaw_rate)
             if "grid" in state:

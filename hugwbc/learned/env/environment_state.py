@@ -1,7 +1,8 @@
 """The state of a training environment: everything that a bit-exact continuation of a run needs."""
 
 import dataclasses
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -35,6 +36,10 @@ class Environment(Protocol):
 
     def begin_episodes(self, robots: torch.Tensor) -> None:
         """Restart robots (indices)."""
+        ...
+
+    def restore_levels(self, state: Mapping[str, Any]) -> None:
+        """Restore the levels of the curricula."""
         ...
 
 
@@ -81,7 +86,7 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
         part = getattr(env, name)
         if part is not None and prefixed[name]:
             part.load_state_dict(prefixed[name])
-    env.curriculum.load_state_dict({name: value.tolist() for name, value in prefixed["curriculum"].items()})
+    env.restore_levels({name: value.tolist() for name, value in prefixed["curriculum"].items()})
     env.arm_gains.update(env.intervention.active * env.curriculum.alpha)
     # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
     _write_simulation(env, state)

@@ -1,6 +1,8 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -111,6 +113,7 @@ class HumanoidEnv:
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self.nominal_qpos = self.simulation.nominal_qpos
         self.curriculum = Curriculum(config.curriculum)
+        self.curriculum.own.check(config)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(
@@ -172,7 +175,8 @@ class HumanoidEnv:
         self._check_rewards()
 
     def _take(self, config: EnvConfig) -> None:
-        self.config = config
+        self._given = config  # before the curricula of other packages
+        self.config = config = self.curriculum.own.applied(config)
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
@@ -328,9 +332,22 @@ class HumanoidEnv:
             self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,
             terrain_mastered=self.ground is None or self.ground.mastered,
         )
+        self._follow_levels()
         if self.ground is not None:
             self.curriculum.gates["terrain"] = self.ground.report()
             self.statistics.set_level("terrain_level", self.ground.mean_level)
+
+    def _follow_levels(self) -> None:
+        """Give the settings the values of the levels of other packages' curricula."""
+        for name, level in self.curriculum.own.values.items():
+            self.statistics.set_level(f"level/{name}", level)
+        if self.curriculum.own.values:
+            self._take(self._given)
+
+    def restore_levels(self, state: Mapping[str, Any]) -> None:
+        """Restore the levels of the curricula alone: what `Curriculum.state_dict` returned."""
+        self.curriculum.load_state_dict(state)
+        self._follow_levels()
 
     # Episodes -------------------------------------------------------------------------------------------------------
 

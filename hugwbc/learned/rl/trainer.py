@@ -263,7 +263,7 @@ class Trainer:
             self._restore_optimiser(groups["optimiser"])
         try:
             if not groups["env"]:
-                self.env.curriculum.load_state_dict(metadata["curriculum"])
+                self.env.restore_levels(metadata["curriculum"])
             self._restore_counters(metadata)
         except (KeyError, TypeError, ValueError) as error:
             raise PolicyFileError(
