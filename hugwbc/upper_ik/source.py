@@ -207,6 +207,8 @@ class UpperBodySource:
             self._steady.reset()
             return hands
         robot = self.ik.robot
+        if not state.is_usable:  # the solver refuses it, and counts it
+            return hands
         measured = self.ik.hands(state.q[robot.arms], float(state.q[robot.waist]))
         return self._steady.place(hands, measured, state, command, dt)
 

@@ -33,7 +33,7 @@ FINE = 8.0  # [Hz], above which the encoders' noise asks for slower learning
 COARSE = 0.01  # [s], control period from which on the accelerometer's impacts would be sampled too rarely
 SMOOTH = 0.2  # [s], time constant with which what is learned is used
 LAG = 0.004  # [s], from a target to the arm's motion: the delay of the drives, and what the servo leaves
-HIGHEST = 20.0  # [Hz], of the harmonics: above it the soles' impacts differ from step to step
+HIGHEST = 25.0  # [Hz], of the harmonics
 SAMPLES = 3.5  # control periods in the shortest harmonic
 LARGEST = 0.05  # [m], of the correction; the pelvis sways by 1 to 2 cm
 FADING = 2.0  # [1/s], at which the correction fades in a stand
@@ -85,6 +85,8 @@ class SteadyHands:
         low, high = STRIDES
         frequency = min(max(command.f, low), high) if math.isfinite(command.f) else low
         self._angle = (self._angle + 2.0 * math.pi * frequency * dt) % (2.0 * math.pi)
+        if not (state.is_usable and np.isfinite(hands).all()):
+            return self._in_pelvis(targets, asked)
         pelvis = rotations.to_matrix(state.orientation)
         origin, felt = np.zeros(3) if state.position is None else state.position, np.zeros(3)
         if state.imu_accelerometer is not None and dt < COARSE:
@@ -94,7 +96,7 @@ class SteadyHands:
         roll, pitch = rotations.roll_of(state.orientation), rotations.pitch_of(state.orientation)
         world = origin + hands @ pelvis.T
         row = np.concatenate((world.ravel(), asked.ravel(), felt, (roll, pitch)))
-        if np.isfinite(row).all() and dt > 0.0:
+        if dt > 0.0:
             length = max(2, round(1.0 / (frequency * dt)))
             self._past = np.concatenate((self._past, row[None]))[-length - 1 :]
             if command.gait is Gait.STANDING:

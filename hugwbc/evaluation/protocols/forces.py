@@ -44,7 +44,7 @@ PULLED, PRESSED, STEADY = 5.0, 4.0, 1.0  # [s]: full pull, press, and how long a
 PUSH_TIME = 0.1  # [s]
 PUSH_STEP, PUSH_MOST = 0.2, 1.6  # [m/s], between two pushes and the largest one
 RECOVERY = 3.0  # [s] after a push in which the robot must not fall
-SWAYED_FROM = 7.0  # [s], when the acceleration of the hands counts: they have learned the stride by then
+SWAYED_FROM = 9.0  # [s], when the acceleration of the hands counts: they have learned the stride by then
 SWAYED = 6.0  # [s], for which it counts
 SAMPLE = 0.02  # [s], between the positions whose differences are the acceleration
 HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame [m]
@@ -426,7 +426,7 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
                 survived.setdefault(str(direction), []).append(largest)
         errors = [row.estimate_error for row in rows if row.estimate_error is not None]
         pulls = {str(d): [not row.fell for row in rows if row.direction == d] for d in directions if d is not None}
-        accelerations = [_root_mean_square([getattr(row, name) for row in rows]) for name in ("acceleration", "stiff")]
+        steady, stiff = (_root_mean_square([getattr(row, name) for row in rows]) for name in ("acceleration", "stiff"))
         return ForcesResult.of(
             lambda: controller,
             settings,
@@ -440,9 +440,9 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
             sag=mean(row.sag for row in rows),
             error=mean(row.error for row in rows),
             estimate_error=math.sqrt(float(np.mean(np.square(errors)))) if errors else None,
-            acceleration=accelerations[0],
-            stiff=accelerations[1],
-            ratio=None if None in accelerations else accelerations[0] / accelerations[1],
+            acceleration=steady,
+            stiff=stiff,
+            ratio=None if steady is None or stiff is None else steady / stiff,
             held={d: float(np.mean(up)) for d, up in pulls.items()} if settings.part == "pull" else {},
             change={d: float(np.median(changes)) for d, changes in survived.items()},
             median_change=float(np.median([*survived.values()])) if survived else None,
