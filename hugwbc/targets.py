@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.errors import TargetError, UnknownNameError
 
-HandFrame = Literal["pelvis", "heading", "world"]
+HandFrame = Literal["pelvis", "heading", "steady", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
@@ -25,7 +25,8 @@ class HandTargets:
     Attributes:
         left, right: positions [m], shape (3,); None for a hand that rests next to the body.
         frame: "pelvis" for the pelvis frame, which moves and turns with the pelvis but not with the waist; "heading"
-            for a level frame at the pelvis that turns with its yaw only; "world" for the world frame.
+            for a level frame at the pelvis that turns with its yaw only; "steady" for that frame without the sway of
+            the steps; "world" for the world frame.
         left_direction, right_direction: unit vectors along which the forearms should point, shape (3,); None where it
             does not matter. An arm has four joints; one is left to point the forearm once the hand is in place.
         together: whether the hands hold one object; their relative position then has priority over their positions.

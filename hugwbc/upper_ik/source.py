@@ -14,6 +14,7 @@ from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.hand_loads import HandLoads
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
+from hugwbc.upper_ik.steady_hands import SteadyHands
 from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
 
 
@@ -133,6 +134,7 @@ class UpperBodySource:
         self.takeover = Takeover(takeover, robot)
         self.watch = TargetWatch(self.takeover.config.stale_time)
         self._loads = HandLoads()
+        self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
         self._by_joints = False
@@ -143,6 +145,7 @@ class UpperBodySource:
         self.takeover.reset()
         self.watch.reset()
         self._loads.reset()
+        self._steady.reset()
         self.solution = None
         self._own = None
         self._body_reach = None
@@ -171,10 +174,12 @@ class UpperBodySource:
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms and a hand-back ends in the nominal pose.
         """
-        arms = self._arms(state, hands, dt, commanded)
+        arms = self._arms(state, hands, command, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
 
-    def _arms(self, state: RobotState, hands: HandTargets | None, dt: float, commanded: np.ndarray | None) -> UpperBody:
+    def _arms(
+        self, state: RobotState, hands: HandTargets | None, command: Command, dt: float, commanded: np.ndarray | None
+    ) -> UpperBody:
         if hands is None:
             self.watch.forget()
         else:
@@ -189,12 +194,23 @@ class UpperBodySource:
         self._by_joints = by_joints
         start = self._start(commanded) if self.takeover.phase is Phase.RELEASED else None
         if hands.joints is None:
-            self.solution = self.ik.solve(hands, state, dt)
+            self.solution = self.ik.solve(self._placed(hands, state, command, dt), state, dt)
             q, dq, ddq = self.solution.q, self.solution.dq, self.solution.ddq
         else:
             self.solution = None
             q, dq, ddq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity, None
         return self._loads.apply(self.takeover.follow(q, dq, dt, start, ddq), hands, state, dt)
+
+    def _placed(self, hands: HandTargets, state: RobotState, command: Command, dt: float) -> HandTargets:
+        """Return the targets in a frame of the solver: those of the steady frame in that of the pelvis."""
+        if hands.frame != "steady":
+            self._steady.reset()
+            return hands
+        robot = self.ik.robot
+        if not state.is_usable:  # the solver refuses it, and counts it
+            return hands
+        measured = self.ik.hands(state.q[robot.arms], float(state.q[robot.waist]))
+        return self._steady.place(hands, measured, state, command, dt)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
         """Return the command with h, p and w as hand targets need them that ask for the whole body.

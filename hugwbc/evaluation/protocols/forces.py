@@ -1,9 +1,10 @@
-"""Forces at the hands: carrying, being pulled, pressing, and sudden pushes on the trunk, with any controller.
+"""Forces at the hands and the sway of a walk: carrying, being pulled, pressing, pushes, and how still hands are.
 
 - carry: a mass in each hand of which nobody is told; how far the hands sag, standing or walking.
 - pull: a steady force on both hands together, from each of eight directions; whether the robot stays up.
 - press: the left hand presses a wall with a wanted force; how far the contact force is off.
 - push: a sudden push on the trunk from each of eight directions; the largest change of velocity that is survived.
+- sway: how much the hands accelerate in a walk, held in the "steady" frame and with the arm joints held stiff.
 
 With the sensors of a robot, the estimate of the forces on the hands is compared with the truth as well.
 """
@@ -22,7 +23,7 @@ from hugwbc.evaluation.protocols.protocol import Protocol, count_text
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.sim import Engine, Force
@@ -33,7 +34,7 @@ from hugwbc.state import GRAVITY, RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
 
-PARTS = ("carry", "pull", "press", "push")
+PARTS = ("carry", "pull", "press", "push", "sway")
 DIRECTIONS = tuple(range(0, 360, 45))  # [deg], counted from the robot's front to its left
 TAKEN = 0.5  # [s], when the arms are taken over
 STARTED = 1.0  # [s], when a walk starts
@@ -43,6 +44,9 @@ PULLED, PRESSED, STEADY = 5.0, 4.0, 1.0  # [s]: full pull, press, and how long a
 PUSH_TIME = 0.1  # [s]
 PUSH_STEP, PUSH_MOST = 0.2, 1.6  # [m/s], between two pushes and the largest one
 RECOVERY = 3.0  # [s] after a push in which the robot must not fall
+SWAYED_FROM = 9.0  # [s], when the acceleration of the hands counts: they have learned the stride by then
+SWAYED = 6.0  # [s], for which it counts
+SAMPLE = 0.02  # [s], between the positions whose differences are the acceleration
 HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame [m]
 WALL = 0.42  # [m], distance of the wall's surface ahead of the start
 HEIGHT = 1.1  # [m], at which the hand presses
@@ -53,9 +57,9 @@ class ForcesConfig(CountedSettings):
     """Settings of the forces protocol, in addition to `CountedSettings`.
 
     Attributes:
-        gait: standing or walking; a hand presses standing, and pushes come while walking, whatever is given.
+        gait: standing or walking; a hand presses standing, pushes come and hands sway while walking, whatever is given.
         episodes: number of episodes of a part; of pull and push for each direction.
-        part: what to measure: carry, pull, press or push.
+        part: what to measure: carry, pull, press, push or sway.
         load: mass in each hand for carry [kg].
         force: steady force of pull on both hands together, or the wanted force of press [N].
         v_x: forward velocity of a walk [m/s].
@@ -95,7 +99,7 @@ class ForcesConfig(CountedSettings):
     @property
     def walks(self) -> bool:
         """Whether the robot walks."""
-        return self.part == "push" or (self.gait is Gait.WALKING and self.part != "press")
+        return self.part in ("push", "sway") or (self.gait is Gait.WALKING and self.part != "press")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,12 +108,14 @@ class ForcesEpisode:
 
     Attributes:
         part: key of `PARTS`.
-        direction: of the force [deg]; None for carry and press.
+        direction: of the force [deg]; None for carry, press and sway.
         sag: how far both hands are below their targets on average [m].
         error: mean distance of the pressing hand's force along the wanted one to it, from `STEADY` on [N].
         change: change of velocity of the push [m/s].
         estimate_error: root mean square error of the estimated force on a hand, all axes together [N]; None without an
             estimator.
+        acceleration: root mean square of the hands' acceleration in the world, held in the steady frame [m/s^2].
+        stiff: the same with the arm joints held stiff.
         moved: distance of the pelvis from where it was when the force began, at the end [m].
         fell: whether the robot fell.
         survived_s: time until the fall, or the whole episode [s].
@@ -121,6 +127,8 @@ class ForcesEpisode:
     error: float | None
     change: float | None
     estimate_error: float | None
+    acceleration: float | None
+    stiff: float | None
     moved: float | None
     fell: bool
     survived_s: float
@@ -137,6 +145,9 @@ class ForcesResult(ProtocolResult[ForcesEpisode]):
         sag: mean sag [m].
         error: mean error of the pressing force [N].
         estimate_error: root mean square error of the estimated force on a hand [N].
+        acceleration: root mean square of the hands' acceleration, held in the steady frame [m/s^2].
+        stiff: the same with the arm joints held stiff.
+        ratio: the first divided by the second.
         held: share of episodes that the robot stayed up, by direction of a pull.
         change: largest survived change of velocity, by direction of a push: the median of its episodes [m/s].
         median_change: median of those of all directions and episodes [m/s].
@@ -151,6 +162,9 @@ class ForcesResult(ProtocolResult[ForcesEpisode]):
     sag: float | None
     error: float | None
     estimate_error: float | None
+    acceleration: float | None
+    stiff: float | None
+    ratio: float | None
     held: dict[str, float]
     change: dict[str, float]
     median_change: float | None
@@ -158,9 +172,15 @@ class ForcesResult(ProtocolResult[ForcesEpisode]):
 
 @dataclasses.dataclass(frozen=True)
 class _Source:
-    """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`, and press from `BEGIN` on."""
+    """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`, and press from `BEGIN` on.
+
+    Attributes:
+        settings: of the protocol.
+        joints: positions at which the arm joints are held instead of the hands [rad], shape (8,).
+    """
 
     settings: ForcesConfig
+    joints: np.ndarray | None = None
 
     def command_at(self, t: float) -> Command:
         if not self.settings.walks or t < STARTED:
@@ -171,6 +191,10 @@ class _Source:
     def hands_at(self, t: float) -> HandTargets | None:
         if t < TAKEN:
             return None
+        if self.joints is not None:
+            return HandTargets(None, None, joints=self.joints)
+        if self.settings.part == "sway":
+            return HandTargets.of(*HANDS, "steady")
         if self.settings.part != "press":
             return HandTargets.of(*HANDS)
         pressing = t >= BEGIN
@@ -234,10 +258,66 @@ def _simulation(settings: ForcesConfig, seed: tuple[int, int], duration: float) 
     )
 
 
+class _HandWatch:
+    """Collects where the hands truly are in the world, every `SAMPLE` from `SWAYED_FROM` on."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._kinematics = Kinematics(robot)
+        self.points: list[list[np.ndarray]] = []
+
+    def __call__(self, truth: RobotState, estimate: RobotState) -> None:
+        if truth.time < SWAYED_FROM + len(self.points) * SAMPLE - 1e-6:
+            return
+        self._kinematics.update(truth)
+        self.points.append([self._kinematics.position(f"{side}_hand") for side in SIDES])
+
+    def acceleration(self) -> float | None:
+        """Return the root mean square of both hands' acceleration [m/s^2]; None if nothing was seen."""
+        if len(self.points) < 3:
+            return None
+        accelerations = np.diff(np.array(self.points), n=2, axis=0) / SAMPLE**2
+        return float(np.sqrt(np.mean(np.sum(accelerations**2, axis=2))))
+
+
+def _sway(controller: Controller, settings: ForcesConfig, index: int) -> ForcesEpisode:
+    """Walk with the hands in the steady frame, then in the same conditions with stiff arms."""
+    duration, figures, ends = SWAYED_FROM + SWAYED, [], []
+    for stiff in (False, True):
+        simulation = _simulation(settings, (settings.seed, index), duration)
+        robot = simulation.robot
+        watch = _HandWatch(robot)
+        trace = rollout(
+            controller,
+            _Source(settings, robot.nominal[robot.arms] if stiff else None),
+            simulation,
+            UpperBodySource(robot=robot),
+            duration=duration,
+            estimator=settings.conditions.estimator(),
+            on_step=watch,
+        )
+        figures.append(None if trace.fell else watch.acceleration())
+        ends.append(trace)
+    return ForcesEpisode(
+        part=settings.part,
+        direction=None,
+        sag=None,
+        error=None,
+        change=None,
+        estimate_error=None,
+        acceleration=figures[0],
+        stiff=figures[1],
+        moved=None,
+        fell=any(trace.fell for trace in ends),
+        survived_s=min(trace.survived_s for trace in ends),
+    )
+
+
 def _run(
     controller: Controller, settings: ForcesConfig, index: int, direction: int | None, change: float | None = None
 ) -> ForcesEpisode:
     """Run one episode."""
+    if settings.part == "sway":
+        return _sway(controller, settings, index)
     angle = math.radians(direction or 0)
     heading = np.array([math.cos(angle), math.sin(angle), 0.0])
     duration = {"pull": BEGIN + RISE + PULLED, "press": BEGIN + settings.force / 100.0 + PRESSED}.get(
@@ -268,6 +348,8 @@ def _run(
         error=_mean(watch.misses) if settings.part == "press" and not trace.fell else None,
         change=change,
         estimate_error=None if not watch.squares else math.sqrt(float(np.mean(watch.squares))),
+        acceleration=None,
+        stiff=None,
         moved=None if watch.begun is None else float(np.linalg.norm((watch.end - watch.begun)[:2])),
         fell=trace.fell,
         survived_s=trace.survived_s,
@@ -276,6 +358,11 @@ def _run(
 
 def _mean(values: list[float]) -> float | None:
     return float(np.mean(values)) if values else None
+
+
+def _root_mean_square(values: list[float | None]) -> float | None:
+    known_values = [value for value in values if value is not None]
+    return math.sqrt(float(np.mean(np.square(known_values)))) if known_values else None
 
 
 def _sag(trace: Trace) -> float | None:
@@ -297,7 +384,7 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
     """Forces at the hands and on the trunk; its episodes run in one process, and are not stored."""
 
     name = "forces"
-    summary = "carrying, being pulled at the hands, pressing a wall, sudden pushes"
+    summary = "carrying, being pulled at the hands, pressing a wall, sudden pushes, still hands in a walk"
     settings = ForcesConfig
     fixed = frozenset({"intervention", "motions", "hand_payload"})
     stores_episodes = False
@@ -339,6 +426,7 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
                 survived.setdefault(str(direction), []).append(largest)
         errors = [row.estimate_error for row in rows if row.estimate_error is not None]
         pulls = {str(d): [not row.fell for row in rows if row.direction == d] for d in directions if d is not None}
+        steady, stiff = (_root_mean_square([getattr(row, name) for row in rows]) for name in ("acceleration", "stiff"))
         return ForcesResult.of(
             lambda: controller,
             settings,
@@ -352,6 +440,9 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
             sag=mean(row.sag for row in rows),
             error=mean(row.error for row in rows),
             estimate_error=math.sqrt(float(np.mean(np.square(errors)))) if errors else None,
+            acceleration=steady,
+            stiff=stiff,
+            ratio=None if steady is None or stiff is None else steady / stiff,
             held={d: float(np.mean(up)) for d, up in pulls.items()} if settings.part == "pull" else {},
             change={d: float(np.median(changes)) for d, changes in survived.items()},
             median_change=float(np.median([*survived.values()])) if survived else None,
@@ -364,12 +455,18 @@ class ForcesProtocol(Protocol[ForcesConfig, ForcesEpisode, ForcesResult]):
             rows = [(f"sag with {result.load:g} kg in each hand [cm]", _scaled(result.sag, 100.0))]
         elif result.part == "press":
             rows = [(f"error of the wanted {result.force:g} N [N]", result.error)]
+        elif result.part == "sway":
+            rows = [
+                (f"acceleration of the hands at {result.v_x:g} m/s, steady frame, RMS [m/s^2]", result.acceleration),
+                ("with the arm joints held stiff [m/s^2]", result.stiff),
+                ("ratio", result.ratio),
+            ]
         elif result.part == "pull":
             rows = [(f"stays up with {result.force:g} N at {d} deg [%]", 100.0 * up) for d, up in result.held.items()]
         else:
             rows = [(f"survived push at {d} deg [m/s]", change) for d, change in result.change.items()]
             rows.append(("median of all [m/s]", result.median_change))
-        if result.part != "push":
+        if result.part not in ("push", "sway"):
             rows.append(("error of the estimated force on a hand, RMS [N]", result.estimate_error))
         table = format_table((result.part, result.controller), rows)
         return f"{table}\n\nfalls: {count_text(result.falls, result.episodes)}"

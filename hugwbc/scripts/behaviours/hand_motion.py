@@ -59,7 +59,8 @@ def axes_of(view: View, frame: str) -> np.ndarray:
     """Return the matrix from a frame of hand targets to the world, shape (3, 3)."""
     if frame == "world":
         return np.eye(3)
-    return rotations.rotation_z(view.state.yaw) if frame == "heading" else rotations.to_matrix(view.state.orientation)
+    # The steady frame is the heading frame but for the sway of the steps.
+    return rotations.to_matrix(view.state.orientation) if frame == "pelvis" else rotations.rotation_z(view.state.yaw)
 
 
 def points_in(view: View, points: np.ndarray, frame: str) -> np.ndarray:

@@ -56,7 +56,7 @@ class Reach(Behaviour):
         Args:
             left: target of the left hand [m]; None for a hand that stays where it is asked to be.
             right: of the right hand, likewise.
-            frame: "pelvis", "heading", "world", or the name of an object.
+            frame: "pelvis", "heading", "steady", "world", or the name of an object.
             left_direction: along which the left forearm should point, in that frame.
             right_direction: along which the right one should.
             together: whether both hands hold one object.
@@ -115,7 +115,7 @@ class MoveHands(Behaviour):
         Args:
             by: displacement [m], or
             to: where the middle of the hands goes [m].
-            frame: of the displacement or point: "pelvis", "heading", "world", or the name of an object.
+            frame: of the displacement or point: "pelvis", "heading", "steady", "world", or the name of an object.
             speed: highest speed of a hand [m/s].
             tolerance: distance at which a hand has arrived [m].
             timeout: after which it fails [s].

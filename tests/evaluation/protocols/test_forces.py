@@ -12,6 +12,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.protocols import forces
 from hugwbc.evaluation.protocols.forces import BEGIN, ForcesConfig, ForcesProtocol
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.state import RobotState
 
@@ -41,6 +42,33 @@ def test_the_commands_and_targets_of_the_parts():
     before, hands = press.hands_at(BEGIN - 0.1), press.hands_at(BEGIN)
     assert before is not None and before.left_force is None
     assert hands is not None and hands.left_force is not None and hands.left_force.tolist() == [15.0, 0.0, 0.0]
+
+
+def test_the_hands_sway_in_the_steady_frame_and_with_stiff_arms():
+    settings = ForcesConfig(part="sway", v_x=0.5)
+    assert settings.walks
+    hands = forces._Source(settings).hands_at(5.0)
+    stiff = forces._Source(settings, np.zeros(8)).hands_at(5.0)
+    assert hands is not None and hands.frame == "steady"
+    assert stiff is not None and stiff.left is None and stiff.joints is not None
+
+
+def test_the_acceleration_of_a_hand_that_is_shaken():
+    watch = forces._HandWatch(load_robot())
+    for tick in range(2000):
+        time = forces.SWAYED_FROM - 1.0 + 0.002 * tick
+        shaken = np.array([0.5 * time, 0.01 * np.sin(2.0 * np.pi * 2.0 * time), 1.0])
+        watch(dataclasses.replace(state(time), position=shaken), state(time))
+    # A sine of 1 cm at 2 Hz has an acceleration of 1.58 m/s^2, and 1 / sqrt(2) of it on average.
+    assert watch.acceleration() == pytest.approx(0.01 * (4.0 * np.pi) ** 2 / np.sqrt(2.0), rel=0.01)
+    assert len(watch.points) == 150
+
+
+@pytest.mark.slow
+def test_steady_hands_are_twice_as_still_as_stiff_arms():
+    settings = ForcesConfig(part="sway", v_x=0.5, episodes=1, seed=7)
+    result = ForcesProtocol().run(lambda: load_controller("learned"), settings)
+    assert result.falls == 0 and result.ratio is not None and result.ratio < 0.6
 
 
 def state(time, force=None):
