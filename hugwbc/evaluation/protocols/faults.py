@@ -1,8 +1,8 @@
 """What a robot does when its sensors fail while it walks: does it stay up, or reach the ground softly?
 
 A fault that passes is survived if the robot has not fallen at the end. After one for good it must go down; what counts
-is the speed of its pelvis when anything but its feet touches the ground for the first time, and the highest speed
-until it rests.
+is the speed of its pelvis whenever a link other than its feet touches the ground for the first time: at its knees, and
+again at its trunk or its arms if it tips over from there.
 """
 
 import collections
@@ -30,7 +30,7 @@ from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 
 SOFT = 1.0  # [m/s]
-FOR_GOOD = ("IMU gone for good", "encoder stuck for good")
+FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good")
 # A time START in a fault is that of the episode.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
@@ -42,6 +42,7 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "latency of 40 ms": {"latency": 0.04},
     FOR_GOOD[0]: {"faults": ("imu-gone@START",)},
     FOR_GOOD[1]: {"faults": ("encoder-stuck=JOINT@START",)},
+    FOR_GOOD[2]: {"faults": ("frozen@START",)},
 }
 _LOW = 0.75  # [m], height of the pelvis below which something but the feet may touch the ground
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
@@ -84,7 +85,8 @@ class FaultEpisode:
         fell: whether the robot fell, or knelt down since its state was lost.
         refused: number of control periods in which readings were replaced.
         lowered: whether the robot knelt down.
-        touch_speed: speed of the pelvis when anything but the feet touched the ground first [m/s]; None if nothing did.
+        touch_speed: speed of the pelvis when a link other than the feet touched the ground for the first time, the
+            highest over the links [m/s]; None if none did.
         highest_speed: highest speed of the pelvis from the fault to the end [m/s].
     """
 
@@ -140,6 +142,7 @@ class GroundWatch:
         """Watch a robot from a time [s] on."""
         self._simulation, self._start = simulation, start
         self._feet = {f"{side}_ankle_link" for side in SIDES}
+        self._touched: set[str] = set()
         self.touch_speed: float | None = None
         self.highest_speed = 0.0
 
@@ -149,9 +152,12 @@ class GroundWatch:
             return
         speed = math.sqrt(truth.velocity.dot(truth.velocity))
         self.highest_speed = max(self.highest_speed, speed)
-        low = truth.position is not None and truth.position[2] < _LOW
-        if low and self.touch_speed is None and not self._feet.issuperset(self._simulation.links_on_ground):
-            self.touch_speed = speed
+        if truth.position is None or truth.position[2] >= _LOW:
+            return
+        new = set(self._simulation.links_on_ground) - self._feet - self._touched
+        if new:
+            self._touched |= new
+            self.touch_speed = max(self.touch_speed or 0.0, speed)
 
 
 @dataclasses.dataclass(frozen=True)

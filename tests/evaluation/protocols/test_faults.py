@@ -38,7 +38,7 @@ def test_what_counts_is_a_fall_or_the_speed_at_the_ground():
     assert (good.held, good.highest_touch_speed) == (1, 1.2) and good.touch_speed == pytest.approx(1.0)
 
 
-def test_the_watch_notes_the_speed_at_the_first_touch():
+def test_the_watch_notes_the_highest_speed_at_which_a_link_touches_first():
     simulation = types.SimpleNamespace(links_on_ground=("left_ankle_link",))
     state = dataclasses.replace(Simulation().state(), time=1.0)
 
@@ -52,7 +52,11 @@ def test_the_watch_notes_the_speed_at_the_first_touch():
     simulation.links_on_ground = ("left_ankle_link", "right_knee_link")
     watch_at(watch, 0.9, 0.5)
     watch_at(watch, 1.3, 0.4)
-    assert (watch.touch_speed, watch.highest_speed) == (0.9, 1.3)
+    assert (watch.touch_speed, watch.highest_speed) == (0.9, 1.3), "a link that lies on the ground touches it no more"
+    simulation.links_on_ground = ("right_knee_link", "torso_link")
+    watch_at(watch, 1.2, 0.2)
+    watch_at(watch, 1.1, 0.1)
+    assert watch.touch_speed == 1.2, "a fall from the knees counts"
 
 
 def test_settings_without_the_sensors_of_an_h1_are_refused():
