@@ -62,7 +62,9 @@ def test_commands_are_continuous_within_the_ranges_and_end_in_damping():
 
 def test_a_standing_robot_comes_to_rest_near_the_ground():
     simulation, lowering = Simulation(), Lowering(H1)
+    state = simulation.state()
     for _ in range(round(4.0 / PERIOD)):
         state = simulation.step(lowering.command(simulation.sense(), PERIOD), PERIOD)
+    assert state.position is not None and state.velocity is not None
     assert not simulation.diverged and state.position[2] < 0.6
     assert np.linalg.norm(state.velocity) < 0.2 and np.abs(state.dq).max() < 1.0
