@@ -176,7 +176,6 @@ EVENTS = {
     "torques_limited": "feed-forward torque beyond its limit",
     "speeds_limited": "velocity target beyond its limit",
     "readings_refused": "reading of a sensor refused and replaced",
-    "braked": "braking, since readings had been replaced for long",
     "lowered": "kneeling down, or damped afterwards, since the state was lost",
     "overruns": "overruns: the controller took longer than its period (a simulation waits, a real robot does not; "
     "a busy computer causes them too)",

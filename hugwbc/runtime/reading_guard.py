@@ -48,8 +48,8 @@ class GuardParams:
     repeats: int = 3
     still: float = 0.2
     longest_step: float = 0.1
-    imu_loss: float = 0.25
-    encoder_loss: float = 0.25
+    imu_loss: float = 0.3
+    encoder_loss: float = 0.3
     all_loss: float = 0.2
 
 

@@ -18,7 +18,6 @@ from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
-_ROUNDING = 1e-9  # [s]
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 
 
@@ -30,13 +29,9 @@ class SafetyConfig:
         hold_s: how long the last good joint command is repeated without a new one, before the joints are damped [s].
         guard: whether to change combinations of commands that the legs do not allow (`hugwbc.runtime.feasibility`).
         damping_gain: joint damping in that last resort, as a multiple of the robot's own kd.
-        blind_s: how long readings may be replaced before the robot brakes [s]; it walks on when they return.
-        brake: velocities that it is then told to have, as a multiple of the commanded ones; below 0 it stops sooner.
     """
 
     hold_s: float = 0.1
-    blind_s: float = 0.02
-    brake: float = -0.8
     guard: bool = True
     damping_gain: float = 1.0
 
@@ -61,7 +56,6 @@ class SafetyReport:
         speeds_limited: joint commands with a velocity target that was clamped.
         overruns: calls of the controller that took longer than its period.
         readings_refused: states in which the reading of a sensor was replaced, by the sensor.
-        braked: calls in which the command was to brake, since readings had been replaced for `blind_s`.
         lowered: ticks on which the robot knelt down, or was damped afterwards, since its state was lost.
         messages: the first message of each kind of event.
     """
@@ -81,7 +75,6 @@ class SafetyReport:
     speeds_limited: int = 0
     overruns: int = 0
     readings_refused: dict[str, int] = dataclasses.field(default_factory=dict)
-    braked: int = 0
     lowered: int = 0
     messages: tuple[str, ...] = ()
 
@@ -165,8 +158,6 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
-    - While readings are replaced for longer than `blind_s` (`RobotState.coasted`), the robot brakes: it is slower when
-      it may have to go down.
     - A state that the estimator calls lost (`RobotState.lost`) makes the robot kneel down and then damps its joints,
       until the next `reset` (`hugwbc.runtime.lowering`).
     - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It carries what the
@@ -219,7 +210,6 @@ class SafetyFilter:
         self._last = JointCommand.position(self.robot, q.copy())
         self._last_upper = UpperBody.none()
         self._missing_s = 0.0
-        self._blind_s = 0.0
         self._handover.reset()
         self.payload.reset()
 
@@ -231,7 +221,7 @@ class SafetyFilter:
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
-        feasible_command, upper_body = self.admit(self._while_blind(command, state), upper_body)
+        feasible_command, upper_body = self.admit(command, upper_body)
         for sensor in state.coasted:
             self._refused[sensor] = self._refused.get(sensor, 0) + 1
             self._first.setdefault(f"refused {sensor}", f"readings of {sensor} refused and replaced")
@@ -249,15 +239,6 @@ class SafetyFilter:
         smooth = self._handover(filtered, upper_body, self.period)
         # The sum of a command and a difference may exceed limits that each of them keeps.
         return filtered if smooth is filtered else self.limited(smooth)
-
-    def _while_blind(self, command: Command, state: RobotState) -> Command:
-        """Return the command, or where readings have been replaced for long, one that brakes."""
-        self._blind_s = self._blind_s + self.period if state.coasted else 0.0
-        if self._blind_s <= self.config.blind_s + _ROUNDING:
-            return command
-        self._count("braked", "readings have been replaced for long: braking")
-        brake, known = self.config.brake, command.clamp()[0]
-        return dataclasses.replace(known, v_x=brake * known.v_x, v_y=brake * known.v_y, omega=0.0).clamp()[0]
 
     def driven(self, upper_body: UpperBody, state: RobotState) -> UpperBody:
         """Return external arm targets with the gains and the feed-forward torque of the arm servo."""

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, RobotState, UpperBody, load_robot
-from hugwbc.commands import command_ranges
 from hugwbc.controller import JointCommand
-from hugwbc.gait import Gait
 from hugwbc.runtime import SafetyFilter
 from hugwbc.runtime.reading_guard import ALL, IMU, ReadingGuard
 
@@ -123,7 +121,7 @@ def test_what_does_not_come_back_is_lost(walked, values, why):
     guard, rng = walked
     joint = KNEE if "q" in values else None
     states = [guard.admit(changed(reading(tick, rng), joint=joint, **values)) for tick in range(1000, 1200)]
-    assert not states[110].lost and why in states[-1].lost
+    assert not states[140].lost and why in states[-1].lost
     assert all(state.is_finite for state in states)
 
 
@@ -138,22 +136,6 @@ class Follower:
     def act(self, state, command, upper_body):
         """Return the nominal pose."""
         return JointCommand.position(H1, H1.nominal)
-
-
-@pytest.mark.parametrize("speed", [0.5, 2.0, np.nan])
-def test_a_robot_brakes_while_readings_are_replaced_and_walks_on_afterwards(speed):
-    safe, state = SafetyFilter(Follower()), reading(0, np.random.default_rng(0), walking=False)
-    safe.reset(state)
-    walk, blind = Command(gait=Gait.WALKING, v_x=speed, omega=0.3), dataclasses.replace(state, coasted=(IMU,))
-    for _ in range(round(safe.config.blind_s / PERIOD)):
-        safe.act(blind, walk, UpperBody.none())
-    assert safe.command == walk.clamp()[0], "a few readings may be missing"
-    safe.act(blind, walk, UpperBody.none())
-    low = command_ranges(Gait.WALKING)["v_x"].finishing[0]
-    wanted = 0.0 if np.isnan(speed) else max(-0.8 * speed, low)
-    assert safe.command.v_x == pytest.approx(wanted) and safe.command.omega == 0.0
-    safe.act(state, walk, UpperBody.none())
-    assert safe.command == walk.clamp()[0] and safe.report().braked == 1
 
 
 def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
