@@ -1,7 +1,8 @@
 """A way down for a robot that no longer knows its state: it kneels, and then only slows its joints.
 
 The knees and the toes carry a kneeling robot without any balance. Its thighs stand upright on them, so that the trunk
-keeps its momentum of a walk for no longer than the legs fold.
+keeps its momentum of a walk for no longer than the legs fold. Then the stiffness fades against strong damping:
+joints that are damped as usual let the trunk of a kneeling robot fall.
 """
 
 import dataclasses
@@ -13,6 +14,8 @@ from hugwbc.controller import JointCommand
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
+_FINAL_DAMPING_TIME = 0.1  # [s], in which the damping grows when the stiffness begins to fade
+
 
 @dataclasses.dataclass(frozen=True)
 class LoweringParams:
@@ -22,8 +25,10 @@ class LoweringParams:
         time: until the legs are folded [s].
         hip, knee, ankle: joint positions of the folded legs [rad].
         stiffness: of the joints, as a multiple of the robot's own.
-        damping: of the joints on the way and afterwards, as a multiple of the robot's own.
-        hold: how long the folded legs are held before the joints are only damped [s].
+        damping: of the joints on the way, as a multiple of the robot's own.
+        hold: how long the folded legs are held [s].
+        fade: time in which the stiffness then goes to zero [s].
+        final_damping: of the joints from then on, as a multiple of the robot's own.
     """
 
     time: float = 0.35
@@ -33,6 +38,8 @@ class LoweringParams:
     stiffness: float = 1.0
     damping: float = 2.0
     hold: float = 1.0
+    fade: float = 1.0
+    final_damping: float = 4.0
 
 
 class Lowering:
@@ -63,7 +70,9 @@ class Lowering:
         if self._from is None:
             self._from = np.where(np.isfinite(state.q), state.q, robot.nominal)
         self._elapsed += period
-        zero, kd = np.zeros_like(robot.kd), params.damping * robot.kd
-        q = self._from + smooth_step(min(self._elapsed / params.time, 1.0)) * (self._folded - self._from)
-        stiff = params.stiffness if self._elapsed < params.time + params.hold else 0.0
-        return JointCommand(q=q, dq=zero, kp=stiff * robot.kp, kd=kd, tau=zero)
+        resting = self._elapsed - params.time - params.hold
+        q = self._from + smooth_step(self._elapsed / params.time) * (self._folded - self._from)
+        stiffness = params.stiffness * (1.0 - smooth_step(resting / params.fade))
+        growth = (params.final_damping - params.damping) * smooth_step(resting / _FINAL_DAMPING_TIME)
+        zero = np.zeros_like(robot.kd)
+        return JointCommand(q=q, dq=zero, kp=stiffness * robot.kp, kd=(params.damping + growth) * robot.kd, tau=zero)

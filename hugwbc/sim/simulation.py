@@ -298,6 +298,14 @@ class Simulation(Engine):
         bodies = {int(self.model.geom_bodyid[a if b == self._floor else b]) for a, b in found}
         return tuple(self.model.body(body).name for body in sorted(bodies))
 
+    @property
+    def trunk_velocity(self) -> np.ndarray:
+        """Velocity of the trunk's centre of mass in the world [m/s], shape (3,)."""
+        twist = np.zeros(6)
+        body = int(self.model.geom_bodyid[self._trunk])
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, twist, 0)
+        return twist[3:]
+
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""
         return self._sensed(f"{side}_hand_position")

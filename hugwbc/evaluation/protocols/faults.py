@@ -1,8 +1,8 @@
 """What a robot does when its sensors fail while it walks: does it stay up, or reach the ground softly?
 
 A fault that passes is survived if the robot has not fallen at the end. After one for good it must go down; what counts
-is the speed of its pelvis when anything but its feet touches the ground for the first time, and the highest speed
-until it rests.
+is the speed of its pelvis whenever a link of its legs other than the feet touches the ground for the first time, and
+that of its trunk when the trunk or an arm does: a robot that tips over turns about its pelvis, which may be slow then.
 """
 
 import collections
@@ -30,7 +30,7 @@ from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 
 SOFT = 1.0  # [m/s]
-FOR_GOOD = ("IMU gone for good", "encoder stuck for good")
+FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good")
 # A time START in a fault is that of the episode.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
@@ -42,8 +42,10 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "latency of 40 ms": {"latency": 0.04},
     FOR_GOOD[0]: {"faults": ("imu-gone@START",)},
     FOR_GOOD[1]: {"faults": ("encoder-stuck=JOINT@START",)},
+    FOR_GOOD[2]: {"faults": ("frozen@START",)},
 }
 _LOW = 0.75  # [m], height of the pelvis below which something but the feet may touch the ground
+_LOWER_BODY = ("pelvis", "hip", "knee", "ankle")  # parts of the names of links
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
 _JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle", "hip_yaw")
 
@@ -84,7 +86,10 @@ class FaultEpisode:
         fell: whether the robot fell, or knelt down since its state was lost.
         refused: number of control periods in which readings were replaced.
         lowered: whether the robot knelt down.
-        touch_speed: speed of the pelvis when anything but the feet touched the ground first [m/s]; None if nothing did.
+        touch_speed: speed at which a link other than the feet touched the ground for the first time, the highest over
+            the links [m/s]: that of the pelvis for the legs, of the trunk for the trunk and the arms, if that is
+            higher; None if none touched.
+        first_touch_speed: speed of the pelvis at the first of these touches alone [m/s].
         highest_speed: highest speed of the pelvis from the fault to the end [m/s].
     """
 
@@ -94,6 +99,7 @@ class FaultEpisode:
     refused: int
     lowered: bool
     touch_speed: float | None
+    first_touch_speed: float | None
     highest_speed: float
 
 
@@ -105,6 +111,7 @@ class FaultFigures:
         held: episodes that went well: no fall, or after a fault for good, less than 1 m/s where the robot reached the
             ground.
         episodes: number of episodes.
+        soft_pelvis: episodes in which the pelvis alone was slower than 1 m/s at the first touch.
         touch_speed: mean of the speeds at the ground [m/s]; None if nothing touched it.
         highest_touch_speed: the highest of them [m/s].
         highest_speed: mean of the highest speeds [m/s].
@@ -112,6 +119,7 @@ class FaultFigures:
 
     held: int
     episodes: int
+    soft_pelvis: int
     touch_speed: float | None
     highest_touch_speed: float | None
     highest_speed: float
@@ -133,6 +141,7 @@ class GroundWatch:
 
     Attributes:
         touch_speed: see `FaultEpisode`.
+        first_touch_speed: see `FaultEpisode`.
         highest_speed: see `FaultEpisode`.
     """
 
@@ -140,7 +149,10 @@ class GroundWatch:
         """Watch a robot from a time [s] on."""
         self._simulation, self._start = simulation, start
         self._feet = {f"{side}_ankle_link" for side in SIDES}
+        self._legs = {link for link in simulation.link_names if any(part in link for part in _LOWER_BODY)}
+        self._touched: set[str] = set()
         self.touch_speed: float | None = None
+        self.first_touch_speed: float | None = None
         self.highest_speed = 0.0
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
@@ -149,9 +161,16 @@ class GroundWatch:
             return
         speed = math.sqrt(truth.velocity.dot(truth.velocity))
         self.highest_speed = max(self.highest_speed, speed)
-        low = truth.position is not None and truth.position[2] < _LOW
-        if low and self.touch_speed is None and not self._feet.issuperset(self._simulation.links_on_ground):
-            self.touch_speed = speed
+        if truth.position is None or truth.position[2] >= _LOW:
+            return
+        new = set(self._simulation.links_on_ground) - self._feet - self._touched
+        if new:
+            self._touched |= new
+            if self.first_touch_speed is None:
+                self.first_touch_speed = speed
+            if not new <= self._legs:
+                speed = max(speed, float(np.linalg.norm(self._simulation.trunk_velocity)))
+            self.touch_speed = max(self.touch_speed or 0.0, speed)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,6 +222,7 @@ class FaultJudge:
             refused=sum(safety.readings_refused.values()),
             lowered=safety.lowered > 0,
             touch_speed=watch.touch_speed,
+            first_touch_speed=watch.first_touch_speed,
             highest_speed=watch.highest_speed,
         )
 
@@ -250,13 +270,20 @@ class FaultsProtocol(PlannedProtocol[FaultsConfig, FaultEpisode, FaultsResult]):
             (
                 name,
                 count_text(found.held, found.episodes),
+                found.soft_pelvis if name in FOR_GOOD else None,
                 found.touch_speed,
                 found.highest_touch_speed,
                 found.highest_speed,
             )
             for name, found in result.faults.items()
         ]
-        columns = ("went well", "at the ground [m/s]", "at most [m/s]", "highest after the fault [m/s]")
+        columns = (
+            "went well",
+            "pelvis soft at first",
+            "at the ground [m/s]",
+            "at most [m/s]",
+            "highest after the fault [m/s]",
+        )
         return format_table((f"{result.gait}, {result.controller}", *columns), table)
 
 
@@ -270,6 +297,7 @@ def fault_figures(rows: Sequence[FaultEpisode]) -> FaultFigures:
     return FaultFigures(
         held=held,
         episodes=len(rows),
+        soft_pelvis=sum(row.first_touch_speed is not None and row.first_touch_speed < SOFT for row in rows),
         touch_speed=float(np.mean(touched)) if touched else None,
         highest_touch_speed=max(touched, default=None),
         highest_speed=float(np.mean([row.highest_speed for row in rows])),

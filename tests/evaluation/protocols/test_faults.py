@@ -3,6 +3,7 @@
 import dataclasses
 import types
 
+import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError, UnknownNameError
@@ -12,7 +13,16 @@ from hugwbc.sim import Simulation
 
 
 def episode(fault, touch_speed, *, fell):
-    return FaultEpisode(fault, (), fell=fell, refused=3, lowered=fell, touch_speed=touch_speed, highest_speed=1.5)
+    return FaultEpisode(
+        fault,
+        (),
+        fell=fell,
+        refused=3,
+        lowered=fell,
+        touch_speed=touch_speed,
+        first_touch_speed=touch_speed,
+        highest_speed=1.5,
+    )
 
 
 def test_every_fault_meets_the_same_walks():
@@ -38,8 +48,12 @@ def test_what_counts_is_a_fall_or_the_speed_at_the_ground():
     assert (good.held, good.highest_touch_speed) == (1, 1.2) and good.touch_speed == pytest.approx(1.0)
 
 
-def test_the_watch_notes_the_speed_at_the_first_touch():
-    simulation = types.SimpleNamespace(links_on_ground=("left_ankle_link",))
+def test_the_watch_notes_the_highest_speed_at_which_a_link_touches_first():
+    simulation = types.SimpleNamespace(
+        links_on_ground=("left_ankle_link",),
+        link_names=Simulation().link_names,
+        trunk_velocity=np.array([0.0, -3.0, -4.0]) / 2.0,
+    )
     state = dataclasses.replace(Simulation().state(), time=1.0)
 
     def watch_at(watch, speed, height):
@@ -52,7 +66,14 @@ def test_the_watch_notes_the_speed_at_the_first_touch():
     simulation.links_on_ground = ("left_ankle_link", "right_knee_link")
     watch_at(watch, 0.9, 0.5)
     watch_at(watch, 1.3, 0.4)
-    assert (watch.touch_speed, watch.highest_speed) == (0.9, 1.3)
+    assert (watch.touch_speed, watch.highest_speed) == (0.9, 1.3), "a link that lies on the ground touches it no more"
+    simulation.links_on_ground = ("right_knee_link", "left_knee_link")
+    watch_at(watch, 1.2, 0.3)
+    assert watch.touch_speed == 1.2, "a fall from one knee counts"
+    simulation.links_on_ground = ("right_knee_link", "left_knee_link", "torso_link")
+    watch_at(watch, 0.1, 0.2)
+    assert watch.touch_speed == pytest.approx(2.5), "a trunk that turns about a slow pelvis"
+    assert watch.first_touch_speed == 0.9
 
 
 def test_settings_without_the_sensors_of_an_h1_are_refused():

@@ -1,0 +1,39 @@
+"""The way down onto the knees: its course, and its end in simulation."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc import load_robot
+from hugwbc.runtime.lowering import Lowering
+from hugwbc.sim import Simulation
+
+H1 = load_robot()
+STILL = Simulation().state()
+PERIOD = 0.002
+
+
+def descent(state, duration):
+    lowering = Lowering(H1)
+    return [lowering.command(state, PERIOD) for _ in range(round(duration / PERIOD))]
+
+
+def test_commands_are_continuous_within_the_ranges_and_end_in_damping():
+    commands = descent(dataclasses.replace(STILL, q=np.full(19, np.nan)), 4.0)
+    q = np.array([command.q for command in commands])
+    assert np.isfinite(q).all() and (q >= H1.lower).all() and (q <= H1.upper).all()
+    np.testing.assert_allclose(q[0], H1.nominal, atol=0.01)
+    assert np.abs(np.diff(q, axis=0)).max() / PERIOD < H1.velocity_limit.max()
+    kp, kd = (np.array([getattr(command, name)[0] for command in commands]) for name in ("kp", "kd"))
+    assert (np.diff(kp) <= 1e-9).all() and kp[500] > 0.0 and kp[-1] == 0.0
+    assert (np.diff(kd) >= -1e-9).all() and kd[-1] > 2.0 * H1.kd[0]
+
+
+def test_a_standing_robot_comes_to_rest_near_the_ground():
+    simulation, lowering = Simulation(), Lowering(H1)
+    state = simulation.state()
+    for _ in range(round(4.0 / PERIOD)):
+        state = simulation.step(lowering.command(simulation.sense(), PERIOD), PERIOD)
+    assert state.position is not None and state.velocity is not None
+    assert not simulation.diverged and state.position[2] < 0.6
+    assert np.linalg.norm(state.velocity) < 0.2 and np.abs(state.dq).max() < 1.0
