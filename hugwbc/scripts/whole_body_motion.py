@@ -187,12 +187,18 @@ class MotionScore:
         self._done: list[tuple[int, np.ndarray, np.ndarray]] = []
 
     def watch(self, t: float, state: RobotState, hands: np.ndarray) -> None:
-        """Take the true state and the positions of both hands in the world [m], shape (2, 3), at time `t` [s]."""
+        """Take the true state and the positions of both hands in the world [m], shape (2, 3), at time `t` [s].
+
+        One sample for each frame of the clip is kept.
+        """
+        frame = self.motion.frame_at(t)
+        if self._done and self._done[-1][0] == frame:
+            return
         self._kinematics.update(state)
         measured = self._kinematics.measured()
         level = (hands - state.position) @ rotations.rotation_z(state.yaw)
         values = np.array([getattr(measured, name) for name in PARTS])
-        self._done.append((self.motion.frame_at(t), values, level))
+        self._done.append((frame, values, level))
 
     def lines(self) -> list[str]:
         """Return a table of root mean square errors: what the ranges cut from the clip, and what the robot missed.
