@@ -21,7 +21,7 @@ from hugwbc.scripts.motion import MOTION_FPS
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
-PARTS = ("v_x", "v_y", "omega", "h", "p", "w")
+PARTS: tuple[str, ...] = ("v_x", "v_y", "omega", "h", "p", "w")
 _SMOOTH_VELOCITY = 0.25  # [s], standard deviation; the sway of single steps is no velocity command
 _SMOOTH_POSE = 0.06  # [s], likewise for hands, h, p and w: the noise of the capture
 _MOVING = (0.15, 0.3)  # [m/s, rad/s], planar speed and yaw rate of the robot above which it walks
@@ -207,7 +207,7 @@ class MotionScore:
         the robot are averaged over 1 s, because every step makes them sway.
         """
         motion = self.motion
-        cut = dict(zip(PARTS, _rms(motion.asked - motion.allowed), strict=True))
+        cut = _named(_rms(motion.asked - motion.allowed))
         cut["hands"] = float(_rms(np.linalg.norm(motion.hands - motion.reachable, axis=-1).ravel()))
         rows = [(frame, values, hands) for frame, values, hands in self._done if frame >= _RAMP * MOTION_FPS]
         missed = dict.fromkeys(cut, np.nan)
@@ -221,7 +221,7 @@ class MotionScore:
                     np.ones(window) / window,
                     "valid",
                 )
-            missed |= dict(zip(PARTS, _rms(off), strict=True))
+            missed |= _named(_rms(off))
             far = np.stack([hands for _, _, hands in rows]) - motion.hands[frames]
             missed["hands"] = float(_rms(np.linalg.norm(far, axis=-1).ravel()))
         lines = [f"{'part':8}{'cut by the ranges':>20}{'robot from the clip':>22}"]
@@ -232,4 +232,5 @@ class MotionScore:
 
 
 def _rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square over the first axis."""
     return np.sqrt(np.mean(np.square(values), axis=0))
