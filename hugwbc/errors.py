@@ -36,7 +36,7 @@ class ScriptError(HugwbcError):
 
 
 class MotionFileError(HugwbcError):
-    """A motion file that cannot be read or does not hold a motion of the arms."""
+    """A motion file that cannot be read or does not hold a motion of the arms or of the whole body."""
 
 
 class PolicyFileError(HugwbcError):

@@ -13,6 +13,7 @@ from hugwbc.cli.output import output_folder, parse, say
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
+from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
@@ -23,6 +24,7 @@ from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.motion import load_motion
 from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
+from hugwbc.scripts.whole_body_motion import MotionScore, WholeBodyMotion, load_whole_body_motion
 from hugwbc.sim import ArenaChoice, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
@@ -31,6 +33,7 @@ from hugwbc.viz.show import at_real_time, open_view, run_live
 
 HEADLESS_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
+WHOLE_BODY = ".bvh"  # ending of the motion files that command more than the arms
 _COMMANDING = ("gait", "motion", "left_hand", "right_hand", *COMMAND_NAMES)
 # What says what the robot does in place of a person at a page.
 _DRIVING = ("script", "listen", "headless", *_COMMANDING)
@@ -53,7 +56,7 @@ class PlayOptions(ArenaChoice):
     docs/how-to/add-a-behaviour.md."""
     motion: pathlib.Path | None = None
     """Move the arms by this file (.npz, or .csv with the joints' names; docs/upper_ik.md), while the rest of the body
-    follows the command; it ends with the file."""
+    follows the command; or dance a person's clip (.bvh) with the whole body. It ends with the file."""
     task: str | None = None
     """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
     scene: str | None = None
@@ -129,7 +132,17 @@ def run(words: Sequence[str]) -> int:
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
-    run_live(loop, duration, draw, until=None if behaviour is None else lambda: behaviour.done, tell=say)
+    score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
+
+    def ended() -> bool:
+        if score is not None:
+            hands = np.stack([simulation.hand_position(side) for side in SIDES])
+            score.watch(simulation.time, simulation.state(), hands)
+        return behaviour is not None and behaviour.done
+
+    run_live(loop, duration, draw, until=ended, tell=say)
+    for line in [] if score is None else score.lines():
+        say(line)
     if behaviour is not None:
         say(f"{behaviour.behaviour.label}: {behaviour.ending}")
     for problem in simulation.objects.problems:
@@ -315,12 +328,29 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
     command = Command.from_mapping(values, gait).validate()
     if options.motion is not None:
         _refuse_beside("--motion", "a motion moves both arms", options, ("left_hand", "right_hand"))
+        if options.motion.suffix.lower() == WHOLE_BODY:
+            return _whole_body(options, options.motion)
         motion = load_motion(options.motion)
         segment = Segment(
             motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
         )
         return Script(motion.name, (segment,)), options.duration or motion.duration
     return Constant(command, _hands(options)), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
+
+
+def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource, float]:
+    """Return a clip of the whole body and how long to play it [s], and say what is dropped.
+
+    Raises:
+        ConfigError: if commands are given as well, or the library that reads the file is not installed.
+        MotionFileError: if the file cannot be used.
+    """
+    _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", options, ("gait", *COMMAND_NAMES))
+    motion = load_whole_body_motion(path)
+    say("no command follows the roll of the trunk, the steps of the feet and the directions of hands and head")
+    if motion.unused:
+        say(f"not used of {path.name}: {', '.join(motion.unused)}")
+    return motion, options.duration or motion.duration
 
 
 def _hands(options: PlayOptions) -> HandTargets | None:

@@ -1,4 +1,4 @@
-"""Requests to a robot over time: command scripts, hand paths, arm motions, and the shipped scripts (*.yaml)."""
+"""Requests to a robot over time: command scripts, hand paths, motions, and the shipped scripts (*.yaml)."""
 
 from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource, SeeingSource
 from hugwbc.scripts.hand_paths import Circle, Grid, HandPath, Hold, Line, Swing, Wander

@@ -121,7 +121,7 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
 def _read_motion(path: pathlib.Path) -> ArmMotion:
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
-        valid = f"valid: {' and '.join(_READABLE)}; convert it to one of them"
+        valid = f"valid for arms: {' and '.join(_READABLE)}, for the whole body with play --motion: .bvh; convert it"
         raise MotionFileError(f"cannot read {path}: '{path.suffix}' is no kind of motion file; {valid}")
     arrays = _read_csv(path) if path.suffix.lower() == ".csv" else read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]

@@ -1,7 +1,10 @@
+import re
 import socket
+import sys
 
 import numpy as np
 import pytest
+from bvh_helpers import write_bvh
 
 from hugwbc.cli import main, play
 from hugwbc.gait import Gait
@@ -98,6 +101,20 @@ def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
         assert str(tmp_path) in capsys.readouterr().err
     assert main(["play", "--headless", "--motion", "wave.npz", "--script", "walk"]) == 2
     assert "motion" in capsys.readouterr().err
+
+
+def test_a_whole_body_clip_is_danced_and_its_error_told(tmp_path, capsys, monkeypatch):
+    path = write_bvh(tmp_path / "twist.bvh", lambda t: {"Spine": (0, 0, 70.0)})
+    assert main(["play", "--headless", "--controller", "hold", "--motion", str(path), "--duration", "1.5"]) == 0
+    out = capsys.readouterr().out
+    assert "not used of twist.bvh: Hips, Spine, Head" in out
+    assert re.search(r"^w +12\.70 deg +\d", out, re.MULTILINE), "70 degrees of the 57.3 that the range allows"
+    assert re.search(r"^hands +\d+\.\d\d cm +\d", out, re.MULTILINE)
+    assert main(["play", "--headless", "--motion", str(path), "--v-x", "0.3"]) == 2
+    assert "--motion *.bvh and v_x are both given" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "pybvh", None)
+    assert main(["play", "--headless", "--motion", str(path)]) == 2
+    assert "run `pip install 'hugwbc[motion]'`" in capsys.readouterr().err
 
 
 def test_a_port_in_use_and_a_folder_that_cannot_be_written_are_refused(tmp_path, capsys):

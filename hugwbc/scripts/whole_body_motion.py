@@ -1,0 +1,236 @@
+"""Whole-body motions: a person's clip as hands, h, p, w and velocities, so that either controller dances it.
+
+Lengths are scaled to the robot's: those of the hands by the arm, heights and velocities by the leg. Roll of the trunk,
+head, fingers and the steps themselves have no command, and are dropped: the controller makes its own steps.
+"""
+
+import dataclasses
+import functools
+import pathlib
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.blends import smooth_step
+from hugwbc.commands import Command, command_ranges
+from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import Robot, load_robot
+from hugwbc.scripts.bvh import BodyClip, load_bvh
+from hugwbc.scripts.motion import MOTION_FPS
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+
+PARTS: tuple[str, ...] = ("v_x", "v_y", "omega", "h", "p", "w")
+_SMOOTH_VELOCITY = 0.25  # [s], standard deviation; the sway of single steps is no velocity command
+_SMOOTH_POSE = 0.06  # [s], likewise for hands, h, p and w: the noise of the capture
+_MOVING = (0.15, 0.3)  # [m/s, rad/s], planar speed and yaw rate of the robot above which it walks
+_AROUND = 0.5  # [s] to walk before and after that, so that the gait does not flicker
+_RAMP = 1.0  # [s] from the default command to the clip's first frame
+_MOST_BENT = 0.95  # share of the straight legs' height that a person who stands keeps
+_UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad2deg(1.0)), "hands": ("cm", 100.0),
+          "v_x": ("m/s", 1.0), "v_y": ("m/s", 1.0), "omega": ("rad/s", 1.0)}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WholeBodyMotion:
+    """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end.
+
+    Attributes:
+        name: name of the clip.
+        asked: what the clip asks, by name in `PARTS`, shape (frames, 6); units as in `Command`.
+        hands: where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3).
+        walking: whether the robot walks, shape (frames,), bool.
+        reachable: `hands` as the pitch and waist angle within the command ranges have them [m], the same shape.
+        unused: joints of the file that are dropped.
+    """
+
+    name: str
+    asked: np.ndarray
+    hands: np.ndarray
+    walking: np.ndarray
+    reachable: np.ndarray
+    unused: tuple[str, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last frame [s]."""
+        return (len(self.asked) - 1) / MOTION_FPS
+
+    @functools.cached_property
+    def allowed(self) -> np.ndarray:
+        """What the command ranges allow of `asked`, the same shape."""
+        return np.stack([self._clamped(frame) for frame in range(len(self.asked))])
+
+    def _clamped(self, frame: int) -> np.ndarray:
+        command, _ = Command.from_mapping(_named(self.asked[frame]), self._gait(frame)).clamp()
+        return np.array([getattr(command, name) for name in PARTS])
+
+    def _gait(self, frame: int) -> Gait:
+        return Gait.WALKING if self.walking[frame] else Gait.STANDING
+
+    def frame_at(self, t: float) -> int:
+        """Return the index of the frame at time `t` [s], the first or last one outside of the clip."""
+        return int(np.clip(round(t * MOTION_FPS), 0, len(self.asked) - 1))
+
+    def command_at(self, t: float) -> Command:
+        """Return the command at time `t` [s], within the ranges of its gait; it starts from the default within 1 s."""
+        frame = self.frame_at(t)
+        return Command.from_mapping(_named(smooth_step(t / _RAMP) * self.allowed[frame]), self._gait(frame))
+
+    def hands_at(self, t: float) -> HandTargets:
+        """Return the hand targets at time `t` [s], in the heading frame, by linear interpolation."""
+        place = np.clip(t * MOTION_FPS, 0.0, len(self.reachable) - 1)
+        before = min(int(place), len(self.reachable) - 2)
+        low, high = self.reachable[before : before + 2]
+        left, right = low + (place - before) * (high - low)
+        return HandTargets(left, right, "heading")
+
+
+def _named(values: np.ndarray) -> dict[str, float]:
+    return dict(zip(PARTS, map(float, values), strict=True))
+
+
+def load_whole_body_motion(path: pathlib.Path) -> WholeBodyMotion:
+    """Read a BVH file and retarget it to the H1.
+
+    Raises:
+        ConfigError: if the library that reads BVH is not installed.
+        MotionFileError: if the file cannot be used.
+    """
+    return retarget(load_bvh(path))
+
+
+def retarget(clip: BodyClip, robot: Robot | None = None) -> WholeBodyMotion:
+    """Return a person's clip as commands and hand targets of a robot, by default the H1.
+
+    The height is that of the middle of the hips above the ankles, minus that of standing: the 95th percentile of the
+    clip, but between 95 and 100 % of straight legs. Pitch is the lean of the line from hips to shoulders in the heading
+    of the hips; the waist angle is the yaw from hips to shoulders. Hands are where the person's wrists are from their
+    shoulders, put at the robot's shoulders.
+    """
+    robot = robot or load_robot()
+    joints = {name: _resampled(points, clip.fps) for name, points in clip.joints.items()}
+    straight = clip.length("hip", "knee", "ankle")
+    leg = robot.leg_length / straight
+    arm = (robot.upper_arm + robot.forearm) / clip.length("shoulder", "elbow", "wrist")
+    pelvis = joints["hip"].mean(axis=1)
+    heading = np.unwrap(_yaw_of_pair(joints["hip"]))
+    height = pelvis[:, 2] - np.percentile(joints["ankle"][..., 2].min(axis=1), 5)
+    standing = np.clip(np.percentile(height, 95), _MOST_BENT * straight, straight)
+    back = np.stack([rotations.rotation_z(-float(yaw)) for yaw in heading])
+    trunk = np.einsum("fij,fj->fi", back, joints["shoulder"].mean(axis=1) - pelvis)
+    p = np.arctan2(trunk[:, 0], trunk[:, 2])
+    w = rotations.wrap_angle(_yaw_of_pair(joints["shoulder"]) - heading)
+    slow = _smooth(heading, _SMOOTH_VELOCITY)
+    velocity = leg * np.gradient(_smooth(pelvis[:, :2], _SMOOTH_VELOCITY), 1.0 / MOTION_FPS, axis=0)
+    v_x = np.cos(slow) * velocity[:, 0] + np.sin(slow) * velocity[:, 1]
+    v_y = np.cos(slow) * velocity[:, 1] - np.sin(slow) * velocity[:, 0]
+    omega = np.gradient(slow, 1.0 / MOTION_FPS)
+    pose = _smooth(np.stack([leg * (height - standing), p, np.unwrap(w)], axis=1), _SMOOTH_POSE)
+    asked = np.column_stack([v_x, v_y, omega, pose])
+    reach = arm * np.einsum("fij,fsj->fsi", back, joints["wrist"] - joints["shoulder"])
+    reach = _smooth(reach.reshape(len(reach), 6), _SMOOTH_POSE).reshape(reach.shape)
+    moving = (np.hypot(v_x, v_y) > _MOVING[0]) | (np.abs(omega) > _MOVING[1])
+    around = np.ones(2 * int(_AROUND * MOTION_FPS) + 1)
+    walking = np.convolve(np.pad(moving, len(around) // 2), around, mode="valid") > 0.5
+    ranges = command_ranges(Gait.WALKING)
+    p_allowed, w_allowed = (np.clip(asked[:, PARTS.index(name)], *ranges[name].finishing) for name in ("p", "w"))
+    return WholeBodyMotion(
+        clip.name,
+        asked,
+        reach + _shoulders(robot, asked[:, PARTS.index("p")], asked[:, PARTS.index("w")]),
+        walking,
+        reach + _shoulders(robot, p_allowed, w_allowed),
+        clip.unused,
+    )
+
+
+def _resampled(points: np.ndarray, fps: float) -> np.ndarray:
+    """Return positions at `MOTION_FPS`, at least two frames of them."""
+    frames = max(2, int((len(points) - 1) / fps * MOTION_FPS + 1e-9) + 1)
+    place, flat = np.arange(frames) / MOTION_FPS * fps, points.reshape(len(points), -1)
+    columns = [np.interp(place, np.arange(len(points)), column) for column in flat.T]
+    return np.stack(columns, axis=1).reshape(frames, *points.shape[1:])
+
+
+def _smooth(values: np.ndarray, deviation: float) -> np.ndarray:
+    """Return columns after a Gaussian filter with a standard deviation in time [s]; the ends are held."""
+    half = int(3.0 * deviation * MOTION_FPS)
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (deviation * MOTION_FPS)) ** 2)
+    kernel /= kernel.sum()
+    columns = np.reshape(values, (len(values), -1)).T
+    smooth = [np.convolve(np.pad(column, half, mode="edge"), kernel, mode="valid") for column in columns]
+    return np.stack(smooth, axis=1).reshape(values.shape)
+
+
+def _yaw_of_pair(pair: np.ndarray) -> np.ndarray:
+    """Return the heading [rad] of a body whose left and right points are given, shape (frames,)."""
+    leftwards = pair[:, 0] - pair[:, 1]
+    return np.arctan2(-leftwards[:, 0], leftwards[:, 1])
+
+
+def _shoulders(robot: Robot, p: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return the left and the right shoulder in the heading frame [m], shape (frames, 2, 3)."""
+    sides = np.stack([robot.shoulder, robot.shoulder * (1.0, -1.0, 1.0)])
+    turns = np.stack([rotations.rotation_zy(0.0, a) @ rotations.rotation_z(b) for a, b in zip(p, w, strict=True)])
+    return np.einsum("fij,sj->fsi", turns, sides)
+
+
+class MotionScore:
+    """A record of what the robot did of a whole-body motion, for the error per part."""
+
+    def __init__(self, motion: WholeBodyMotion, robot: Robot | None = None) -> None:
+        """Watch a motion on a robot, by default the H1."""
+        self.motion = motion
+        self._kinematics = Kinematics(robot)
+        self._done: list[tuple[int, np.ndarray, np.ndarray]] = []
+
+    def watch(self, t: float, state: RobotState, hands: np.ndarray) -> None:
+        """Take the true state and the positions of both hands in the world [m], shape (2, 3), at time `t` [s].
+
+        One sample for each frame of the clip is kept.
+        """
+        frame = self.motion.frame_at(t)
+        if self._done and self._done[-1][0] == frame:
+            return
+        self._kinematics.update(state)
+        measured = self._kinematics.measured()
+        level = (hands - state.position) @ rotations.rotation_z(state.yaw)
+        values = np.array([getattr(measured, name) for name in PARTS])
+        self._done.append((frame, values, level))
+
+    def lines(self) -> list[str]:
+        """Return a table of root mean square errors: what the ranges cut from the clip, and what the robot missed.
+
+        The first second, in which the robot goes to the clip's first pose, counts for what is cut only. Velocities of
+        the robot are averaged over 1 s, because every step makes them sway.
+        """
+        motion = self.motion
+        cut = _named(_rms(motion.asked - motion.allowed))
+        cut["hands"] = float(_rms(np.linalg.norm(motion.hands - motion.reachable, axis=-1).ravel()))
+        rows = [(frame, values, hands) for frame, values, hands in self._done if frame >= _RAMP * MOTION_FPS]
+        missed = dict.fromkeys(cut, np.nan)
+        if rows:
+            frames = [frame for frame, _, _ in rows]
+            off = np.stack([values for _, values, _ in rows]) - motion.asked[frames]
+            window = min(len(off), int(MOTION_FPS))
+            for index in range(3):
+                off[:, index] = np.convolve(
+                    np.pad(off[:, index], (window // 2, (window - 1) // 2), mode="edge"),
+                    np.ones(window) / window,
+                    "valid",
+                )
+            missed |= _named(_rms(off))
+            far = np.stack([hands for _, _, hands in rows]) - motion.hands[frames]
+            missed["hands"] = float(_rms(np.linalg.norm(far, axis=-1).ravel()))
+        lines = [f"{'part':8}{'cut by the ranges':>20}{'robot from the clip':>22}"]
+        for name in ("hands", *PARTS[3:], *PARTS[:3]):
+            unit, factor = _UNITS[name]
+            lines.append(f"{name:8}{factor * cut[name]:>14.2f} {unit:5}{factor * missed[name]:>16.2f} {unit:5}")
+        return lines
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square over the first axis."""
+    return np.sqrt(np.mean(np.square(values), axis=0))
