@@ -181,6 +181,7 @@ def _jobs(
     make = functools.partial(
         Job, factory, judge, settings.seed, settings.duration, settings.settle, settings.conditions
     )
+    _own.controller = None  # the file of an equal factory's policy may be another one since the last call
     controller = controller_of(factory)
     together = [joins_batch(controller, settings.conditions, plan) for _, plan in episodes]
     shared, alone = (

@@ -90,6 +90,14 @@ def test_a_plans_own_conditions_go_before_the_jobs():
     assert not np.array_equal(rows[0].qpos, rows[1].qpos)
 
 
+def test_a_policy_written_anew_under_the_same_name_is_read_anew():
+    """A calibration writes each of its trials to one file."""
+    _Factory.made = 0
+    for made in (1, 2):
+        run_episodes(_Factory("trial").build, [STAND, STAND], _judge, EpisodeSettings(duration=0.1, settle=0.0))
+        assert _Factory.made == made
+
+
 def test_a_controller_is_made_once_for_equal_factories_in_each_thread():
     _Factory.made = 0
     first = controller_of(_Factory("a").build)
