@@ -1,5 +1,6 @@
 """Files that are written completely or not at all, their digests, and numbers that JSON can hold."""
 
+import errno
 import hashlib
 import math
 import os
@@ -36,6 +37,26 @@ def write_whole(path: pathlib.Path, content: bytes | str) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def read_file(path: pathlib.Path, largest: int) -> bytes:
+    """Return the bytes of a file that somebody else may have made.
+
+    Args:
+        path: path of the file.
+        largest: most bytes that it may have.
+
+    Raises:
+        OSError: if it cannot be read, has more bytes, or is a folder, a device or a pipe, which could have no end;
+            `strerror` says which.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no file", str(path))
+    with path.open("rb") as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise OSError(errno.EFBIG, f"it has more than {largest} bytes", str(path))
+    return content
 
 
 def file_digest(path: pathlib.Path) -> str:

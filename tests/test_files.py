@@ -3,7 +3,7 @@ import pathlib
 
 import pytest
 
-from hugwbc.files import write_whole
+from hugwbc.files import read_file, write_whole
 
 
 def test_bytes_and_text_in_a_folder_that_is_made(tmp_path: pathlib.Path) -> None:
@@ -66,3 +66,11 @@ def test_others_may_read_it_as_far_as_the_mask_lets_them(tmp_path: pathlib.Path)
     finally:
         os.umask(mask)
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
+
+
+def test_reading_has_an_end(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "a").write_bytes(b"1234")
+    assert read_file(tmp_path / "a", 4) == b"1234"
+    for path, largest, message in ((tmp_path / "a", 3, "more than 3 bytes"), (pathlib.Path("/dev/zero"), 9, "no file")):
+        with pytest.raises(OSError, match=message):
+            read_file(path, largest)

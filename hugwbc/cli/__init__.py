@@ -68,6 +68,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return USAGE_ERROR
+    except RuntimeError as error:
+        if "MUJOCO_GL" not in str(error):
+            raise
+        # MuJoCo says so while it is imported, before a verb could ask.
+        print(f"hugwbc: {error}; valid: egl, osmesa or glfw, or leave it unset", file=sys.stderr)
+        return USAGE_ERROR
     except KeyboardInterrupt:
         print("hugwbc: stopped", file=sys.stderr)
         return INTERRUPTED

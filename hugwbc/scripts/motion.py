@@ -5,6 +5,7 @@ A motion file is an .npz without pickled objects, with `fps` (frames per second)
 .csv, whose first line names the columns: `t` [s], which rises in equal steps, and the joints [rad].
 """
 
+import collections
 import csv
 import dataclasses
 import io
@@ -12,6 +13,7 @@ import logging
 import pathlib
 import zipfile
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,11 +28,13 @@ MOTION_FPS = 50.0  # [Hz]; motions are resampled to this rate, which is the lear
 FRAME_RATES = (0.1, 1e4)  # [Hz], the valid range in files; rates far from any camera's are mistakes
 _FIELDS = ("fps", "joint_names", "positions")
 _READABLE = (".npz", ".csv")
+LARGEST_MOTION = 50_000_000  # [byte] unpacked, more than four hours of 19 joints
+_LISTED = 20  # names in one message
 _TIME = "t"  # the column of a .csv
 _UNEVEN = 0.02  # share of a step by which the times of a .csv may differ from equal steps, being rounded
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
 _UNREADABLE = (
-    OSError, EOFError, KeyError, ValueError, MemoryError, NotImplementedError, RuntimeError,
+    OSError, EOFError, KeyError, ValueError, OverflowError, MemoryError, NotImplementedError, RuntimeError,
     zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 # Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them; those of the right
@@ -114,7 +118,7 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     """
     motion = _read_motion(path)
     if motion.unused:
-        _log.warning("%s: only the arms follow a motion; not used: %s", path, ", ".join(motion.unused))
+        _log.warning("%s: only the arms follow a motion; not used: %s", path, _listed(motion.unused))
     return motion
 
 
@@ -207,6 +211,13 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
             # NumPy takes any other file for a pickle and advises to allow pickles.
             if not zipfile.is_zipfile(stream):
                 raise MotionFileError(f"cannot read {path}: it is not an .npz archive")
+            with zipfile.ZipFile(stream) as archive:
+                size = sum(member.file_size for member in archive.infolist())
+                others = [name for name in archive.namelist() if not name.endswith(".npy")]
+        if size > LARGEST_MOTION:
+            raise MotionFileError(f"{path} unpacks to {size} bytes; valid: up to {LARGEST_MOTION}. Cut the motion")
+        if others:
+            raise MotionFileError(f"cannot read {path}: {others[0]!r} is no array of NumPy; write it with np.savez")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except _UNREADABLE as error:
@@ -220,10 +231,16 @@ def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
         MotionFileError: if a name occurs twice.
     """
     found = [str(name) for name in np.ravel(names)]
-    twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
+    twice = [name for name, count in collections.Counter(found).items() if count > 1]
     if twice:
-        raise MotionFileError(f"{path} names the joints {', '.join(twice)} more than once; keep one column of each")
+        raise MotionFileError(f"{path} names the joints {_listed(twice)} more than once; keep one column of each")
     return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return the first names and how many follow."""
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more
 
 
 def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
@@ -238,7 +255,7 @@ def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
     motions = [_read_motion(path) for path in paths]
     unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))
     if unused:  # one line, not one for each of perhaps a thousand files
-        _log.warning("%s: only the arms follow a motion; not used: %s", folder, ", ".join(unused))
+        _log.warning("%s: only the arms follow a motion; not used: %s", folder, _listed(unused))
     return motions
 
 

@@ -2,6 +2,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+import types
 
 import pytest
 
@@ -286,3 +287,12 @@ def test_the_words_above_the_options_are_not_indented(capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit):
         main(["tasks", "--help"])
     assert "\n`hugwbc play --task NAME`" in capsys.readouterr().out
+
+
+def test_a_wrong_renderer_is_named(monkeypatch, capsys):
+    def refuse(_words):
+        raise RuntimeError("invalid value for environment variable MUJOCO_GL: mesa")
+
+    monkeypatch.setattr(cli, "_verb", lambda _: types.SimpleNamespace(run=refuse))
+    assert main(["compare"]) == cli.USAGE_ERROR
+    assert "MUJOCO_GL: mesa; valid: egl, osmesa or glfw" in capsys.readouterr().err

@@ -1,11 +1,13 @@
 import pathlib
+import pickle
+import zipfile
 
 import numpy as np
 import pytest
 
 from hugwbc.errors import MotionFileError
 from hugwbc.robot import load_robot
-from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motion, load_motions
+from hugwbc.scripts.motion import LARGEST_MOTION, ArmMotion, arm_noise_range, generate_motions, load_motion, load_motions
 
 ARMS = load_robot().arm_names
 
@@ -157,3 +159,27 @@ def test_bad_tables_are_refused(lines: tuple[str, ...], message: str, tmp_path: 
 def test_other_kinds_of_files_are_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(MotionFileError, match=r"'\.fbx' is no kind .* arms: \.npz and \.csv, for the whole body"):
         load_motion(tmp_path / "dance.fbx")
+
+
+def member(path: pathlib.Path, name: str, content: bytes) -> pathlib.Path:
+    with zipfile.ZipFile(write(path), "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, content)
+    return path
+
+
+def test_archives_made_to_harm_are_refused(tmp_path: pathlib.Path) -> None:
+    bomb = member(tmp_path / "bomb.npz", "x.npy", bytes(LARGEST_MOTION + 1))
+    assert bomb.stat().st_size < 100_000
+    shape = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d,)}\n" % 2**70
+    huge = member(tmp_path / "huge.npz", "x.npy", b"\x93NUMPY\x01\x00" + len(shape).to_bytes(2, "little") + shape)
+    pickled = member(tmp_path / "pickled.npz", "x.pkl", pickle.dumps({}))
+    for path, message in ((bomb, "unpacks to"), (huge, "cannot read"), (pickled, "'x.pkl' is no array")):
+        with pytest.raises(MotionFileError, match=message):
+            load_motion(path)
+
+
+def test_a_thousand_other_joints_make_one_short_line(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
+    names = [*ARMS, *(f"joint_{index}" for index in range(1000))]
+    load_motion(write(tmp_path / "m.npz", joint_names=np.array(names), positions=np.zeros((4, len(names)))))
+    (record,) = caplog.records
+    assert "joint_0" in record.message and "and 980 more" in record.message and len(record.message) < 500

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import pathlib
+import re
 from typing import Any
 
 import torch
@@ -10,11 +11,13 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
-from hugwbc.files import write_whole
+from hugwbc.files import read_file, write_whole
 
+LARGEST_FILE = 2_000_000_000  # [byte]
 _PREFIX = "hugwbc-"
 FORMAT = f"{_PREFIX}2"
 _WITHOUT_METADATA = f"{_PREFIX}1"  # an earlier format that is still read; its checksum covers the tensors only
+_NUMBER = re.compile("[0-9]{1,9}")
 
 
 def _digest(tensors: dict[str, torch.Tensor], metadata: str) -> str:
@@ -54,13 +57,13 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
             or of another kind.
     """
     try:
-        data = pathlib.Path(path).read_bytes()
+        data = read_file(pathlib.Path(path), LARGEST_FILE)
     except OSError as error:
         raise PolicyFileError(f"cannot read {path}: {error.strerror}; give the path of a {kind} file") from error
     try:
         tensors = load(data)
         header = _header(data)
-    except (SafetensorError, ValueError, KeyError) as error:
+    except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise PolicyFileError(
             f"{path} is not a readable safetensors file ({error}); it is truncated or of another kind. "
             "Copy it again, or train a new one with 'hugwbc train'"
@@ -74,7 +77,7 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
         raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
     try:
         metadata = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
         raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
     if not isinstance(metadata, dict):
         raise PolicyFileError(f"{path} is corrupted: its metadata is not a JSON object. Copy it again")
@@ -85,9 +88,9 @@ def _check_format(path: pathlib.Path, found: str) -> None:
     if found in (FORMAT, _WITHOUT_METADATA):
         return
     version = found.removeprefix(_PREFIX)
-    if found.startswith(_PREFIX) and version.isdecimal() and int(version) > int(FORMAT.removeprefix(_PREFIX)):
+    if found.startswith(_PREFIX) and _NUMBER.fullmatch(version) and int(version) > int(FORMAT.removeprefix(_PREFIX)):
         raise PolicyFileError(f"{path} has format {found}, newer than this version's {FORMAT}; update hugwbc")
-    raise PolicyFileError(f"{path} has {found}, this version reads {FORMAT}; use a file written by this hugwbc")
+    raise PolicyFileError(f"{path} has {found[:40]}, this version reads {FORMAT}; use a file written by this hugwbc")
 
 
 def _header(data: bytes) -> dict[str, str]:

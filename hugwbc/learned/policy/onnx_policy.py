@@ -77,7 +77,7 @@ def _contract(session: Any, path: str | pathlib.Path) -> dict[str, Any]:  # noqa
         )
     try:
         metadata = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
         raise PolicyFileError(f"the contract in {path} is not JSON ({error}); export the policy again") from error
     if not isinstance(metadata, dict):
         raise PolicyFileError(f"the contract in {path} is not a JSON object; export the policy again")

@@ -36,8 +36,8 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 
     Raises:
         UnknownNameError: if it is neither a shipped policy nor an existing path.
-        PolicyFileError: if the file is truncated, corrupted, of another program or another robot, or fails its
-            self-test.
+        PolicyFileError: if the file is truncated, corrupted, of another program or another robot, has weights that
+            are not finite, or fails its self-test.
     """
     if threads is not None:
         torch.set_num_threads(threads)
@@ -50,6 +50,8 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:
         raise PolicyFileError(f"{path} does not fit the policy network: {error}") from error
+    if not all(bool(torch.isfinite(tensor).all()) for tensor in actor.state_dict().values()):
+        raise PolicyFileError(f"{path} has weights that are not finite: its training failed; use an earlier file of it")
     controller = LearnedController(actor, metadata)
     # A file from before the contract was versioned has no self-test.
     if "contract" in metadata:
@@ -64,7 +66,8 @@ def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], pa
     except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
     if deviation > self_test.TOLERANCE:
-        writer = controller.metadata.get("versions", {}).get("hugwbc", "unknown")
+        versions = controller.metadata.get("versions")
+        writer = versions.get("hugwbc", "unknown") if isinstance(versions, dict) else "unknown"
         raise PolicyFileError(
             f"{path} fails its self-test: joint targets differ by up to {deviation:.2g} rad from the stored ones, "
             f"valid is {self_test.TOLERANCE:g}. The file was changed, or this hugwbc runs policies differently than "

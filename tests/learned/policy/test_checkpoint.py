@@ -1,8 +1,10 @@
+import os
 import pathlib
 import pickle
 
 import pytest
 import torch
+from safetensors.torch import save
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint
@@ -108,3 +110,33 @@ def test_a_pickle_is_refused_and_never_run(tmp_path: pathlib.Path) -> None:
 def test_missing_file_says_what_to_give(tmp_path: pathlib.Path) -> None:
     with pytest.raises(PolicyFileError, match="give the path"):
         checkpoint.load_file(tmp_path / "nothing.safetensors", "policy")
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ({"format": "hugwbc-" + "9" * 5000, "kind": "policy"}, "this version reads"),
+        ({"format": checkpoint.FORMAT, "kind": "policy", "metadata": "[" * 100_000}, "not JSON"),
+    ],
+)
+def test_absurd_headers_are_refused(header: dict[str, str], message: str, tmp_path: pathlib.Path) -> None:
+    if "metadata" in header:
+        header["sha256"] = checkpoint._digest(TENSORS, header["metadata"])
+    (tmp_path / "x.safetensors").write_bytes(save(TENSORS, header))
+    with pytest.raises(PolicyFileError, match=message) as caught:
+        checkpoint.load_file(tmp_path / "x.safetensors", "policy")
+    assert len(str(caught.value)) < 500
+
+
+def test_a_header_nested_too_deeply_is_refused(tmp_path: pathlib.Path) -> None:
+    header = b"[" * 100_000
+    (tmp_path / "x.safetensors").write_bytes(len(header).to_bytes(8, "little") + header)
+    with pytest.raises(PolicyFileError, match="safetensors"):
+        checkpoint.load_file(tmp_path / "x.safetensors", "policy")
+
+
+def test_what_has_no_end_is_not_read(tmp_path: pathlib.Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (pathlib.Path("/dev/zero"), tmp_path / "pipe", tmp_path):
+        with pytest.raises(PolicyFileError, match="it is no file"):
+            checkpoint.load_file(path, "policy")

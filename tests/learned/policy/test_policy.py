@@ -13,7 +13,7 @@ from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
+from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy, self_test
 from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
@@ -232,3 +232,18 @@ def test_an_episode_that_starts_without_readings_knows_nothing_of_the_one_before
         controller.reset(broken)
         targets.append(controller.act(broken, Command(), UpperBody.none()).q)
     np.testing.assert_array_equal(targets[0], targets[1])
+
+
+def test_weights_that_are_not_finite_are_refused(policy_file: pathlib.Path) -> None:
+    tensors, _ = checkpoint.load_file(policy_file, "policy")
+    rewrite(policy_file, {"policy.6.bias": tensors["policy.6.bias"] * float("nan")})
+    with pytest.raises(PolicyFileError, match="weights that are not finite"):
+        load_policy(policy_file)
+
+
+def test_a_failed_self_test_needs_no_versions(policy_file: pathlib.Path) -> None:
+    tensors, _ = checkpoint.load_file(policy_file, "policy")
+    for versions in ([1], None, {}):
+        rewrite(policy_file, {"policy.6.bias": tensors["policy.6.bias"] + 0.01}, versions=versions)
+        with pytest.raises(PolicyFileError, match="fails its self-test.*unknown"):
+            load_policy(policy_file)
