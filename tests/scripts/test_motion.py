@@ -7,7 +7,14 @@ import pytest
 
 from hugwbc.errors import MotionFileError
 from hugwbc.robot import load_robot
-from hugwbc.scripts.motion import LARGEST_MOTION, ArmMotion, arm_noise_range, generate_motions, load_motion, load_motions
+from hugwbc.scripts.motion import (
+    LARGEST_MOTION,
+    ArmMotion,
+    arm_noise_range,
+    generate_motions,
+    load_motion,
+    load_motions,
+)
 
 ARMS = load_robot().arm_names
 

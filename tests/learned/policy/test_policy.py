@@ -13,7 +13,7 @@ from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy, self_test
+from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
 from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
