@@ -1,16 +1,14 @@
-"""Networks from the tensors of a snapshot or checkpoint, with this or the first layout of the observations."""
+"""Networks from the tensors of a snapshot or checkpoint."""
 
 from collections.abc import Mapping
 
 import torch
 
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import ESTIMATE_SIZE, LATENT_SIZE, ActorCritic, SymmetricActor, SymmetricCritic
+from hugwbc.learned.policy.networks import ActorCritic, SymmetricActor, SymmetricCritic
 from hugwbc.learned.policy.symmetry import EvenOdd
 
 _POLICY, _CRITIC = "actor.policy.0.weight", "critic.value.0.weight"  # of plain networks: what reads the observations
-_BEFORE_COMMAND = LATENT_SIZE + ESTIMATE_SIZE + obs.PROPRIOCEPTION_SIZE
-_FIRST_PRIVILEGED_SIZE = 24
 
 
 def is_symmetric(tensors: Mapping[str, torch.Tensor]) -> bool:
@@ -19,27 +17,15 @@ def is_symmetric(tensors: Mapping[str, torch.Tensor]) -> bool:
 
 
 def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None:
-    """Load tensors, by their names in the network; those of the first layout are changed to the present one.
+    """Load tensors, by their names in the network.
 
-    The first layout's command observation is a linear map of the present one, so that the changed network is the same
-    function. What the critic sees in addition now has weights of zero, and so have observation terms of other packages
-    that the tensors' network did not read.
+    Observation terms of other packages that the tensors' network did not read have weights of zero.
 
     Raises:
         RuntimeError: if they do not fit the network.
     """
-    tensors = dict(tensors)
-    policy = tensors.get(_POLICY)
-    if policy is not None and policy.shape[1] == _BEFORE_COMMAND + obs.FIRST_COMMAND_SIZE:
-        before, command = policy.split((_BEFORE_COMMAND, obs.FIRST_COMMAND_SIZE), 1)
-        tensors[_POLICY] = torch.cat((before, command @ obs.first_layout()), 1)
-        sizes = (obs.PROPRIOCEPTION_SIZE, obs.FIRST_COMMAND_SIZE, _FIRST_PRIVILEGED_SIZE, obs.TERRAIN_SIZE)
-        frame, command, privileged, terrain = tensors[_CRITIC].split(sizes, 1)
-        unseen = torch.zeros(len(frame), obs.PRIVILEGED_SIZE - _FIRST_PRIVILEGED_SIZE)
-        tensors[_CRITIC] = torch.cat((frame, command @ obs.first_layout(), privileged, unseen, terrain), 1)
-    if network.own:
-        tensors |= _widened(network, tensors)
-    network.load_state_dict(tensors)
+    widened = _widened(network, tensors) if network.own else {}
+    network.load_state_dict(dict(tensors) | widened)
 
 
 def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from hugwbc.commands import COMMAND_NAMES, Command, default_command
 from hugwbc.controller import UpperBody
@@ -12,6 +13,8 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy, save_policy
 from hugwbc.learned.policy.feed_forward import KEY, FeedForward, of_contract
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.state import RobotState
 
 V_X = COMMAND_NAMES.index("v_x")
@@ -41,10 +44,11 @@ def test_the_commands_of_the_caller_are_not_changed() -> None:
 
 
 def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.Path) -> None:
-    plain = load_policy("h1")
-    contract = {name: value for name, value in plain.metadata.items() if name != "training"}
-    save_policy(tmp_path / "policy.safetensors", plain.actor, contract | {KEY: CURVES}, {})
-    fed = load_policy(tmp_path)
+    torch.manual_seed(0)
+    actor = Actor()
+    save_policy(tmp_path / "plain.safetensors", actor, policy_contract(), {})
+    save_policy(tmp_path / "fed.safetensors", actor, policy_contract() | {KEY: CURVES}, {})
+    plain, fed = load_policy(tmp_path / "plain.safetensors"), load_policy(tmp_path / "fed.safetensors")
 
     def act(controller: Any, v_x: float) -> np.ndarray:
         controller.reset(STATE)

@@ -32,7 +32,7 @@ def test_the_file_gives_the_actions_of_the_policys_self_test(session: onnxruntim
 
 def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
     for count in (1, 7):
-        inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 13), np.float32)}
+        inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 18), np.float32)}
         assert session.run(["action"], inputs)[0].shape == (count, 19)
 
 

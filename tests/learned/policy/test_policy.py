@@ -245,5 +245,5 @@ def test_a_failed_self_test_needs_no_versions(policy_file: pathlib.Path) -> None
     tensors, _ = checkpoint.load_file(policy_file, "policy")
     for versions in ([1], None, {}):
         rewrite(policy_file, {"policy.6.bias": tensors["policy.6.bias"] + 0.01}, versions=versions)
-        with pytest.raises(PolicyFileError, match="fails its self-test.*unknown"):
+        with pytest.raises(PolicyFileError, match=r"fails its self-test.*unknown"):
             load_policy(policy_file)

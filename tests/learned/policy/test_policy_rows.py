@@ -67,7 +67,7 @@ def test_rows_see_what_the_training_lets_the_network_see():
     gait = np.array([int(gait) for gait in Gait])
     command = np.array([_draw(rng, Gait(value)) for value in gait])
     indicator = gait % 2 == 0
-    for metadata in (policy_contract(), load_policy("h1").metadata):
+    for metadata in (policy_contract(), load_policy("ablation-none").metadata):
         rows = PolicyRows(metadata, on_arrays(BareActor(Actor(obs.COMMAND_SIZE))), len(gait))
         rows.phase = rng.uniform(size=len(gait))
         phases = homogenised_phase(foot_phases(torch.tensor(rows.phase), torch.tensor(gait))).float()
