@@ -12,7 +12,10 @@ THE_PAPERS_COLUMN = (
     "simulator (Isaac Gym, 4096 environments), with wider randomisation, and with its own description of the robot "
     "(51.65 kg)."
 )
-THE_TEACHER = "The shipped policy had the QP as a teacher: it imitated the QP during its training."
+THE_TEACHER = (
+    "The QP helped the shipped policy: up to three in ten episodes of its training began in motion that the QP drove. "
+    "It imitated no action of the QP."
+)
 SHIPPED = "learned"  # label of the shipped policy
 _GOOD = (Verdict.BETTER, Verdict.UNCLEAR_BETTER)
 _MOST_NAMED = 4  # quantities named in one sentence
