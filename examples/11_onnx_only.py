@@ -32,19 +32,26 @@ def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
     return np.array([[*scaled, *gait, 0.0]], dtype=np.float32)
 
 
+def asked(contract: dict, command: dict) -> dict:
+    """Return what to ask the network for, by the contract's curves, so that it executes a walking command."""
+    curves = contract.get("feed_forward", {}).get("walking", {})  # files of before have none
+    return command | {name: float(np.interp(command[name], *np.transpose(curve))) for name, curve in curves.items()}
+
+
 def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
-    """Return what the contract adds to the joint targets of a walk at the nominal height: legs that lift their feet."""
-    names, nominal = contract["joint_names"], np.array(contract["nominal"])
+    """Return what the contract adds to the joint targets: legs that squat, lean, and lift their feet by the clock."""
+    names, nominal = contract["joint_names"], contract["nominal"]
     result = np.zeros(len(names))
-    gain = contract.get("swing_gain", 0.0) / contract.get("leg_length", 1.0)  # files of before have neither
-    later = phase + command["f"] * contract["period"]
+    squat, swing = contract.get("squat_gain", 0.0), contract.get("swing_gain", 0.0)  # files of before have neither
+    length = contract.get("leg_length", 1.0)
     for side, offset in (("left", contract["gait"]["walking_offset_of_left_foot"]), ("right", 0.0)):
-        u = 1.0 - abs((later + offset) % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex
+        later = phase + command["f"] * contract["period"] + offset
+        u = 1.0 - abs(later % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex
         height = command["l"] * u**3 * (10.0 - 15.0 * u + 6.0 * u**2) if u > 0.0 else 0.0
         hip, knee, ankle = (names.index(f"{side}_{part}_joint") for part in ("hip_pitch", "knee", "ankle"))
-        share = math.cos(nominal[knee] / 2.0) - gain * height
-        bend = math.acos(share) - nominal[knee] / 2.0
-        result[hip], result[knee], result[ankle] = -bend, 2.0 * bend, -bend
+        share = math.cos(nominal[knee] / 2.0) + (squat * command["h"] - swing * height) / length
+        bend = math.acos(min(share, 0.98)) - nominal[knee] / 2.0
+        result[hip], result[knee], result[ankle] = -bend - squat * command["p"], 2.0 * bend, -bend
     return result
 
 
@@ -65,7 +72,7 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
     # MuJoCo's position actuators are the PD law tau = kp (target - q) - kd dq.
     model.actuator_gainprm[:, 0] = contract["kp"]
     model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -np.array(contract["kp"]), -np.array(contract["kd"])
-    data, command = mujoco.MjData(model), contract["command_defaults"] | {"v_x": v_x}
+    data, command = mujoco.MjData(model), asked(contract, contract["command_defaults"] | {"v_x": v_x})
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
     action, phase = np.zeros(model.nu), 0.0
@@ -73,9 +80,8 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
     for _ in range(round(duration / contract["period"])):
         history = np.vstack((history[1:], frame(contract, data, action)))
         phase = (phase + command["f"] * contract["period"]) % 1.0
-        row = command_row(contract, command, phase)
-        outputs = session.run(["action"], {"history": history.reshape(1, -1), "command": row})
-        action = np.asarray(outputs[0])[0]
+        inputs = {"history": history.reshape(1, -1), "command": command_row(contract, command, phase)}
+        action = np.asarray(session.run(["action"], inputs)[0])[0]
         data.ctrl[:] = contract["nominal"] + np.array(contract["action_scale"]) * action
         data.ctrl[:] += feed_forward(contract, command, phase)
         mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
@@ -98,8 +104,8 @@ def main() -> None:
         print(f"11_onnx_only.py: {error}", file=sys.stderr)
         sys.exit(2)
     x, y, z = data.qpos[:3]
-    fate = "stayed up" if z > LOWEST else "fell"
-    print(f"walked {math.hypot(x, y):.2f} m in {data.time:.1f} s and {fate}; the pelvis is at {z:.2f} m")
+    fate = f"{'stayed up' if z > LOWEST else 'fell'}; the pelvis is at {z:.2f} m"
+    print(f"walked {math.hypot(x, y):.2f} m in {data.time:.1f} s and {fate}")
 
 
 if __name__ == "__main__":

@@ -8,10 +8,11 @@ import numpy as np
 from hugwbc.errors import ConfigError
 
 TRAINING_FILE = "training.csv"
+_STAGE = "stage"  # column of a recipe's record: the name of the stage, text
 
 
 def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Read the columns of a training record by name, with NaN for empty cells.
+    """Read the columns of numbers of a training record by name, with NaN for empty cells.
 
     Args:
         path: path of the file.
@@ -27,7 +28,7 @@ def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
     if not rows or "steps" not in rows[0]:
         raise ConfigError(f"{path} has no column 'steps'; give a training record as `hugwbc train` writes it")
     try:
-        return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+        return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0] if name != _STAGE}
     except (ValueError, TypeError) as error:  # no number, or more cells than columns
         raise ConfigError(f"{path} is not a training record: {error}; repair it or move it away") from error
 

@@ -6,6 +6,8 @@ import sys
 import pytest
 
 from hugwbc.cli import main
+from hugwbc.learned.policy import checkpoint, policy_file
+from hugwbc.learned.recipe.ancestry import KEY
 from hugwbc.learned.recipe.recipe_reader import shipped_recipes
 from hugwbc.learned.recipe.recipe_records import KINDS
 
@@ -55,8 +57,17 @@ def test_recipes_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
     assert "the recipes do the same" in capsys.readouterr().out
 
 
-def test_the_shipped_policy_is_not_verified_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["recipe", "verify", "h1"]) == 1
+def test_the_shipped_policy_is_verified(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["recipe", "verify", "h1"]) == 0
+    text = capsys.readouterr().out
+    assert all(stage in text for stage in ("starts", "gaits", "precision", "calibrated", "figures", "policy"))
+
+
+def test_a_policy_without_ancestry_is_not_verified(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tensors, metadata = checkpoint.load_file(policy_file(), "policy")
+    del metadata["training"][KEY]
+    checkpoint.save_file(tmp_path / "policy.safetensors", tensors, "policy", metadata)
+    assert main(["recipe", "verify", str(tmp_path)]) == 1
     assert "has no ancestry" in capsys.readouterr().out
 
 

@@ -8,6 +8,7 @@ import pytest
 from hugwbc.errors import UnknownNameError
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.recipe import verification
+from hugwbc.learned.recipe.ancestry import KEY
 from hugwbc.learned.recipe.recipe_records import Recipe
 from hugwbc.learned.recipe.verification import verify
 
@@ -27,8 +28,12 @@ def test_a_policy_of_a_recipe_is_verified_by_itself(shipped: pathlib.Path, what:
     assert any("the recipe 'tiny' is not here to compare with" in one for one in verdict.remarks)
 
 
-def test_the_shipped_policy_has_no_ancestry_and_is_said_to_have_none() -> None:
-    verdict = verify("h1")
+def test_a_policy_without_ancestry_is_said_to_have_none(shipped: pathlib.Path) -> None:
+    path = shipped / "policy.safetensors"
+    tensors, metadata = checkpoint.load_file(path, "policy")
+    del metadata["training"][KEY]
+    checkpoint.save_file(path, tensors, "policy", metadata)
+    verdict = verify(path)
     assert verdict.records == () and "has no ancestry: it was not made by a recipe" in verdict.problems[0]
 
 
