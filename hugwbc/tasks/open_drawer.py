@@ -25,6 +25,8 @@ _BAR = 0.06  # [m], from the front of the cabinet to the handle
 _TIP = 0.068
 _FARTHER = 0.02  # [m], than the drawer has to open
 _SPEED = 0.2  # [m/s]
+# [N]; a policy that starts to walk out of a crouch drops for a moment, and hangs on the hook with 150 N.
+_STRONG = 300.0
 _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the sway of a step
 
 
@@ -53,7 +55,7 @@ class OpenDrawer(Moves):
                 view, points, frame="world", directions=(None, ahead), posture=posture, speed=0.15, settle=0.5
             )
         self.doing = "hook the handle"
-        view = yield from self.grip(view, Grip("right", "drawer", hook=True))
+        view = yield from self.grip(view, Grip("right", "drawer", hook=True, breaking_force=_STRONG))
         self.doing = "pull the drawer"
         hands = np.stack([NO_HAND, hands_in(view, "heading")[1]])
         view = yield from self.glide(view, hands, stiffness=_YIELDING)
