@@ -14,7 +14,7 @@ from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.sim import Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
-from hugwbc.sim.faults import SensorFault
+from hugwbc.sim.faults import Fault
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 
@@ -51,7 +51,7 @@ class Conditions(ArenaChoice):
         gain: factor on the joints' stiffness and damping.
         strength: factor on the motors' torque.
         hand_payload: mass in each hand [kg]; no controller is told.
-        faults: faults of the sensors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2
+        faults: faults of sensors and motors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2
             (`hugwbc.sim.faults`).
 
     Raises:
@@ -95,7 +95,7 @@ class Conditions(ArenaChoice):
         if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
-        _ = self.told_arena, self.sensor_faults
+        _ = self.told_arena, self.declared_faults
 
     @property
     def told_arena(self) -> Arena:
@@ -108,13 +108,13 @@ class Conditions(ArenaChoice):
         return arena if self.told is None else dataclasses.replace(arena, robot=self.told)
 
     @property
-    def sensor_faults(self) -> tuple[SensorFault, ...]:
-        """The faults of the sensors.
+    def declared_faults(self) -> tuple[Fault, ...]:
+        """The faults of sensors and motors.
 
         Raises:
             ConfigError: if one of the texts declares none.
         """
-        return tuple(map(SensorFault.parse, self.faults))
+        return tuple(map(Fault.parse, self.faults))
 
     def identity(self) -> dict[str, Any]:
         """Return the settings as JSON, with digests of the motion files in place of their folder."""
@@ -177,7 +177,7 @@ class Conditions(ArenaChoice):
             timestep=self.timestep,
             variation=self.variation(),
             latency=self.latency,
-            faults=self.sensor_faults,
+            faults=self.declared_faults,
             seed=int(np.random.SeedSequence(seed).generate_state(1)[0]),
         )
         if self.is_level:

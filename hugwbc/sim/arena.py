@@ -18,7 +18,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
-from hugwbc.sim.faults import SensorFault
+from hugwbc.sim.faults import Fault
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scenes.scene import Scene
@@ -54,7 +54,7 @@ class EpisodeOptions(TypedDict, total=False):
     seed: int
     variation: Variation | None
     scene: Scene | None
-    faults: tuple[SensorFault, ...]
+    faults: tuple[Fault, ...]
 
 
 @dataclasses.dataclass(frozen=True)

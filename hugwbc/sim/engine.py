@@ -14,7 +14,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.faults import FaultInjector, SensorFault
+from hugwbc.sim.faults import Fault, FaultInjector
 from hugwbc.sim.ground import Ground
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
@@ -88,7 +88,7 @@ class Engine(abc.ABC):
         actuators: Actuators | None = None,
         ground: Ground | None = None,
         scene: Scene | None = None,
-        faults: tuple[SensorFault, ...] = (),
+        faults: tuple[Fault, ...] = (),
     ) -> None:
         """Build the model and place the robot on the ground in the nominal pose.
 
@@ -103,7 +103,7 @@ class Engine(abc.ABC):
             actuators: drives of the joints; None for real ones.
             ground: firmness of the ground; None for the scene's, or firm, the only one of PhysX.
             scene: objects around the robot, in MuJoCo only; None for none.
-            faults: of the sensors, in every episode.
+            faults: of the sensors and motors, in every episode.
 
         Raises:
             UnknownNameError: if a fault is of a joint that does not exist.
@@ -242,6 +242,8 @@ class Engine(abc.ABC):
         command = self._command
         kp, kd = self.variation.gain * command.kp, self.variation.gain * command.kd
         given = (kp, kd, command.tau + kp * command.q + kd * command.dq)
+        if self._faults is not None:
+            given = self._faults.drive(self.time, given)
         if not self._pending:
             self._pending.extend([given] * self._delay)
         for _ in range(max(1, round(duration / self.timestep))):

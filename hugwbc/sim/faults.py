@@ -1,7 +1,8 @@
-"""Faults of a robot's sensors, declared as text and injected into its readings.
+"""Faults of a robot's sensors and motors, declared as text and injected into its readings and its drives.
 
 A fault is written `KIND@START`, for good, or `KIND@START:DURATION` in seconds; that of one joint is
-`KIND=JOINT@START:DURATION`. `imu-gone@4:0.2` takes the IMU away for 200 ms from 4 s on.
+`KIND=JOINT@START:DURATION`, and lost readings are `dropped=SHARE@START:DURATION`. `imu-gone@4:0.2` takes the IMU away
+for 200 ms from 4 s on.
 """
 
 import dataclasses
@@ -10,54 +11,67 @@ import re
 
 import numpy as np
 
+from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot
+from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
 
-IMU_GONE, ENCODER_STUCK, FROZEN, WILD_SPEED, DISORDERED = FAULTS = (
+IMU_GONE, IMU_BIAS, ENCODER_STUCK, ENCODER_NOISE, WILD_SPEED, FROZEN, DROPPED, DISORDERED, MOTOR_DEAD = FAULTS = (
     "imu-gone",
+    "imu-bias",
     "encoder-stuck",
-    "frozen",
+    "encoder-noise",
     "wild-speed",
+    "frozen",
+    "dropped",
     "disordered",
+    "motor-dead",
 )
-_OF_A_JOINT = (ENCODER_STUCK, WILD_SPEED)
+_OF_A_JOINT = (ENCODER_STUCK, WILD_SPEED, MOTOR_DEAD)
 WILD = 500.0  # [rad/s], the reading of a wild speed
+TILT, TURN = math.radians(2.0), 0.1  # [rad], [rad/s], of a biased IMU, in pitch
+NOISE = 3.0  # of the encoders, as a multiple of the noise of sensing `robot`
 _DISORDER = 0.02  # [s], largest error of a time stamp that is out of order
-_PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<joint>\w+))?@(?P<start>[^:]+)(:(?P<duration>.+))?")
+_PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<what>[\w.]+))?@(?P<start>[^:]+)(:(?P<duration>.+))?")
 
 
 @dataclasses.dataclass(frozen=True)
-class SensorFault:
+class Fault:
     """One fault.
 
     Attributes:
-        kind: imu-gone (its numbers are NaN), encoder-stuck (position and velocity of a joint stay at their last
-            reading), frozen (all readings stay), wild-speed (a joint's velocity reads 500 rad/s), or disordered (time
-            stamps are wrong by up to 20 ms in both directions).
+        kind: imu-gone (its numbers are NaN), imu-bias (it is tilted by 2 degrees, and its gyro reads 0.1 rad/s too
+            much, in pitch), encoder-stuck (position and velocity of a joint stay at their last reading), encoder-noise
+            (of all joints, three times as much as usual), wild-speed (a joint's velocity reads 500 rad/s), frozen (all
+            readings stay, while time stamps go on), dropped (readings are lost at random, and the last one stands),
+            disordered (time stamps are wrong by up to 20 ms in both directions), or motor-dead (a joint has no torque
+            but its friction).
         start: [s].
         duration: [s]; infinite for good. A wild speed of duration 0 is a single reading.
         joint: name of the joint; None for a fault that is not of a joint.
+        share: of readings that are dropped, within 0 and 1; None for other faults.
     """
 
     kind: str
     start: float
     duration: float = math.inf
     joint: str | None = None
+    share: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in FAULTS:
-            raise UnknownNameError("sensor fault", self.kind, FAULTS)
+            raise UnknownNameError("fault", self.kind, FAULTS)
         if not 0.0 <= self.start < math.inf or not self.duration >= 0.0:
-            raise ConfigError(
-                f"sensor fault {self.kind} starts at {self.start} s for {self.duration} s; give 0 s or more"
-            )
+            raise ConfigError(f"fault {self.kind} starts at {self.start} s for {self.duration} s; give 0 s or more")
         if (self.joint is None) == (self.kind in _OF_A_JOINT):
             wanted = "needs a joint: write it as" if self.joint is None else "has no joint: leave out"
-            raise ConfigError(f"sensor fault {self.kind} {wanted} =JOINT")
+            raise ConfigError(f"fault {self.kind} {wanted} =JOINT")
+        if (self.share is None) == (self.kind == DROPPED) or not 0.0 <= (self.share or 0.0) < 1.0:
+            raise ConfigError(f"fault {self.kind} has share {self.share}; write dropped=SHARE with 0 to less than 1")
 
     @classmethod
-    def parse(cls, text: str) -> "SensorFault":
+    def parse(cls, text: str) -> "Fault":
         """Return the fault that a text declares.
 
         Raises:
@@ -69,24 +83,25 @@ class SensorFault:
             if found is None:
                 raise ValueError
             start, duration = float(found["start"]), math.inf if found["duration"] is None else float(found["duration"])
+            share = float(found["what"]) if found["kind"] == DROPPED and found["what"] else None
         except ValueError:
             raise ConfigError(
-                f"'{text}' is no sensor fault; write KIND@START:DURATION or KIND=JOINT@START:DURATION in seconds, "
-                f"such as imu-gone@4:0.2; kinds are {', '.join(FAULTS)}"
+                f"'{text}' is no fault; write KIND@START:DURATION, KIND=JOINT@START:DURATION or "
+                f"dropped=SHARE@START:DURATION in seconds, such as imu-gone@4:0.2; kinds are {', '.join(FAULTS)}"
             ) from None
-        return cls(found["kind"], start, duration, found["joint"])
+        return cls(found["kind"], start, duration, None if found["kind"] == DROPPED else found["what"], share)
 
 
 class FaultInjector:
-    """Faults of the sensors of one robot; the readings pass through `apply` in the order of time."""
+    """Faults of one robot; the readings pass through `apply`, and what the drives are told through `drive`."""
 
-    def __init__(self, faults: tuple[SensorFault, ...], robot: Robot, seed: int) -> None:
+    def __init__(self, faults: tuple[Fault, ...], robot: Robot, seed: int) -> None:
         """Set up.
 
         Args:
             faults: all of them; those that overlap add up in this order.
             robot: names of the joints.
-            seed: of the disorder of time stamps.
+            seed: of disorder, noise and lost readings.
 
         Raises:
             UnknownNameError: if a joint does not exist.
@@ -98,8 +113,8 @@ class FaultInjector:
 
     def reset(self) -> None:
         """Begin a new episode."""
-        self._held: dict[SensorFault, RobotState] = {}
-        self._done: set[SensorFault] = set()
+        self._held: dict[Fault, RobotState] = {}
+        self._done: set[Fault] = set()
         self._rng = np.random.default_rng(self._seed)
 
     def apply(self, reading: RobotState) -> RobotState:
@@ -114,8 +129,28 @@ class FaultInjector:
                 reading = self._with(fault, reading)
         return reading
 
-    def _with(self, fault: SensorFault, reading: RobotState) -> RobotState:
+    def drive(
+        self, time: float, drives: tuple[np.ndarray, np.ndarray, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return stiffness, damping and constant torque of the drives at a time [s], each (19,); 0 for dead ones."""
+        for fault in self._faults:
+            if fault.kind == MOTOR_DEAD and fault.start <= time < fault.start + fault.duration:
+                for values in drives:
+                    values[self._columns[fault]] = 0.0
+        return drives
+
+    def _with(self, fault: Fault, reading: RobotState) -> RobotState:
+        if fault.kind == MOTOR_DEAD:
+            return reading
         held = self._held.setdefault(fault, reading)
+        if fault.kind == DROPPED:
+            assert fault.share is not None
+            if self._rng.random() < fault.share:
+                return dataclasses.replace(held, age=reading.time + reading.age - held.time)
+            self._held[fault] = reading
+            return reading
+        if fault.kind == IMU_BIAS:
+            return _tilted(reading)
         if fault.kind == IMU_GONE:
             nothing = np.full(3, np.nan)
             return dataclasses.replace(
@@ -129,9 +164,29 @@ class FaultInjector:
             return dataclasses.replace(held, time=reading.time, age=reading.age)
         if fault.kind == DISORDERED:
             return dataclasses.replace(reading, time=reading.time + self._rng.uniform(-_DISORDER, _DISORDER))
-        joint, q, dq = self._columns[fault], reading.q.copy(), reading.dq.copy()
+        q, dq = reading.q.copy(), reading.dq.copy()
+        if fault.kind == ENCODER_NOISE:
+            more = math.sqrt(NOISE**2 - 1.0)
+            q += more * ROBOT.encoder * self._rng.standard_normal(q.size)
+            dq += more * ROBOT.joint_velocity * self._rng.standard_normal(dq.size)
+            return dataclasses.replace(reading, q=q, dq=dq)
+        joint = self._columns[fault]
         if fault.kind == ENCODER_STUCK:
             q[joint], dq[joint] = held.q[joint], held.dq[joint]
         else:
             dq[joint] = WILD
         return dataclasses.replace(reading, q=q, dq=dq)
+
+
+def _tilted(reading: RobotState) -> RobotState:
+    """Return a reading of an IMU that is biased by `TILT` and `TURN`."""
+    turn = np.array([0.0, TURN, 0.0])
+    mounted = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), TILT)
+    gyro, accelerometer = reading.imu_gyro, reading.imu_accelerometer
+    return dataclasses.replace(
+        reading,
+        orientation=rotations.multiply(reading.orientation, mounted),
+        angular_velocity=reading.angular_velocity + turn,
+        imu_gyro=None if gyro is None else gyro + turn,
+        imu_accelerometer=None if accelerometer is None else rotations.rotate_inverse(mounted, accelerometer),
+    )

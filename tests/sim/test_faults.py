@@ -1,5 +1,6 @@
-"""Faults of sensors, as they are declared and as they change the readings."""
+"""Faults of sensors and motors, as they are declared and as they change readings and torques."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.rotations import pitch_of
 from hugwbc.sim import Simulation
-from hugwbc.sim.faults import WILD, SensorFault
+from hugwbc.sim.faults import NOISE, TILT, TURN, WILD, Fault
+from hugwbc.sim.sensors import ROBOT
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
@@ -16,7 +19,7 @@ KNEE = H1.index("left_knee_joint")
 
 
 def readings(*faults, count=20):
-    simulation = Simulation(sensing="robot", latency=0.0, faults=tuple(map(SensorFault.parse, faults)))
+    simulation = Simulation(sensing="robot", latency=0.0, faults=tuple(map(Fault.parse, faults)))
     found = []
     for _ in range(count):
         simulation.step(HOLD, simulation.timestep)
@@ -25,23 +28,34 @@ def readings(*faults, count=20):
 
 
 def test_a_fault_is_read_from_its_text():
-    assert SensorFault.parse("imu-gone@4:0.2") == SensorFault("imu-gone", 4.0, 0.2)
-    assert SensorFault.parse("encoder-stuck=left_knee_joint@1") == SensorFault(
-        "encoder-stuck", 1.0, math.inf, "left_knee_joint"
-    )
+    assert Fault.parse("imu-gone@4:0.2") == Fault("imu-gone", 4.0, 0.2)
+    assert Fault.parse("encoder-stuck=left_knee_joint@1") == Fault("encoder-stuck", 1.0, math.inf, "left_knee_joint")
 
 
-@pytest.mark.parametrize("text", ["", "imu-gone", "imu-gone@soon", "imu-gone@-1", "imu-gone@nan", "encoder-stuck@1"])
+TEXTS = (
+    "",
+    "imu-gone",
+    "imu-gone@soon",
+    "imu-gone@-1",
+    "imu-gone@nan",
+    "encoder-stuck@1",
+    "imu-gone=left_knee_joint@1",
+)
+
+
+@pytest.mark.parametrize(
+    "text", [*TEXTS, "dropped@1", "dropped=some@1", "dropped=1@1", "dropped=nan@1", "motor-dead@1"]
+)
 def test_a_text_that_is_no_fault_is_refused(text):
-    with pytest.raises(ConfigError, match="sensor fault"):
-        SensorFault.parse(text)
+    with pytest.raises(ConfigError, match="fault"):
+        Fault.parse(text)
 
 
 def test_unknown_kinds_and_joints_are_refused():
     with pytest.raises(UnknownNameError, match="imu-gone"):
-        SensorFault.parse("imu-lost@1")
+        Fault.parse("imu-lost@1")
     with pytest.raises(UnknownNameError, match="left_knee_joint"):
-        Simulation(faults=(SensorFault("wild-speed", 1.0, 0.0, "knee"),))
+        Simulation(faults=(Fault("wild-speed", 1.0, 0.0, "knee"),))
 
 
 def test_each_fault_spoils_what_it_says_and_only_in_its_time():
@@ -56,3 +70,39 @@ def test_each_fault_spoils_what_it_says_and_only_in_its_time():
     assert [r.dq[KNEE] == WILD for r in wild] == [False] * 4 + [True] + [False] * 15
     times = [r.time for r in readings("disordered@0.009")]
     assert (np.diff(times[4:]) < 0.0).any() and times[:4] == [r.time for r in sound[:4]]
+
+
+def test_lost_readings_leave_the_last_one_standing():
+    sound, lost = readings(count=200), readings("dropped=0.3@0.009", count=200)
+    stood = [now.time == before.time for before, now in itertools.pairwise(lost)]
+    assert not any(stood[:4]) and 0.2 < np.mean(stood[4:]) < 0.4
+    assert all(r.time + r.age == pytest.approx(s.time + s.age) for r, s in zip(lost, sound, strict=True))
+    assert {r.imu_gyro.tobytes() for r in lost} < {s.imu_gyro.tobytes() for s in sound}
+
+
+def test_a_biased_imu_is_tilted_and_turns():
+    sound, biased = readings(), readings("imu-bias@0.009")
+    np.testing.assert_array_equal(biased[3].imu_gyro, sound[3].imu_gyro)
+    np.testing.assert_allclose(biased[9].imu_gyro - sound[9].imu_gyro, [0.0, TURN, 0.0], atol=1e-12)
+    assert pitch_of(biased[9].orientation) - pitch_of(sound[9].orientation) == pytest.approx(TILT, abs=1e-3)
+    up = sound[9].imu_accelerometer / np.linalg.norm(sound[9].imu_accelerometer)
+    turned = np.array([up[0] * np.cos(TILT) - up[2] * np.sin(TILT), up[1], up[0] * np.sin(TILT) + up[2] * np.cos(TILT)])
+    np.testing.assert_allclose(
+        biased[9].imu_accelerometer, np.linalg.norm(sound[9].imu_accelerometer) * turned, atol=1e-9
+    )
+
+
+def test_encoders_can_be_noisier():
+    noisy, sound = readings("encoder-noise@0", count=400), readings(count=400)
+    for name, usual in (("q", ROBOT.encoder), ("dq", ROBOT.joint_velocity)):
+        added = np.array([getattr(a, name) - getattr(b, name) for a, b in zip(noisy, sound, strict=True)])
+        assert added.std() == pytest.approx(np.sqrt(NOISE**2 - 1.0) * usual, rel=0.05)
+
+
+def test_a_dead_motor_has_no_torque():
+    simulation = Simulation(faults=(Fault.parse("motor-dead=left_knee_joint@0.1:0.1"),))
+    torques = []
+    for _ in range(150):
+        simulation.step(HOLD, simulation.timestep)
+        torques.append(abs(simulation.torque[KNEE]))
+    assert min(torques[20:45]) > 1.0 and max(torques[60:95]) == 0.0 and min(torques[110:]) > 0.0

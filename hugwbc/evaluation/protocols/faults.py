@@ -1,4 +1,4 @@
-"""What a robot does when its sensors fail while it walks: does it stay up, or reach the ground softly?
+"""What a robot does when sensors or motors fail while it walks: does it stay up, or reach the ground softly?
 
 A fault that passes is survived if the robot has not fallen at the end. After one for good it must go down; what counts
 is the speed of its pelvis whenever a link of its legs other than the feet touches the ground for the first time, and
@@ -31,7 +31,7 @@ from hugwbc.state import RobotState
 
 SOFT = 1.0  # [m/s]
 FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good")
-# A time START in a fault is that of the episode.
+# A time START in a fault is that of the episode; conditions without one hold from its beginning.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
     "IMU gone for 200 ms": {"faults": ("imu-gone@START:0.2",)},
@@ -39,7 +39,21 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "all readings frozen for 100 ms": {"faults": ("frozen@START:0.1",)},
     "one velocity of 500 rad/s": {"faults": ("wild-speed=JOINT@START:0",)},
     "time stamps out of order for 500 ms": {"faults": ("disordered@START:0.5",)},
+    "one reading in ten lost": {"faults": ("dropped=0.1@START",)},
+    "three readings in ten lost": {"faults": ("dropped=0.3@START",)},
+    "IMU tilted by 2 degrees, gyro biased by 0.1 rad/s": {"faults": ("imu-bias@START",)},
+    "three times the encoders' noise": {"faults": ("encoder-noise@START",)},
+    "latency of 20 ms": {"latency": 0.02},
     "latency of 40 ms": {"latency": 0.04},
+    "motors with 0.8 of their torque": {"strength": 0.8},
+    "stiffness and damping less by 20 %": {"gain": 0.8},
+    "stiffness and damping more by 20 %": {"gain": 1.2},
+    "friction of 0.2": {"friction": 0.2},
+    "friction of 1.5": {"friction": 1.5},
+    "5 kg on the torso": {"payload": 5.0},
+    "10 kg on the torso": {"payload": 10.0},
+    "motor of an arm dead": {"faults": ("motor-dead=ARM@START",)},
+    "motor of a leg dead": {"faults": ("motor-dead=JOINT@START",)},
     FOR_GOOD[0]: {"faults": ("imu-gone@START",)},
     FOR_GOOD[1]: {"faults": ("encoder-stuck=JOINT@START",)},
     FOR_GOOD[2]: {"faults": ("frozen@START",)},
@@ -48,15 +62,17 @@ _LOW = 0.75  # [m], height of the pelvis below which something but the feet may 
 _LOWER_BODY = ("pelvis", "hip", "knee", "ankle")  # parts of the names of links
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
 _JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle", "hip_yaw")
+_ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
 
 
 @dataclasses.dataclass(frozen=True)
 class FaultsConfig(CountedSettings):
-    """Settings of the protocol of sensor faults, in addition to `CountedSettings`.
+    """Settings of the protocol of faults, in addition to `CountedSettings`.
 
     Attributes:
         episodes: number of episodes of each fault; encoders and moments differ.
         speed: forward velocity of the walks [m/s].
+        only: words; faults whose name contains one of them, such as "for good" or IMU. Without any, all.
         settle: time from which on the faults start [s].
         duration: length of an episode [s].
     """
@@ -64,6 +80,7 @@ class FaultsConfig(CountedSettings):
     episodes: int = 20
     _: dataclasses.KW_ONLY
     speed: float = 0.5
+    only: tuple[str, ...] = ()
     settle: float = 3.0
     duration: float = 8.0
 
@@ -74,6 +91,14 @@ class FaultsConfig(CountedSettings):
         if self.duration < self.settle + _SPREAD + 3.0:
             raise ConfigError(f"duration is {self.duration} s; give 4 s more than settle, in which the robot goes down")
         dataclasses.replace(default_command(self.gait), v_x=self.speed).validate()
+        for word in self.only:
+            if not any(word in name for name in FAULTS):
+                raise ConfigError(f"only: no fault has '{word}' in its name; faults are: {'; '.join(FAULTS)}")
+
+    @property
+    def faults(self) -> dict[str, Mapping[str, Any]]:
+        """The chosen of `FAULTS`."""
+        return {n: change for n, change in FAULTS.items() if not self.only or any(word in n for word in self.only)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,10 +253,10 @@ class FaultJudge:
 
 
 class FaultsProtocol(PlannedProtocol[FaultsConfig, FaultEpisode, FaultsResult]):
-    """Walks with faults of the sensors."""
+    """Walks with faults of sensors and motors."""
 
     name = "faults"
-    summary = "walks while the IMU, encoders or all readings fail: who stays up, and who reaches the ground softly"
+    summary = "walks while sensors or motors fail: who stays up, and who reaches the ground softly"
     settings = FaultsConfig
     result = FaultsResult
     fixed = frozenset({"faults", "latency"})  # what differs
@@ -239,14 +264,16 @@ class FaultsProtocol(PlannedProtocol[FaultsConfig, FaultEpisode, FaultsResult]):
     def plans(self, settings: FaultsConfig) -> list[EpisodePlan]:
         """Return the same walks for every fault."""
         plans = []
-        for name, change in FAULTS.items():
+        for name, change in settings.faults.items():
             for draw in range(settings.episodes):
                 rng = np.random.default_rng((settings.seed, draw))
                 start = round(settings.settle + float(rng.uniform(0.0, _SPREAD)), 3)
-                joint = f"{SIDES[draw % 2]}_{_JOINTS[draw // 2 % len(_JOINTS)]}_joint"
-                faults = tuple(
-                    text.replace("START", f"{start}").replace("JOINT", joint) for text in change.get("faults", ())
-                )
+                said = {"START": f"{start}"}
+                for word, joints in (("JOINT", _JOINTS), ("ARM", _ARM_JOINTS)):
+                    said[word] = f"{SIDES[draw % 2]}_{joints[draw // 2 % len(joints)]}_joint"
+                faults = change.get("faults", ())
+                for word, value in said.items():
+                    faults = tuple(text.replace(word, value) for text in faults)
                 conditions = dataclasses.replace(settings.conditions, **{**change, "faults": faults})
                 stage = FaultStage(settings.speed, settings.gait, start, settings.duration)
                 command = dataclasses.replace(default_command(settings.gait), v_x=settings.speed)

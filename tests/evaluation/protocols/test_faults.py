@@ -1,4 +1,4 @@
-"""The protocol of sensor faults: its plans, its figures, and a short walk with each kind of end."""
+"""The protocol of faults: its plans, its figures, and a short walk with each kind of end."""
 
 import dataclasses
 import types
@@ -33,10 +33,24 @@ def test_every_fault_meets_the_same_walks():
     starts = {tuple(p.stage.start for p in found) for found in by_fault.values()}
     assert len(starts) == 1 and all(3.0 <= start < 4.0 for start in starts.pop())
     gone = by_fault["IMU gone for 200 ms"][0]
-    assert gone.conditions.sensor_faults[0].start == gone.stage.start
-    stuck = [p.conditions.sensor_faults[0].joint for p in by_fault[FOR_GOOD[1]]]
+    assert gone.conditions.declared_faults[0].start == gone.stage.start
+    stuck = [p.conditions.declared_faults[0].joint for p in by_fault[FOR_GOOD[1]]]
     assert stuck == ["left_hip_pitch_joint", "right_hip_pitch_joint"]
     assert by_fault["latency of 40 ms"][0].conditions.latency == 0.04
+    dead = [p.conditions.declared_faults[0].joint for p in by_fault["motor of an arm dead"]]
+    assert dead == ["left_shoulder_pitch_joint", "right_shoulder_pitch_joint"]
+    assert by_fault["10 kg on the torso"][0].conditions.payload == 10.0
+
+
+def test_faults_are_chosen_by_words():
+    settings = FaultsConfig(episodes=1, only=("for good", "motor of"))
+    assert [p.label for p in FaultsProtocol().plans(settings)] == [
+        "motor of an arm dead",
+        "motor of a leg dead",
+        *FOR_GOOD,
+    ]
+    with pytest.raises(ConfigError, match=r"no fault has 'engine' in its name.*IMU gone for 200 ms"):
+        FaultsConfig(only=("engine",))
 
 
 def test_what_counts_is_a_fall_or_the_speed_at_the_ground():
