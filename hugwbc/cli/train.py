@@ -17,7 +17,7 @@ def run(words: Sequence[str]) -> int:
     with output_folder(config.out), progress(f"training {config.out}") as advance:
         from hugwbc.learned.rl import train
 
-        trainer = train(config, _reporter(config.steps, advance))
+        trainer = train(config, _reporter(config.steps, advance), say)
     if trainer.leads:
         say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0

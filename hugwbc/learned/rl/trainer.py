@@ -45,6 +45,7 @@ class Trainer:
         best: the same of the best evaluation, whose policy is in the folder `best`.
         leads: whether this is the first process.
         stop: the wish to stop; it is looked at after every iteration.
+        remark: what a user should know about the run that this one starts from; usually empty.
     """
 
     def __init__(self, config: TrainConfig) -> None:
@@ -70,6 +71,7 @@ class Trainer:
         self.best: dict[str, float] = {}
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.stop = Stop()
+        self.remark = ""
         if config.resume:
             self._restore(config.out / CHECKPOINT_NAME)
         elif config.start_from is not None:
@@ -265,6 +267,7 @@ class Trainer:
             if not groups["env"]:
                 self.env.restore_levels(metadata["curriculum"])
             self._restore_counters(metadata)
+            self.remark = _other_gains(metadata, self.config.env, path)
         except (KeyError, TypeError, ValueError) as error:
             raise PolicyFileError(
                 f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
@@ -328,6 +331,17 @@ def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str,
     return groups
 
 
+def _other_gains(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
+    """Return which feed-forward the legs had in the training of a file, if they have another one in this training."""
+    before = dict(dict(metadata.get("config", {})).get("env", {}))
+    words = [
+        f"--env.{name.replace('_', '-')} {before[name]:g}"
+        for name in ("squat_gain", "swing_gain")
+        if name in before and float(before[name]) != getattr(env, name)
+    ]
+    return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
+
+
 def _with_own_robots(
     tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
 ) -> dict[str, torch.Tensor]:
@@ -372,12 +386,13 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), contract, metadata)
 
 
-def train(config: TrainConfig, report: Report) -> Trainer:
+def train(config: TrainConfig, report: Report, notice: Callable[[str], object] = print) -> Trainer:
     """Train by a configuration; SIGINT and SIGTERM end the run after the current iteration, with a checkpoint.
 
     Args:
         config: settings of the run.
         report: called after every iteration with the figures and the gates' words, in the first process only.
+        notice: called with the trainer's remark, if it has one, in the first process only.
 
     Raises:
         ConfigError: if a new run would overwrite the one in its folder.
@@ -386,6 +401,8 @@ def train(config: TrainConfig, report: Report) -> Trainer:
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
     with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
+        if trainer.remark and trainer.leads:
+            notice(trainer.remark)
         with stopped_by_signals() as trainer.stop:
             trainer.run(report)
     return trainer

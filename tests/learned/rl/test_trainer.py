@@ -97,6 +97,16 @@ def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     assert resumed.iteration == 3
 
 
+def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.Path) -> None:
+    env = dataclasses.replace(config(tmp_path, 1).env, swing_gain=1.0)
+    run(dataclasses.replace(config(tmp_path, 1), env=env))
+    told: list[str] = []
+    start = {"start_from": tmp_path / SNAPSHOT_NAME}
+    train(config(tmp_path / "other", 2, **start), lambda row, gates: None, told.append)
+    assert len(told) == 1 and "was trained with --env.swing-gain 1;" in told[0]
+    assert Trainer(dataclasses.replace(config(tmp_path / "same", 2, **start), env=env)).remark == ""
+
+
 def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scores = iter([3.0, 1.0, 2.0])
     monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
