@@ -91,8 +91,8 @@ task-pictures: $(STAMP)
 	$(BIN)/python docs/draw_tasks.py
 
 animation: $(STAMP)
-	$(BIN)/hugwbc compare --task fetch_box --controllers qp --seed 0 --out out/animation/fetch_box --hide steps forces balance phases
-	$(BIN)/hugwbc compare --task press_button --controllers learned --seed 0 --out out/animation/press_button --hide steps forces balance phases
+	$(BIN)/hugwbc compare --task fetch_box --controllers qp --seed 0 --out out/animation/qp --hide steps forces balance phases
+	$(BIN)/hugwbc compare --task fetch_box --controllers learned --seed 0 --out out/animation/learned --hide steps forces balance phases
 	$(BIN)/python docs/animation.py
 
 curve: $(STAMP)
