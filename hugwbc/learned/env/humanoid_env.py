@@ -335,14 +335,17 @@ class HumanoidEnv:
         self._follow_levels()
         if self.ground is not None:
             self.curriculum.gates["terrain"] = self.ground.report()
-            self.statistics.set_level("terrain_level", self.ground.mean_level)
 
     def _follow_levels(self) -> None:
         """Give the settings the values of the levels of other packages' curricula."""
-        for name, level in self.curriculum.own.values.items():
-            self.statistics.set_level(f"level/{name}", level)
         if self.curriculum.own.values:
             self._take(self._given)
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """Present levels for the log, by name: that of the ground, and those of other packages' curricula."""
+        ground = {} if self.ground is None else {"terrain_level": self.ground.mean_level}
+        return ground | {f"level/{name}": level for name, level in self.curriculum.own.values.items()}
 
     def restore_levels(self, state: Mapping[str, Any]) -> None:
         """Restore the levels of the curricula alone: what `Curriculum.state_dict` returned."""

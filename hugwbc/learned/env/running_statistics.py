@@ -37,7 +37,6 @@ class Statistics:
         if hopping:
             self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
-        self._levels: dict[str, float] = {}
         self._clear()
 
     def _clear(self) -> None:
@@ -137,14 +136,10 @@ class Statistics:
         # A total that is not finite comes from a robot whose physics failed: leave it out.
         self._sums[name] = (before + total, samples + count) if math.isfinite(total) else (before, samples)
 
-    def set_level(self, name: str, value: float) -> None:
-        """Set a level that `pop` reports as it is, not as an average."""
-        self._levels[name] = value
-
     def pop(self) -> dict[str, float]:
         """Return and clear the averages (NaN without samples), event counts and mean episode length."""
         result = {name: total / count if count else math.nan for name, (total, count) in self._sums.items()}
         episodes = self._events["episodes"]
         result |= self._events | {"episode_length": self._finished_steps / episodes if episodes else math.nan}
         self._clear()
-        return result | self._levels
+        return result

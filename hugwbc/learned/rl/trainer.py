@@ -142,6 +142,7 @@ class Trainer:
             "max_speed": levels.max_speed,
             **losses,
             **self.env.statistics.pop(),
+            **self.env.levels,
         }
 
     def _adopt_schedules(self) -> None:

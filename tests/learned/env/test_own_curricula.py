@@ -56,7 +56,7 @@ def test_numbers_follow_the_level_up_to_how_high_it_may_rise(register):
     # Two moves at the lower end, the second because of the warm-up; then a quarter of 2 kg each.
     assert payloads == pytest.approx([0.5, 0.5, 1.0, 1.5])
     assert env.config.loads.payload == env.loads.config.payload == pytest.approx(0.5 + 0.6 * 2.0)
-    assert env.curriculum.gates["heavier"] == "0.600" and env.statistics.pop()["level/heavier"] == 0.6
+    assert env.curriculum.gates["heavier"] == "0.600" and env.levels["level/heavier"] == 0.6
     env.adopt(EnvConfig(count=2, curriculum=env.config.curriculum))
     assert env.config.loads.payload == pytest.approx(1.7), "a schedule moves other numbers, not this one"
 

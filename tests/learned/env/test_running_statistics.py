@@ -57,10 +57,8 @@ def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -
     for _ in range(2):
         add(statistics, small_env, 0.0, WALKING_PAIR)
     torch.testing.assert_close(statistics.tracking, torch.full((8, 2), 1.0 - TRACKING_MEMORY**2))
-    statistics.set_level("terrain_level", 2.5)
     figures = statistics.pop()
     assert (figures["episodes"], figures["falls"], figures["episode_length"]) == (2.0, 0.0, 30.0)
-    assert figures["terrain_level"] == 2.5
     assert statistics.pop()["episodes"] == 0.0
 
 

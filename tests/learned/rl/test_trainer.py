@@ -66,6 +66,15 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: pathlib.Path) -> None
         assert torch.equal(value, resumed.env.state_dict()[name]), name
 
 
+def test_the_level_of_the_ground_is_in_every_row_of_a_log(tmp_path: pathlib.Path) -> None:
+    env = dataclasses.replace(ENV, terrain=TerrainConfig(roughness=0.02, start_level=3))
+    for iterations in (2, 4):
+        run(dataclasses.replace(config(tmp_path, iterations, resume=iterations > 2), env=env))
+    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
+    assert [float(row["terrain_level"]) >= 0.0 for row in rows] == [True] * 4
+    assert [path.name for path in tmp_path.glob("metrics*")] == [LOG_NAME]
+
+
 def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
     run(config(tmp_path, 2))
     rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
