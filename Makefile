@@ -23,7 +23,7 @@ help:
 	@echo "make play           watch a controller in the browser"
 	@echo "make evaluate       the paper's single-command protocol"
 	@echo "make bench          speed of the parts"
-	@echo "make soak           reliability: faults, random commands, absurd states (longer: EPISODES=20 ROUNDS=360)"
+	@echo "make soak           reliability: faults, random commands, absurd states, memory (docs/reliability.md)"
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"
@@ -58,12 +58,14 @@ play evaluate bench train check: $(STAMP)
 # Episodes of each fault, and rounds of ten seconds at random commands, with each controller.
 EPISODES ?= 2
 ROUNDS ?= 6
+MINUTES ?= 1
 soak: $(STAMP)
 	$(BIN)/hugwbc evaluate faults --controller learned --episodes $(EPISODES) $(ARGS)
 	$(BIN)/hugwbc evaluate faults --controller qp --episodes $(EPISODES) $(ARGS)
 	$(BIN)/hugwbc evaluate random-commands --controller learned --gait walking --episodes $(ROUNDS) $(ARGS)
 	$(BIN)/hugwbc evaluate random-commands --controller qp --gait walking --episodes $(ROUNDS) $(ARGS)
 	$(BIN)/python -m hugwbc.benchmarks.absurd_states
+	$(BIN)/python -m hugwbc.benchmarks.long_run --minutes $(MINUTES)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
