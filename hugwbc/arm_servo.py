@@ -80,8 +80,16 @@ class ArmServoConfig:
         return kp, kd
 
 
-class ServoOfArms:
-    """What the servo of one robot and that of many share.
+class ArmServo:
+    """The low-level control of arms under external control.
+
+    It turns the target motion of the arms into all five numbers that a joint drive takes. Its feed-forward torque
+    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. It
+    has no memory: equal targets and states give equal commands.
+
+    The acceleration of the pelvis is not known to every controller and is left to the gains. Therefore `UpperBody.ddq`
+    must not contain corrections for a body that sways: an arm whose base accelerates stays behind by its own inertia.
+    A torque for that motion would move it twice as far, and its reaction would drive the sway.
 
     Attributes:
         config: the gains, as given.
@@ -101,6 +109,13 @@ class ServoOfArms:
         self.kp, self.kd = self.config.gains(self.robot)
         self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]
+        self._model = pinocchio_model(self.robot)
+        self._data = self._model.createData()
+        self._columns = joint_columns(self._model, self.robot)
+        self._arm_columns = self._columns[self._arms]
+        self._q = pin.neutral(self._model)
+        self._v, self._a = np.zeros(self._model.nv), np.zeros(self._model.nv)
+        self._hands = [self._model.getFrameId(f"{side}_hand") for side in SIDES]
 
     def friction(self, dq_arm: np.ndarray) -> np.ndarray:
         """Return the friction of the robot's drives at the commanded speeds dq_arm (..., 8) [rad/s]: [N*m], (..., 8).
@@ -110,30 +125,6 @@ class ServoOfArms:
         speeds = np.zeros((*dq_arm.shape[:-1], len(self.robot.joint_names)))
         speeds[..., self._arms] = dq_arm
         return self.robot.friction_torque(speeds)[..., self._arms]
-
-
-class ArmServo(ServoOfArms):
-    """The low-level control of arms under external control.
-
-    It turns the target motion of the arms into all five numbers that a joint drive takes. Its feed-forward torque
-    carries the weight of the arms on the pelvis as it is tilted and turns now, and accelerates them as commanded. It
-    has no memory: equal targets and states give equal commands. `hugwbc.arm_servo_rows` does the same for many robots.
-
-    The acceleration of the pelvis is not known to every controller and is left to the gains. Therefore `UpperBody.ddq`
-    must not contain corrections for a body that sways: an arm whose base accelerates stays behind by its own inertia.
-    A torque for that motion would move it twice as far, and its reaction would drive the sway.
-    """
-
-    def __init__(self, config: ArmServoConfig | None = None, robot: Robot | None = None) -> None:
-        """Set up the servo; arguments as in `ServoOfArms`."""
-        super().__init__(config, robot)
-        self._model = pinocchio_model(self.robot)
-        self._data = self._model.createData()
-        self._columns = joint_columns(self._model, self.robot)
-        self._arm_columns = self._columns[self._arms]
-        self._q = pin.neutral(self._model)
-        self._v, self._a = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        self._hands = [self._model.getFrameId(f"{side}_hand") for side in SIDES]
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
         """Return the targets with the servo's gains and feed-forward torque.

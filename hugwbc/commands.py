@@ -170,19 +170,6 @@ def default_command(gait: Gait) -> Command:
     return Command(gait=gait)
 
 
-def sample_single(name: str, gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
-    """Draw one value uniformly from its finishing range, with the others at their defaults; shape (size, 8).
-
-    Raises:
-        UnknownNameError: if `name` is not the name of a command.
-    """
-    if name not in COMMAND_NAMES:
-        raise UnknownNameError("command", name, COMMAND_NAMES)
-    values = np.tile(default_command(gait).array(), (size, 1))
-    values[:, COMMAND_NAMES.index(name)] = rng.uniform(*command_ranges(gait)[name].finishing, size)
-    return values
-
-
 def sample_all(gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
     """Draw all eight values independently from their finishing ranges; shape (size, 8)."""
     low, high = np.array([limits.finishing for limits in command_ranges(gait).values()]).T

@@ -13,7 +13,6 @@ from hugwbc.commands import (
     command_ranges,
     default_command,
     sample_all,
-    sample_single,
 )
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
@@ -109,23 +108,6 @@ def test_clamp_always_gives_a_valid_command(values: list[float], gait: Gait) -> 
     clamped.validate()
     assert clamped.clamp() == (clamped, ())
     assert bool(report) == (clamped.array().tolist() != values)
-
-
-@pytest.mark.parametrize("name", COMMAND_NAMES)
-def test_sample_single_varies_one_command_over_its_range(name: str) -> None:
-    values = sample_single(name, Gait.WALKING, np.random.default_rng(0), 4000)
-    column = COMMAND_NAMES.index(name)
-    low, high = PAPER[name][2]
-    assert values.shape == (4000, 8)
-    assert low <= values[:, column].min() < low + 0.01 * (high - low)
-    assert high >= values[:, column].max() > high - 0.01 * (high - low)
-    others = np.delete(values, column, axis=1)
-    np.testing.assert_array_equal(others, np.tile(np.delete([PAPER[n][0] for n in COMMAND_NAMES], column), (4000, 1)))
-
-
-def test_sample_single_refuses_an_unknown_name() -> None:
-    with pytest.raises(UnknownNameError, match="unknown command 'speed'"):
-        sample_single("speed", Gait.WALKING, np.random.default_rng(0), 1)
 
 
 def test_sample_all_is_valid_uniform_independent_and_seeded() -> None:

@@ -105,11 +105,6 @@ class DdsEndpoint:
         topic.data_type = _Raw
         return topic
 
-    @property
-    def matched(self) -> bool:
-        """Whether somebody listens to what this end sends."""
-        return bool(self._writer.get_matched_subscriptions())
-
     def send(self, message: bytes) -> None:
         """Send a message; an error of the network is not told, as a lost message is not."""
         with contextlib.suppress(self._error):

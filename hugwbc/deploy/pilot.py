@@ -6,7 +6,6 @@ given, in their order, so that a recording of these can be replayed bit for bit.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
-from hugwbc.deploy.remote import ButtonWatch, Remote, Request
+from hugwbc.deploy.remote import ButtonWatch, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
@@ -29,14 +28,6 @@ from hugwbc.scripts.command_source import CommandSource, SeeingSource
 from hugwbc.state import GRAVITY, RobotState
 
 _ROUNDING = 1e-9  # [s]
-
-
-class FollowsRemote(Protocol):
-    """A source of commands that the remote control's sticks drive."""
-
-    def steer(self, remote: Remote, time: float) -> None:
-        """Take a reading of the remote control at a time [s], before each `command_at`."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,7 +72,7 @@ class Pilot:
         Args:
             controller: any object with the members of `Controller`.
             source: gives commands and hand targets over time, from the moment when the controller starts; if it has
-                the member of `FollowsRemote`, it is told the sticks.
+                a method `steer(remote, time)`, it is told the sticks before each `command_at`.
             robot: robot as the estimator and the limits know it.
             limits: when to damp; None for the defaults.
             upper_body: turns hand targets into arm targets; None ignores hand targets.

@@ -100,10 +100,6 @@ class Outlet:
             timing.answered(now - arrival, self._period)
         return message
 
-    def is_damping(self, message: bytes | None) -> bool:
-        """Return whether a message is the outlet's own."""
-        return message is self._damping
-
 
 @dataclasses.dataclass(frozen=True)
 class Settings:

@@ -6,7 +6,6 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import TargetError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -227,41 +226,6 @@ class ArmIK:
         limiter = self._limiter
         return IKSolution(
             limiter.q.copy(), limiter.dq.copy(), self._ddq.copy(), self._residual.copy(), self._reachable.copy(), ok
-        )
-
-
-def check_targets(targets: HandTargets, state: RobotState) -> None:
-    """Check, before a loop starts, that the loop can use these targets.
-
-    Raises:
-        TargetError: if a number is not finite, a direction is zero, one of two hands that hold one object is missing,
-            a force, stiffness or payload is out of range, or the targets are in the world frame and the state has no
-            position.
-        UnknownNameError: if the frame is unknown.
-    """
-    if targets.joints is not None:
-        if not targets.is_usable:
-            raise TargetError(
-                f"joint targets are {targets.joints}; give eight finite numbers in the order of Robot.arm_names, in "
-                "radians, and as many velocities or none"
-            )
-        return
-    HandTargets.of(
-        targets.left,
-        targets.right,
-        targets.frame,
-        left_direction=targets.left_direction,
-        right_direction=targets.right_direction,
-        together=targets.together,
-        left_force=targets.left_force,
-        right_force=targets.right_force,
-        stiffness=targets.stiffness,
-        payload=targets.payload,
-    )
-    if targets.frame == "world" and state.position is None:
-        raise TargetError(
-            "hand targets in the world frame need the pelvis position, but the state has none; "
-            "add an estimator, or give the targets in the pelvis frame"
         )
 
 

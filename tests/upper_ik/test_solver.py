@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError, TargetError
+from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.mirror import load_mirror
 from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
-from hugwbc.upper_ik.solver import LONGEST_TICK, check_targets
+from hugwbc.upper_ik.solver import LONGEST_TICK
 
 DT = 0.02
 COMFORTABLE = np.array([[0.35, 0.2, 0.15], [0.3, -0.25, 0.05]])
@@ -326,19 +326,6 @@ def test_the_script_stays_comfortably_within_reach(robot, make_state):
             assert np.all(ik.upper - solution.q > 0.1)
         turned = shoulders @ rotations.rotation_z(q[robot.waist]).T
         assert np.all(np.linalg.norm(hands.array() - turned, axis=1) < 0.9 * 0.613)
-
-
-def test_check_targets_says_what_the_loop_would_reject(nominal_state):
-    check_targets(HandTargets(*COMFORTABLE), nominal_state)
-    check_targets(HandTargets(None, None, joints=np.zeros(8)), nominal_state)
-    with pytest.raises(TargetError, match="give eight finite numbers"):
-        check_targets(HandTargets(None, None, joints=np.zeros(7)), nominal_state)
-    with pytest.raises(TargetError, match="left direction"):
-        check_targets(HandTargets(*COMFORTABLE, left_direction=np.zeros(3)), nominal_state)
-    with pytest.raises(TargetError, match="three finite numbers"):
-        check_targets(HandTargets(np.full(3, math.nan), COMFORTABLE[1]), nominal_state)
-    with pytest.raises(TargetError, match="world frame need the pelvis position"):
-        check_targets(HandTargets(*COMFORTABLE, frame="world"), nominal_state)
 
 
 @pytest.mark.parametrize("field", ["limit_margin", "hand_speed", "posture_weight", "damping", "tolerance"])

@@ -124,8 +124,7 @@ class TrainConfig:
     threads: int = 2
     """Threads of the simulation and of torch; with 1, other cores stay free."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """With cuda, physics (mujoco_warp) and learner run on the GPU (extra [gpu]); rewards and observations stay on the
-    CPU."""
+    """With cuda, the networks learn on the GPU; physics, rewards and observations stay on the CPU."""
     critic_warm_up: int = 0
     """Iterations at the start of this session in which only the critic learns. Use it for a policy from another method,
     or after a change of rewards or discount: the values are wrong at first and would spoil the actor."""

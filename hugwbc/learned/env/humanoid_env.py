@@ -31,8 +31,8 @@ from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.own_terms import Sensed, own_columns, own_terms
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
+from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.ground import Ground
-from hugwbc.sim.warp_batch import robots_on
 
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
@@ -78,14 +78,13 @@ class HumanoidEnv:
 
     # Construction ---------------------------------------------------------------------------------------------------
 
-    def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
+    def __init__(self, config: EnvConfig, *, seed: int, threads: int) -> None:
         """Build the robots and start all episodes, each at a random age so that resets do not coincide.
 
         Args:
             config: the settings.
             seed: seed of every random number of the environment.
             threads: threads of the simulation.
-            device: "cpu" for MuJoCo, "cuda" for mujoco_warp; tensors stay on the CPU in both cases.
         """
         self.config = config
         self.robot = load_robot(config.robot)
@@ -95,8 +94,7 @@ class HumanoidEnv:
         rough = config.terrain.roughness > 0.0
         self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed)) if rough else None
         terrain = None if self.ground is None else self.ground.terrain
-        self.simulation = robots_on(
-            device,
+        self.simulation = BatchSimulation(
             config.count,
             terrain=terrain,
             threads=threads,
@@ -127,8 +125,6 @@ class HumanoidEnv:
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self.arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
-        self.loads.check(device)
-        self._device = device
         masses = self.simulation.batch.expand("body_mass").sum(1)
         self.mass = tensor(masses / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
@@ -180,7 +176,6 @@ class HumanoidEnv:
         self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
-        self.loads.check(self._device)
 
     def _check_rewards(self) -> None:
         """Refuse terms of other packages that do not work, on a step in which nothing moves."""

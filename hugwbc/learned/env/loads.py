@@ -4,7 +4,6 @@ import numpy as np
 import torch
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError
 from hugwbc.learned.config import LoadConfig
 from hugwbc.learned.env.command_sampling import uniform
 from hugwbc.robot import SIDES, Robot
@@ -59,16 +58,6 @@ class Loads:
         self.payload = torch.zeros(count, _HANDS)
         self.hand_force, self.hand_time = torch.zeros(count, _HANDS, 3), torch.full((count,), -1.0)
         self.trunk_force, self.trunk_time = torch.zeros(count, 3), torch.full((count,), -1.0)
-
-    def check(self, device: str) -> None:
-        """Refuse loads on a GPU, whose physics cannot change them between steps.
-
-        Raises:
-            ConfigError: if the device is not the processor and there are loads.
-        """
-        c = self.config
-        if device != "cpu" and max(c.payload, c.hand_force, c.trunk_force) > 0.0:
-            raise ConfigError("env.loads need the physics of the processor; use --device cpu, or no loads")
 
     # Payloads -------------------------------------------------------------------------------------------------------
 

@@ -64,7 +64,7 @@ class Trainer:
         own_seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.generator = torch.Generator().manual_seed(own_seed)
-        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads, device=config.device)
+        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads)
         self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device, self.env.own)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}

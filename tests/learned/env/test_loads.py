@@ -1,10 +1,8 @@
 """What hands carry and what pulls, checked on the physics."""
 
 import numpy as np
-import pytest
 import torch
 
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, LoadConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
@@ -105,13 +103,6 @@ def test_what_the_critic_sees_is_in_the_heading_frame() -> None:
     row = loads.observation(torch.full((COUNT,), np.pi / 2))[0]
     torch.testing.assert_close(row[:2], torch.tensor([0.0, 2.0]))
     torch.testing.assert_close(row[8:], torch.tensor([3.0, 0.0, 0.0]), atol=1e-6, rtol=0.0)
-
-
-def test_loads_need_the_processor_s_physics() -> None:
-    _, loads = make(LoadConfig(payload=1.0))
-    with pytest.raises(ConfigError, match="--device cpu"):
-        loads.check("cuda")
-    make(LoadConfig())[1].check("cuda")
 
 
 def test_a_loaded_run_is_restored_bit_for_bit() -> None:
