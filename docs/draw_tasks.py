@@ -12,7 +12,7 @@ import imageio.v2 as imageio
 import numpy as np
 from PIL import Image
 
-from hugwbc.runtime import Trace, load_controller
+from hugwbc.runtime import Trace, load_controller, read_trace, write_trace
 from hugwbc.runtime.estimation import estimator_for
 from hugwbc.sim import ARENAS
 from hugwbc.tasks import load_task, run_task
@@ -48,8 +48,8 @@ def record(name: str) -> Trace:
         run = run_task(task, load_controller("qp"), simulation, estimator_for(arena))
         print(f"{name}, seed {seed}: {'done' if run.verdict.success else run.verdict.reason}")
         RECORDS.mkdir(parents=True, exist_ok=True)
-        run.trace.save(path)
-    return Trace.load(path)
+        write_trace(path, run.trace)
+    return read_trace(path)
 
 
 def still(trace: Trace, moment: float, edges: tuple[int, int]) -> np.ndarray:

@@ -12,6 +12,7 @@ from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
 from hugwbc.sim import Arena, Force, SensorProfile, Simulation
 from hugwbc.upper_ik import UpperBodySource
@@ -42,5 +43,7 @@ __all__ = [
     "controller_names",
     "feasible",
     "load_controller",
+    "read_trace",
     "rollout",
+    "write_trace",
 ]

@@ -1,9 +1,6 @@
 """The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
 
 import dataclasses
-import importlib
-import pathlib
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +18,7 @@ SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time h
 class Trace:
     """The record of one run: T samples, one every `RECORD_PERIOD`.
 
-    `save` and `load` keep it in a file, `show` replays it.
+    `hugwbc.runtime.trace_file` keeps it in a file, `hugwbc.viz.inline.show` replays it.
 
     Attributes:
         name: name of the controller.
@@ -108,38 +105,6 @@ class Trace:
         around = f", {len(self.scene.objects)} objects" if self.scene is not None else ""
         seconds = float(self.time[-1] - self.time[0]) + RECORD_PERIOD if len(self.time) else 0.0
         return f"Trace('{self.name}', {seconds:.1f} s, {len(self.time)} samples, {fate}, {self.robot}{around})"
-
-    def save(self, path: str | pathlib.Path) -> pathlib.Path:
-        """Write the record to an .npz file and return its path.
-
-        Raises:
-            ConfigError: if the file cannot be written.
-        """
-        return importlib.import_module("hugwbc.runtime.trace_file").write_trace(path, self)
-
-    @classmethod
-    def load(cls, path: str | pathlib.Path) -> "Trace":
-        """Read a record that `save` wrote.
-
-        Raises:
-            ConfigError: if there is no such file, or it is no record.
-        """
-        return importlib.import_module("hugwbc.runtime.trace_file").read_trace(path)
-
-    def show(self, *others: "Trace") -> Any:  # noqa: ANN401  what a notebook displays
-        """Replay this run, beside others if there are any: inline in a notebook, elsewhere in the browser.
-
-        Args:
-            others: up to three runs to see next to this one.
-
-        Returns:
-            What a notebook displays, or the path of the page.
-
-        Raises:
-            ConfigError: if there is nothing to draw, or too much.
-        """
-        # Found by name: pictures build on records, and records on nothing of theirs.
-        return importlib.import_module("hugwbc.viz.inline").show_traces([self, *others])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -82,12 +82,12 @@ def read_trace(path: str | pathlib.Path) -> Trace:
         return Trace(**about, **arrays)
     except OSError as error:
         raise ConfigError(
-            f"cannot read {path}: {error.strerror or error}; give a file that Trace.save wrote"
+            f"cannot read {path}: {error.strerror or error}; give a file that write_trace wrote"
         ) from error
     except HugwbcError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"{path} is no record of a run ({error}); give a file that Trace.save wrote") from error
+        raise ConfigError(f"{path} is no record of a run ({error}); give a file that write_trace wrote") from error
 
 
 def _report(values: dict[str, Any]) -> SafetyReport:

@@ -5,7 +5,6 @@ import pathlib
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Sequence
 from typing import Any
 
 from hugwbc.runtime.trace import Trace
@@ -33,7 +32,7 @@ def in_notebook() -> bool:
     return hasattr(running, "kernel")
 
 
-def show_traces(traces: Sequence[Trace]) -> Any:  # noqa: ANN401  what a notebook displays
+def show(*traces: Trace) -> Any:  # noqa: ANN401  what a notebook displays
     """Replay runs side by side, inline in a notebook, elsewhere in the browser.
 
     Args:

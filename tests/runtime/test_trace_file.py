@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
-from hugwbc.runtime import SafetyReport, Trace
+from hugwbc.runtime import SafetyReport, Trace, read_trace, write_trace
 from hugwbc.runtime.trace_file import scene_text
 from hugwbc.sim.scenes import Box, Scene, Table, load_scene
 from hugwbc.sim.scenes.scene_file import parse_scene
@@ -23,9 +23,9 @@ def test_a_saved_record_comes_back_whole(make_run, tmp_path):
         problems=("parcel left the world",),
         safety=SafetyReport(ticks=7, commands_guarded={"l": 3}, messages=("command l is high",)),
     )
-    path = run.save(tmp_path / "deep" / "run")
+    path = write_trace(tmp_path / "deep" / "run", run)
     assert path == tmp_path / "deep" / "run.npz"
-    loaded = Trace.load(path)
+    loaded = read_trace(path)
     for field in dataclasses.fields(Trace):
         before, after = getattr(run, field.name), getattr(loaded, field.name)
         if isinstance(before, np.ndarray):
@@ -50,14 +50,14 @@ def test_the_line_for_people_is_short(make_run):
 
 
 def test_other_files_are_refused(tmp_path, make_run):
-    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
-        Trace.load(tmp_path / "nothing.npz")
+    with pytest.raises(ConfigError, match="give a file that write_trace wrote"):
+        read_trace(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("no archive")
-    with pytest.raises(ConfigError, match=r"give a file that Trace\.save wrote"):
-        Trace.load(tmp_path / "text.npz")
+    with pytest.raises(ConfigError, match="give a file that write_trace wrote"):
+        read_trace(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", positions=np.zeros(3))
     with pytest.raises(ConfigError, match="is no record of a run"):
-        Trace.load(tmp_path / "other.npz")
+        read_trace(tmp_path / "other.npz")
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="give a path that can be written"):
-        make_run().save(tmp_path / "file" / "run.npz")
+        write_trace(tmp_path / "file" / "run.npz", make_run())
