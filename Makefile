@@ -64,8 +64,7 @@ soak: $(STAMP)
 	$(BIN)/hugwbc evaluate faults --controller qp --episodes $(EPISODES) $(ARGS)
 	$(BIN)/hugwbc evaluate random-commands --controller learned --gait walking --episodes $(ROUNDS) $(ARGS)
 	$(BIN)/hugwbc evaluate random-commands --controller qp --gait walking --episodes $(ROUNDS) $(ARGS)
-	$(BIN)/python -m hugwbc.benchmarks.absurd_states
-	$(BIN)/python -m hugwbc.benchmarks.long_run --minutes $(MINUTES)
+	$(BIN)/python tools/soak.py --minutes $(MINUTES)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Measure the speed of training and its environment, of controllers, of a policy's evaluation and of the hand IK."""
+"""Measure the speed of training and its environment, of controllers, of an episode and of the hand IK."""
 
 import dataclasses
 import time
@@ -12,23 +12,17 @@ from mujoco.batch import Batch
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine import BatchMember, batch_rollout
 from hugwbc.evaluation.metrics import percentiles
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import LearnedController
 from hugwbc.learned.policy.observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
-from hugwbc.robot import load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim import Ground, Simulation
-from hugwbc.sim.arena import ARENAS
-from hugwbc.sim.batch import BatchSimulation
-from hugwbc.sim.robot_model import TRAINING_TIMESTEP
+from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
@@ -74,102 +68,6 @@ class TrainingSpeed:
     ratio: float
     count: int
     iterations: int
-
-
-@dataclasses.dataclass(frozen=True)
-class ArenaSpeed:
-    """Processor time of a control step of many robots in both arenas, with the training's time step.
-
-    Attributes:
-        former_ms: all robots of arena 1 [ms].
-        arena_ms: all robots of arena 2, with its drives and its ground [ms].
-        ratio: the second divided by the first, the median over the turns.
-        count: number of robots.
-        control_steps: number of control steps in a turn.
-    """
-
-    former_ms: float
-    arena_ms: float
-    ratio: float
-    count: int
-    control_steps: int
-
-
-def arena_speed(count: int, control_steps: int, threads: int = 1, turns: int = 5) -> ArenaSpeed:
-    """Measure what the drives and the ground of arena 2 cost, step by step beside those of arena 1.
-
-    Both get the same joint targets: the nominal pose and noise, on which robots stumble and fall.
-
-    Args:
-        count: number of robots.
-        control_steps: control steps of 20 ms in a turn; every turn begins with standing robots.
-        threads: number of threads.
-        turns: number of turns.
-    """
-    batches = [
-        BatchSimulation(
-            count,
-            threads=threads,
-            robot=load_robot(arena.robot),
-            actuators=arena.actuators,
-            ground=Ground.named(arena.ground),
-        )
-        for arena in (ARENAS[1], ARENAS[2])
-    ]
-    substeps = round(0.02 / TRAINING_TIMESTEP)
-    spent = np.zeros((turns, 2))
-    for turn in range(turns):
-        rng = np.random.default_rng(turn)
-        for batch in batches:
-            batch.batch.reset(keyframe=0)
-        for _ in range(control_steps):
-            noise = 0.1 * rng.standard_normal((count, JOINTS))
-            # One after the other within each step, so that a busy machine slows both.
-            for index, batch in enumerate(batches):
-                batch.ctrl[:] = load_robot().nominal + noise
-                begin = time.process_time()
-                batch.step(substeps)
-                spent[turn, index] += time.process_time() - begin
-    former, arena = (1e3 * spent / control_steps).min(axis=0).tolist()
-    return ArenaSpeed(former, arena, float(np.median(spent[:, 1] / spent[:, 0])), count, control_steps)
-
-
-@dataclasses.dataclass(frozen=True)
-class RolloutSpeed:
-    """Speed of a policy's evaluation, in processor time for a simulated second of one robot.
-
-    Attributes:
-        single_ms: time in a rollout by itself, including the set-up of its simulation [ms].
-        batched_ms: each robot's share of the time in a batch [ms].
-        ratio: the first divided by the second.
-        count: number of robots in the batch.
-        timestep: time step of the physics [s].
-    """
-
-    single_ms: float
-    batched_ms: float
-    ratio: float
-    count: int
-    timestep: float
-
-
-def rollout_speed(controller: LearnedController, count: int, seconds: float, timestep: float) -> RolloutSpeed:
-    """Measure the evaluation of a policy on standing robots, on one thread.
-
-    Args:
-        controller: policy to evaluate.
-        count: number of robots in the batch.
-        seconds: duration of the episodes [s].
-        timestep: time step of the physics [s].
-    """
-    torch.set_num_threads(1)
-    conditions, stand = Conditions(timestep=timestep), Constant(Command())
-    begin = time.process_time()
-    rollout(controller, stand, conditions.simulation(seconds, (0,)), duration=seconds)
-    middle = time.process_time()
-    batch_rollout(controller, [BatchMember(stand, conditions)] * count, duration=seconds)
-    single, batched = middle - begin, (time.process_time() - middle) / count
-    return RolloutSpeed(1e3 * single / seconds, 1e3 * batched / seconds, single / batched, count, timestep)
 
 
 def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int = 1) -> TrainingSpeed:
@@ -270,7 +168,7 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeSpeed:
-    """Speed of an evaluation episode, walking in arena 2: physics, sensors, estimator, controller, filter and record.
+    """Speed of an evaluation episode, walking: physics, sensors, estimator, controller, filter and record.
 
     Attributes:
         factor: simulated time for each second of processor time.

@@ -10,12 +10,8 @@ from hugwbc.errors import ConfigError
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
     from hugwbc.benchmarks.qp_side_by_side import SideBySide
-    from hugwbc.benchmarks.speed import ArenaSpeed, EnvironmentSpeed, EpisodeSpeed, QpSpeed, RolloutSpeed, TrainingSpeed
+    from hugwbc.benchmarks.speed import EnvironmentSpeed, EpisodeSpeed, QpSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
-
-_ROLLOUT_SECONDS = 2.0  # [s], simulated in a policy's evaluation
-_ARENA_STEPS = 10  # control steps in each turn of the comparison of arenas
-_ROLLOUT_TIMESTEPS = (0.002, 0.005)  # [s], of evaluation and of training
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +28,6 @@ class BenchSettings:
     """Threads of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
     """Simulated time over which the QP is measured, standing, walking and jumping each, and an episode [s]."""
-    rollouts: int = 64
-    """Robots in a batch of a policy's evaluation, which stand for two simulated seconds."""
     calls: int = 500
     """Calls of the policy and of the IK to measure."""
     ik_targets: int = 20
@@ -50,7 +44,7 @@ class BenchSettings:
         Raises:
             ConfigError: if a value is out of range, or a solver of the comparison is not installed.
         """
-        counts = ("count", "control_steps", "iterations", "threads", "rollouts", "calls", "ik_targets")
+        counts = ("count", "control_steps", "iterations", "threads", "calls", "ik_targets")
         for name in (*counts, "seconds", "spacing"):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}; give a value above 0")
@@ -71,10 +65,8 @@ class BenchFigures:
 
     Attributes:
         environment: speed of the training environment.
-        arenas: speed of many robots in arena 2 beside arena 1.
         training: speed of training.
         qp: speed of `qp`, by gait.
-        evaluation: speed of a policy's evaluation, for each time step.
         episodes: speed of one evaluation episode, by controller.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
         ik: the inverse kinematics solvers, by name.
@@ -84,10 +76,8 @@ class BenchFigures:
     """
 
     environment: "EnvironmentSpeed"
-    arenas: "ArenaSpeed"
     training: "TrainingSpeed"
     qp: dict[str, "QpSpeed"]
-    evaluation: list["RolloutSpeed"]
     episodes: dict[str, "EpisodeSpeed"]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
@@ -122,17 +112,12 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     advance = on_progress or (lambda fraction: None)
     environment = speed.environment_speed(settings.count, settings.control_steps, threads=settings.threads)
     advance(0.05)
-    arenas = speed.arena_speed(settings.count, min(settings.control_steps, _ARENA_STEPS), settings.threads)
-    advance(0.1)
     bare = environment.bare_steps_per_s
     training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)
     advance(0.2)
     qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.QP_COMMANDS.items()}
     advance(0.3)
     policy = load_policy()
-    evaluation = [
-        speed.rollout_speed(policy, settings.rollouts, _ROLLOUT_SECONDS, timestep) for timestep in _ROLLOUT_TIMESTEPS
-    ]
     episodes = {
         name: speed.episode_speed(controller, settings.seconds)
         for name, controller in (("qp", load_controller("qp")), ("policy", policy))
@@ -147,10 +132,8 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
         side_by_side = qp_side_by_side.side_by_side(settings.side_by_side)
     return BenchFigures(
         environment,
-        arenas,
         training,
         qp,
-        evaluation,
         episodes,
         policy_tick,
         ik_tick,

@@ -12,7 +12,6 @@ from hugwbc.evaluation.tables import format_table
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
     from hugwbc.benchmarks.qp_side_by_side import SideBySide
-    from hugwbc.benchmarks.speed import RolloutSpeed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +32,6 @@ def run(words: Sequence[str]) -> int:
     workspace = figures.workspace
     blocks = [
         _describe(figures),
-        _describe_rollouts(figures.evaluation),
         _describe_solvers(figures.ik),
         f"reachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
         f"{100 * workspace.whole_body:.1f} % with the whole body",
@@ -46,7 +44,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _describe(figures: BenchFigures) -> str:
-    environment, training, arenas = figures.environment, figures.training, figures.arenas
+    environment, training = figures.environment, figures.training
     rows: list[tuple[object, ...]] = [
         (f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()
     ]
@@ -61,21 +59,13 @@ def _describe(figures: BenchFigures) -> str:
             f"training environment  {environment.steps_per_s:6.0f}, {environment.ratio:.2f} of bare",
             f"training end to end   {training.steps_per_s:6.0f}, {training.ratio:.2f} of bare; "
             f"{training.collect_fraction:.0%} of the time collecting, the rest learning",
-            f"physics of arena 2: {arenas.arena_ms:.1f} ms for a control step of all robots, arena 1 "
-            f"{arenas.former_ms:.1f} ms; {arenas.ratio:.2f} times",
             "",
             format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
             f"unsolved QPs: {unsolved}",
             "",
-            format_table(("episode in arena 2, walking", "times real time", "times bare physics"), episodes),
+            format_table(("episode, walking", "times real time", "times bare physics"), episodes),
         ]
     )
-
-
-def _describe_rollouts(evaluation: Sequence["RolloutSpeed"]) -> str:
-    header = ("a policy's evaluation", "alone [ms]", f"one of {evaluation[0].count} [ms]", "ratio")
-    rows = [(f"time step {1e3 * s.timestep:g} ms", s.single_ms, s.batched_ms, s.ratio) for s in evaluation]
-    return format_table(header, rows) + "\nprocessor time for a simulated second of a robot"
 
 
 def _describe_solvers(solvers: Mapping[str, "IKFigures"]) -> str:

@@ -20,7 +20,7 @@ def test_bench_reports_all_speeds(capsys):
         "5",
         "--json",
     ]
-    words += ["--ik-targets", "2", "--spacing", "1.0", "--rollouts", "2"]
+    words += ["--ik-targets", "2", "--spacing", "1.0"]
     assert main(words) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
@@ -28,15 +28,10 @@ def test_bench_reports_all_speeds(capsys):
     assert environment["count"] == 8 and environment["control_steps"] == 5
     assert environment["steps_per_s"] > 0.0 and environment["bare_steps_per_s"] > 0.0
     assert environment["ratio"] > 0.0
-    arenas = figures["arenas"]
-    assert arenas["count"] == 8 and arenas["former_ms"] > 0.0 and arenas["arena_ms"] > 0.0
-    assert 0.2 < arenas["ratio"] < 5.0 and f"physics of arena 2: {arenas['arena_ms']:.1f} ms" in printed.err
     training = figures["training"]
     assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
-    for speed in figures["evaluation"]:
-        assert speed["count"] == 2 and speed["ratio"] == pytest.approx(speed["single_ms"] / speed["batched_ms"])
-    assert set(figures["episodes"]) == {"qp", "policy"} and "episode in arena 2" in printed.err
+    assert set(figures["episodes"]) == {"qp", "policy"} and "episode, walking" in printed.err
     for speed in figures["episodes"].values():
         assert speed["factor"] > 0.0 and speed["physics"] > 1.0
     assert set(figures["qp"]) == {"standing", "walking", "jumping"}

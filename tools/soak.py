@@ -1,0 +1,104 @@
+"""Two parts of `make soak`: QP ticks at states that make no sense, and memory over a long run.
+
+Absurd states have numbers up to 1e7, any orientation, and NaN or infinity in every tenth. In hard ones every joint is
+anywhere in its range, and joints and a leaning pelvis move fast. A tick should take less than 2 ms.
+
+In the long run, controller, estimator and simulation stay, as in a user's program, while each gait walks in episodes of
+20 s with random commands. The first episode fills caches; the memory's peak should hardly grow from there.
+"""
+
+import argparse
+import collections
+import resource
+import time
+
+import numpy as np
+
+from hugwbc import Command, Gait, Robot, RobotState, UpperBody, load_robot, rotations
+from hugwbc.commands import sample_all
+from hugwbc.mbc import WholeBodyController
+from hugwbc.runtime import Constant, load_controller, rollout
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.sim import ARENAS
+
+PERIOD_MS, STATES_PER_RESET, EPISODE_S = 2.0, 5, 20.0
+FIELDS = ("q", "dq", "orientation", "angular_velocity", "position", "velocity")
+
+
+def absurd_state(rng: np.random.Generator, robot: Robot) -> RobotState:
+    """Return a state with numbers up to 1e7, in every tenth case with a NaN or an infinity."""
+    scale, sizes = 10.0 ** rng.uniform(0.0, 7.0), (len(robot.joint_names), len(robot.joint_names), 4, 3, 3, 3)
+    values = {name: scale * rng.normal(size=size) for name, size in zip(FIELDS, sizes, strict=True)}
+    values["orientation"] /= np.linalg.norm(values["orientation"])
+    if rng.uniform() < 0.1:
+        spoilt = values[str(rng.choice(FIELDS))]
+        spoilt[rng.integers(spoilt.size)] = rng.choice([np.nan, np.inf, -np.inf])
+    return RobotState(**values)
+
+
+def hard_state(rng: np.random.Generator, robot: Robot) -> RobotState:
+    """Return a state within the limits of the body, in which no robot is."""
+    speed = rng.choice([0.1, 0.5, 2.0]) * robot.velocity_limit
+    return RobotState(
+        q=rng.uniform(robot.lower, robot.upper),
+        dq=rng.uniform(-speed, speed),
+        orientation=rotations.from_yaw_pitch_roll(*rng.uniform(-0.8, 0.8, 3)),
+        angular_velocity=rng.uniform(-5.0, 5.0, 3),
+        position=np.array([0.0, 0.0, 0.9]),
+        velocity=rng.uniform(-2.0, 2.0, 3),
+    )
+
+
+def strange_states(ticks: int, seed: int) -> None:
+    """Time the QP at random states under random commands, and print a line for each kind of state."""
+    robot, gaits = load_robot(), list(Gait)
+    for kind, draw in (("absurd", absurd_state), ("hard", hard_state)):
+        rng, controller, outputs = np.random.default_rng(seed), WholeBodyController(), collections.Counter[str]()
+        times = np.zeros(ticks)  # [ms] of the processor
+        for tick in range(ticks):
+            state = draw(rng, robot)
+            values = rng.normal(size=8) * 10.0 ** rng.uniform(0.0, 9.0)
+            command = Command.from_array(values, gaits[rng.integers(len(gaits))])
+            if tick % STATES_PER_RESET == 0:
+                controller.reset(state)
+            begin = time.process_time()
+            controller.act(state, command, UpperBody.none())
+            times[tick] = 1e3 * (time.process_time() - begin)
+            outputs[controller.diagnostics.output.value] += 1
+        median, p99, longest = np.percentile(times, [50.0, 99.0, 100.0])
+        where = ", ".join(f"{name} {count}" for name, count in sorted(outputs.items()))
+        print(
+            f"{kind} states: median {median:.2f} ms, 99 % {p99:.2f} ms, longest {longest:.2f} ms, "
+            f"{(times > PERIOD_MS).sum()} of {ticks} above {PERIOD_MS:g} ms; {where}"
+        )
+
+
+def long_run(name: str, minutes: float, seed: int) -> None:
+    """Run each gait for a simulated time, and print ticks, falls and growth of memory."""
+    for gait in Gait:
+        rng, arena, controller = np.random.default_rng(seed), ARENAS[2], load_controller(name)
+        estimator, simulation = estimator_for(arena), arena.simulation(seed=seed)
+        seconds, ticks, falls, first = 0.0, 0, 0, 0
+        while seconds < 60.0 * minutes:
+            command = Command.from_array(sample_all(gait, rng, 1)[0], gait)
+            trace = rollout(controller, Constant(command), simulation, duration=EPISODE_S, estimator=estimator)
+            seconds, ticks, falls = seconds + simulation.time, ticks + len(trace.time), falls + trace.fell
+            first = first or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        growth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / first - 1.0
+        print(f"{name}, {gait.label}: {ticks} ticks, {falls} falls, memory {growth:+.2%}", flush=True)
+
+
+def main() -> None:
+    """Run both parts with both controllers."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--ticks", type=int, default=2000, help="states of each kind (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=1.0, help="simulated time of each gait (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1000, help="of everything random (default: %(default)s)")
+    options = parser.parse_args()
+    strange_states(options.ticks, options.seed)
+    for name in ("learned", "qp"):
+        long_run(name, options.minutes, options.seed)
+
+
+if __name__ == "__main__":
+    main()
