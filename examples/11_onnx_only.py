@@ -23,18 +23,14 @@ def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
     """Return what the network reads of a walking command: scaled values, the gait, clocks of both feet, indicator."""
     scaled = [command[name] * contract["command_scales"][name] for name in contract["command_names"]]
     angle = 2.0 * math.pi * (phase + np.array([contract["gait"]["walking_offset_of_left_foot"], 0.0]))
-    if contract["contract"] == 1:
-        gait = [0.5, contract["gait"]["duty"], *np.sin(angle)]
-    else:
-        values = contract["gait"]["values"]
-        chosen = [float(value == values["walking"]) for value in sorted(values.values())]
-        gait = [*chosen, *np.sin(angle), *np.cos(angle)]
-    return np.array([[*scaled, *gait, 0.0]], dtype=np.float32)
+    values = contract["gait"]["values"]
+    chosen = [float(value == values["walking"]) for value in sorted(values.values())]
+    return np.array([[*scaled, *chosen, *np.sin(angle), *np.cos(angle), 0.0]], dtype=np.float32)
 
 
 def asked(contract: dict, command: dict) -> dict:
     """Return what to ask the network for, by the contract's curves, so that it executes a walking command."""
-    curves = contract.get("feed_forward", {}).get("walking", {})  # files of before have none
+    curves = contract.get("feed_forward", {}).get("walking", {})
     return command | {name: float(np.interp(command[name], *np.transpose(curve))) for name, curve in curves.items()}
 
 
@@ -42,8 +38,7 @@ def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
     """Return what the contract adds to the joint targets: legs that squat, lean, and lift their feet by the clock."""
     names, nominal = contract["joint_names"], contract["nominal"]
     result = np.zeros(len(names))
-    squat, swing = contract.get("squat_gain", 0.0), contract.get("swing_gain", 0.0)  # files of before have neither
-    length = contract.get("leg_length", 1.0)
+    squat, swing, length = contract["squat_gain"], contract["swing_gain"], contract["leg_length"]
     for side, offset in (("left", contract["gait"]["walking_offset_of_left_foot"]), ("right", 0.0)):
         later = phase + command["f"] * contract["period"] + offset
         u = 1.0 - abs(later % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex

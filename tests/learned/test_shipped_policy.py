@@ -9,7 +9,7 @@ from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import held_foot_contact, stepping_feet, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies, trained_with
+from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import ARENAS, Simulation
@@ -44,11 +44,8 @@ def test_hops_at_the_frequency_of_the_clock(gait: Gait) -> None:
     assert held_foot_contact(trace, settle=1.5) < 0.5  # the shipped one brushes the ground; a pair of feet would be 1
 
 
-ABLATION = ["ablation-motion", "ablation-noise", "ablation-none"]
-
-
 def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
-    assert shipped_policies() == [*ABLATION, "h1"]
+    assert shipped_policies() == ["h1"]
     for name in shipped_policies():
         folder = policy_dir() / name
         assert (folder / "README.md").read_text().startswith(f"# Policy `{name}`")
@@ -57,16 +54,6 @@ def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
         assert steps == sorted(steps)
         # Every tenth iteration is in the curve.
         assert any(abs(load_policy(name).metadata["training"]["steps"] - step) < 3e5 for step in steps)
-
-
-def test_the_ablation_differs_in_what_moves_the_arms_alone() -> None:
-    policies = [load_policy(name) for name in ABLATION]
-    assert [trained_with(name) for name in ABLATION] == ["motion", "noise", "none"]
-    records = [policy.metadata["training"] for policy in policies]
-    settings = [{**record["config"], "out": None} for record in records]
-    for record, setting in zip(records, settings, strict=True):
-        setting["env"] = {**setting["env"], "intervention": None}
-        assert record["steps"] == records[0]["steps"] and setting == settings[0]
 
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:

@@ -16,7 +16,6 @@ from hugwbc.files import read_file, write_whole
 LARGEST_FILE = 2_000_000_000  # [byte]
 _PREFIX = "hugwbc-"
 FORMAT = f"{_PREFIX}2"
-_WITHOUT_METADATA = f"{_PREFIX}1"  # an earlier format that is still read; its checksum covers the tensors only
 _NUMBER = re.compile("[0-9]{1,9}")
 
 
@@ -72,8 +71,7 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     if header.get("kind") != kind:
         raise PolicyFileError(f"{path} is a {header.get('kind')} file; a {kind} file is needed here")
     text = header.get("metadata", "")
-    covered = "" if header["format"] == _WITHOUT_METADATA else text
-    if header.get("sha256") != _digest(tensors, covered):
+    if header.get("sha256") != _digest(tensors, text):
         raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
     try:
         metadata = json.loads(text)
@@ -85,7 +83,7 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
 
 
 def _check_format(path: pathlib.Path, found: str) -> None:
-    if found in (FORMAT, _WITHOUT_METADATA):
+    if found == FORMAT:
         return
     version = found.removeprefix(_PREFIX)
     if found.startswith(_PREFIX) and _NUMBER.fullmatch(version) and int(version) > int(FORMAT.removeprefix(_PREFIX)):

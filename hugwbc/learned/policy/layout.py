@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
@@ -19,7 +18,6 @@ from hugwbc.robot import load_robot
 
 JOINTS = 19
 HISTORY_FRAMES = 5
-FIRST_COMMAND_SIZE = 8 + 2 + 2 + 1  # of the first layout: psi and phi_stance for the gait, one clock of each foot
 TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame
 TERRAIN_SPACING = 0.07  # [m]
 TERRAIN_SIZE = math.prod(TERRAIN_SHAPE)
@@ -130,27 +128,8 @@ ENCODER_HIDDEN = (256, 128)
 ESTIMATOR_HIDDEN = (64, 32)
 POLICY_HIDDEN = (256, 128, 64)
 
-_GAIT, _CLOCK = len(COMMAND_NAMES), len(COMMAND_NAMES) + len(Gait)  # first columns
-
 
 @functools.cache
 def command_scales() -> np.ndarray:
     """Return the scales of the eight commands in the observation, shape (8,), float32."""
     return np.array([COMMAND_SCALES[name] for name in COMMAND_NAMES], dtype=np.float32)
-
-
-@functools.cache
-def first_layout_matrix() -> np.ndarray:
-    """Return the matrix that makes the first layout of the command observation of the present one, shape (13, 18).
-
-    Order of the first layout: the eight scaled commands, psi (0.5 walking, else 0), phi_stance (1 standing, else 0.5),
-    the clocks of the left and the right foot, I.
-    """
-    matrix = np.zeros((FIRST_COMMAND_SIZE, COMMAND_SIZE), dtype=np.float32)
-    matrix[:_GAIT, :_GAIT] = np.eye(_GAIT)
-    psi, stance, clock = _GAIT, _GAIT + 1, _GAIT + 2
-    matrix[psi, _GAIT + Gait.WALKING] = 0.5
-    matrix[stance, _GAIT : _GAIT + len(Gait)] = gaits.DEFAULT_DUTY
-    matrix[stance, _GAIT + Gait.STANDING] = 1.0
-    matrix[clock, _CLOCK] = matrix[clock + 1, _CLOCK + 1] = matrix[-1, -1] = 1.0
-    return matrix

@@ -53,11 +53,11 @@ class Actor(nn.Module):
     policy to the estimate: its own loss alone trains it, so that it remains an estimate of the state.
 
     Attributes:
-        command_size: width of the command observation, which says its layout.
+        command_size: width of the command observation.
     """
 
     def __init__(self, command_size: int = COMMAND_SIZE) -> None:
-        """Set up the layers for a layout of the command observation."""
+        """Set up the layers for a width of the command observation."""
         super().__init__()
         self.command_size = command_size
         self.encoder = _mlp(HISTORY_FRAMES * PROPRIOCEPTION_SIZE, ENCODER_HIDDEN, LATENT_SIZE)
@@ -69,7 +69,7 @@ class Actor(nn.Module):
 
         Args:
             history: the last five proprioceptive frames, oldest first, shape (n, 315).
-            command: commands, gait, clocks and indicator, shape (n, 18); another layout of this network is made of it.
+            command: commands, gait, clocks and indicator, shape (n, 18), then the terms of other packages.
 
         Returns:
             Mean action, shape (n, 19), and estimate [v, l, h] in observation units, shape (n, 6).
@@ -77,7 +77,6 @@ class Actor(nn.Module):
         latent = self.encoder(history)
         estimate = self.estimator(latent)
         newest = history[:, -PROPRIOCEPTION_SIZE:]
-        command = obs.in_layout(command, self.command_size)
         return self.policy(torch.cat((latent, estimate.detach(), newest, command), dim=1)), estimate
 
     prepared = forward

@@ -16,7 +16,6 @@ from hugwbc.learned.policy.layout import (
     CRITIC_SIZE as CRITIC_SIZE,
     ESTIMATE as ESTIMATE,
     ESTIMATE_SIZE as ESTIMATE_SIZE,
-    FIRST_COMMAND_SIZE as FIRST_COMMAND_SIZE,
     FRAME as FRAME,
     HISTORY_FRAMES as HISTORY_FRAMES,
     JOINTS as JOINTS,
@@ -29,7 +28,6 @@ from hugwbc.learned.policy.layout import (
     TERRAIN_SPACING as TERRAIN_SPACING,
     Part as Part,
     command_scales,
-    first_layout_matrix,
     size_of as size_of,
 )
 from hugwbc.learned.policy.symmetry import SignedPermutation
@@ -113,23 +111,6 @@ def command_observation(
         indicator.to(command.dtype)[:, None],
     )
     return torch.cat(parts, dim=1)
-
-
-@functools.cache
-def first_layout() -> torch.Tensor:
-    """Return the matrix that makes the first layout of the command observation of the present one, shape (13, 18)."""
-    return torch.from_numpy(first_layout_matrix())
-
-
-def in_layout(observation: torch.Tensor, size: int) -> torch.Tensor:
-    """Return a command observation, shape (n, 18), in the layout of a size: 18, or 13 for the first one."""
-    if observation.shape[1] == size:
-        return observation
-    observation = observation[:, :COMMAND_SIZE]  # without the terms of other packages
-    if size == COMMAND_SIZE:
-        return observation
-    # Every row of the matrix has one entry, or is a sum of one-hot columns of which one is set: the product is exact.
-    return observation @ first_layout().to(observation.device).T
 
 
 def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:

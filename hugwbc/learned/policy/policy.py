@@ -53,9 +53,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     if not all(bool(torch.isfinite(tensor).all()) for tensor in actor.state_dict().values()):
         raise PolicyFileError(f"{path} has weights that are not finite: its training failed; use an earlier file of it")
     controller = LearnedController(actor, metadata)
-    # A file from before the contract was versioned has no self-test.
-    if "contract" in metadata:
-        _verify(controller, stored, path)
+    _verify(controller, stored, path)
     return controller
 
 

@@ -21,7 +21,7 @@ from hugwbc.learned.policy import layout as obs
 from hugwbc.learned.policy.own_terms import own_terms
 from hugwbc.robot import Robot, load_robot, robot_names
 
-CONTRACT_VERSION = 2  # 1 has the first layout of the command observation
+CONTRACT_VERSION = 2
 # Entries that a policy may choose, with the valid range of their numbers; the others must equal this version's.
 _OWN_NUMBERS = {"period": (1e-4, 1.0), "waist_rate": (0.0, 1e6), "squat_gain": (0.0, 1.0), "swing_gain": (0.0, 1.0)}
 _OWN_VECTORS = {"nominal": (-math.pi, math.pi), "kp": (0.0, 1e4), "kd": (0.0, 1e4), "action_scale": (1e-6, 10.0)}
@@ -119,7 +119,7 @@ def policy_contract(
         "leg_length": robot.leg_length,
         "history_frames": obs.HISTORY_FRAMES,
         "proprioception": _layout(obs.FRAME),
-        "command": [*_command_layout(CONTRACT_VERSION), *_own_layout(own)],
+        "command": [*_layout(obs.COMMAND), *_own_layout(own)],
         "command_names": list(COMMAND_NAMES),
         "command_scales": obs.COMMAND_SCALES,
         "command_defaults": {name: ranges[name].default for name in COMMAND_NAMES},
@@ -150,18 +150,6 @@ def policy_contract(
     }
 
 
-def _command_layout(version: int) -> list[dict[str, Any]]:
-    """Return the layout of the command observation in a version of the contract."""
-    if version > 1:
-        return _layout(obs.COMMAND)
-    gait = (
-        obs.Part("psi: 0.5 walking, else 0", 1, (1.0,)),
-        obs.Part("phi_stance: 1 standing, else 0.5", 1, (1.0,)),
-        obs.Part("clocks of the left and the right foot", 2, (1.0,), sides=True),
-    )
-    return _layout((*obs.COMMAND[: len(COMMAND_NAMES)], *gait, obs.COMMAND[-1]))
-
-
 def command_size(metadata: dict[str, Any]) -> int:
     """Return the width of a policy's command observation from its contract."""
     return sum(int(part["size"]) for part in metadata["command"])
@@ -184,9 +172,6 @@ def _layout(parts: Iterable[obs.Part]) -> list[dict[str, Any]]:
 def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any]:
     """Return the contract of a policy file after checking that this version can run it.
 
-    A file from before the contract was versioned has fewer entries. This version's values stand for the missing ones,
-    because these had no other values at that time.
-
     Args:
         metadata: metadata of the file.
         origin: name of the file, for messages.
@@ -195,16 +180,12 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
         PolicyFileError: if an entry is missing, out of range, or different from what this version runs.
     """
     version = metadata.get("contract")
-    expected = policy_contract() | {"command": _command_layout(version if isinstance(version, int) else 1)}
-    expected["command"] += _expected_terms(metadata, origin)
-    if version is None:
-        described = {key: metadata[key] for key in metadata if key not in ("proprioception", "command")}
-        metadata = {key: expected[key] for key in expected if key not in ("contract", "versions")} | described
-    elif not isinstance(version, int) or version > CONTRACT_VERSION:
+    if version != CONTRACT_VERSION:
         raise PolicyFileError(
-            f"{origin} has contract version {version}, this hugwbc reads up to {CONTRACT_VERSION}; "
-            "it was written by a newer hugwbc: update this one"
+            f"{origin} has contract version {version}, this hugwbc reads {CONTRACT_VERSION}; use the one that wrote it"
         )
+    expected = policy_contract()
+    expected["command"] += _expected_terms(metadata, origin)
     if metadata.get("robot") not in robot_names():
         raise PolicyFileError(
             f"{origin} has robot = {metadata.get('robot')}, this version of hugwbc knows {', '.join(robot_names())}; "
@@ -216,10 +197,7 @@ def complete_contract(metadata: dict[str, Any], origin: object) -> dict[str, Any
                 f"{origin} has {key} = {metadata.get(key)}, this version of hugwbc runs {expected[key]}; "
                 "use a policy trained with this version"
             )
-    metadata = {"squat_gain": 0.0, "swing_gain": 0.0} | metadata  # which policies from before it existed do not have
     joints = len(expected["joint_names"])
-    if type(metadata.get("action_scale")) in (int, float):  # one number stands for all joints
-        metadata = metadata | {"action_scale": [float(metadata["action_scale"])] * joints}
     for key, (low, high) in _OWN_NUMBERS.items():
         _check_numbers(origin, key, [metadata.get(key)], 1, low, high)
     for key, (low, high) in _OWN_VECTORS.items():
@@ -233,7 +211,7 @@ def _expected_terms(metadata: dict[str, Any], origin: object) -> list[dict[str, 
     Raises:
         PolicyFileError: if a term is not there, or does not work.
     """
-    parts = metadata.get("command") if metadata.get("contract") == CONTRACT_VERSION else None
+    parts = metadata.get("command")
     own = [part for part in parts if isinstance(part, dict) and _TERM in part] if isinstance(parts, list) else []
     try:
         return _own_layout([str(part[_TERM]) for part in own])

@@ -29,8 +29,7 @@ class PolicyRows:
     Attributes:
         kp, kd: gains of the joints [N*m/rad, N*m*s/rad], shape (19,).
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
-        observation: command observation in the policy's layout, shape (n, 18), or (n, 13) in the first one; the
-            terms of other packages come after the 18.
+        observation: command observation, shape (n, 18); the terms of other packages come after the 18.
         action, estimate: last outputs of the network, shapes (n, 19) and (n, 6).
         phase: common phase of each robot's gait, shape (n,).
     """
@@ -54,7 +53,6 @@ class PolicyRows:
         self._waist_joint = robot.waist
         self._squat_gain, self._swing_gain = (float(metadata.get(f"{name}_gain", 0.0)) for name in ("squat", "swing"))
         self._legs = LegFeedForward(robot)
-        self._layout = obs.first_layout_matrix().T if command_size(metadata) == obs.FIRST_COMMAND_SIZE else None
         self._own = own_terms(own_names(metadata))
         self._command_scale = obs.command_scales()
         self.history = np.zeros((count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE), dtype=np.float32)
@@ -132,4 +130,4 @@ class PolicyRows:
             told = {"command": command, "gait": gait, "phases": phases, "indicator": np.asarray(indicator, dtype=bool)}
             sensed = Sensed.of_frame(self.history[:, -1], self._nominal, **told)
             return np.concatenate((row, own_columns(self._own, sensed)), axis=1)
-        return row if self._layout is None else row @ self._layout
+        return row

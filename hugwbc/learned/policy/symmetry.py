@@ -43,18 +43,6 @@ class SignedPermutation:
             start += len(part.index)
         return cls(torch.cat(indices), torch.cat([part.sign for part in parts]))
 
-    @classmethod
-    def of_signs(cls, signs: list[float]) -> "SignedPermutation":
-        """Return the map of entries that stay in their places."""
-        return cls(torch.arange(len(signs)), torch.tensor(signs))
-
-    @classmethod
-    def swapped(cls, signs: list[float]) -> "SignedPermutation":
-        """Return the map of two blocks, left and right, that change places; `signs` are those of one block."""
-        size = len(signs)
-        index = torch.cat((torch.arange(size) + size, torch.arange(size)))
-        return cls(index, torch.tensor(signs).repeat(2))
-
     def __call__(self, rows: torch.Tensor) -> torch.Tensor:
         """Return the mirror images of rows, shape (m, n)."""
         index, sign = self.index.to(rows.device), self.sign.to(rows.device)

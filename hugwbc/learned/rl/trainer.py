@@ -312,8 +312,7 @@ class Trainer:
         self.seconds = float(metadata["seconds"])
         self.ppo.set_learning_rate(float(metadata["learning_rate"]))
         self.ppo.skipped = int(metadata["skipped"])
-        # Checkpoints from before there were evaluations lack these two.
-        self.evaluation, self.best = dict(metadata.get("evaluation", {})), dict(metadata.get("best", {}))
+        self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
 
 
 def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:

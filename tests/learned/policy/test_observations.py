@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -113,19 +111,3 @@ def test_no_two_gaits_or_phases_look_alike() -> None:
             rows.append(command_row(Command(gait=gait), tuple(gaits.homogenised_phase(feet)[0].tolist())))
     rows = torch.cat(rows)
     assert (torch.cdist(rows, rows) + 10.0 * torch.eye(len(rows))).min() > 0.2
-
-
-def test_the_first_layout_is_made_of_the_present_one() -> None:
-    command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7)
-    expected = {
-        Gait.STANDING: (0.0, 1.0),
-        Gait.WALKING: (0.5, 0.5),
-        Gait.JUMPING: (0.0, 0.5),
-        Gait.HOPPING_LEFT: (0.0, 0.5),
-    }
-    for gait, parameters in expected.items():
-        row = command_row(dataclasses.replace(command, gait=gait), (0.1, 0.6))
-        old = obs.in_layout(row, obs.FIRST_COMMAND_SIZE)
-        assert torch.equal(old[:, :8], row[:, :8]) and old[0, 8:10].tolist() == list(parameters)
-        assert torch.equal(old[0, 10:12], gaits.clock(torch.tensor([0.1, 0.6]))) and old[0, 12] == 1.0
-        assert obs.in_layout(row, obs.COMMAND_SIZE) is row

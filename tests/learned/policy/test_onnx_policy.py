@@ -86,7 +86,7 @@ def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
         (lambda contract: "{", "is not JSON"),
         (lambda contract: contract.update(robot="g1"), "robot = g1"),
         (lambda contract: contract.update(period=-1.0), "period"),
-        (lambda contract: contract.update(contract=99), "newer hugwbc"),
+        (lambda contract: contract.update(contract=99), "has contract version 99"),
     ):
         with pytest.raises(PolicyFileError, match=message):
             ControllerSpec(changed(exported, path, change)).build()
