@@ -5,17 +5,25 @@ from collections.abc import Iterable
 
 
 class HugwbcError(Exception):
-    """Base of every error that hugwbc raises on bad input; the command line prints it and exits with code 2."""
+    """Base of every error that hugwbc raises on bad input; the command line prints it and exits with code 2.
+
+    Attributes:
+        at: names and indices that lead from the settings being checked to the wrong one; a file's line is found by it.
+    """
+
+    def __init__(self, message: object = "", *, at: tuple[str | int, ...] = ()) -> None:
+        super().__init__(message)
+        self.at = at
 
 
 class UnknownNameError(HugwbcError):
     """A name of a joint, gait, command, script, controller or policy that does not exist."""
 
-    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, valid: Iterable[str], *, at: tuple[str | int, ...] = ()) -> None:
         names = list(valid)
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f" Did you mean '{close[0]}'?" if close else ""
-        super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names)}.")
+        super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names)}.", at=at)
         self._made_of = (kind, name, tuple(names))
 
     def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, object, tuple[str, ...]]]:
