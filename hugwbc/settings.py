@@ -129,9 +129,10 @@ def _described(title: str, details: Any) -> tuple[Place, HugwbcError]:  # noqa: 
         return place[:-1], ConfigError(f"{name} is missing; give it")
     if isinstance(value, str) and (valid := context.get("expected")):
         return place, UnknownNameError(name, value, re.findall(r"'([^']*)'", valid))
-    wanted = re.sub(r", unable to parse.*| after validation.*|^.*?(?=should)", "", details["msg"])
-    wanted = wanted.replace("a dictionary or an instance of", "the fields of a").replace("should", "it should", 1)
-    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {wanted}")
+    wanted = re.sub(r", unable to parse.*| after validation.*", "", details["msg"])
+    for theirs, ours in (("^.*?should", "it should"), ("a dictionary or an instance of", "the fields of a")):
+        wanted = re.sub(theirs, ours, wanted)
+    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {wanted.replace('valid tuple', 'list')}")
 
 
 def one_line(text: str, longest: int = 1000) -> str:

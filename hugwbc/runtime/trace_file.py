@@ -13,8 +13,8 @@ from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.files import write_whole
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
+from hugwbc.settings_file import parse
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.scenes.scene_file import parse_scene
 
 FORMAT = 1
 _ABOUT = "about"  # name of the array that holds the text
@@ -78,7 +78,7 @@ def read_trace(path: str | pathlib.Path) -> Trace:
         about["safety"] = _report(about["safety"])
         about["problems"] = tuple(about["problems"])
         if about["scene"] is not None:
-            about["scene"] = parse_scene(about["scene"], path)
+            about["scene"] = parse(Scene, about["scene"], path)
         return Trace(**about, **arrays)
     except OSError as error:
         raise ConfigError(
@@ -95,7 +95,7 @@ def _report(values: dict[str, Any]) -> SafetyReport:
 
 
 def scene_text(scene: Scene) -> str:
-    """Return a scene without variation as text that `parse_scene` reads: JSON, which is YAML as well."""
+    """Return a scene without variation as text that `settings_file.parse` reads: JSON, which is YAML as well."""
     things = []
     for thing in scene.objects:
         fields = {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)}

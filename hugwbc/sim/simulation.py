@@ -27,6 +27,7 @@ DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 _DIVERGED = list(map(int, DIVERGED))
 
 
+_NO_ROOM = "the robot stands in object '{}' at the start; move it away from the origin"
 _FLOOR_BODY = "world"
 
 
@@ -110,7 +111,7 @@ class Simulation(Engine):
             bodies = [model.body(int(model.geom_bodyid[geom])).name for geom in contact.geom[index]]
             inside = [body for body in bodies if body in names]
             if len(inside) == 1 and _FLOOR_BODY not in bodies:
-                raise self._no_room(scene, inside[0])
+                raise SceneError(_NO_ROOM.format(inside[0]))
         # The pelvis touches nothing: its shapes are for pictures.
         solid, points = (model.geom_contype != 0) | (model.geom_conaffinity != 0), np.zeros(6)
         pelvis = np.flatnonzero(model.geom_bodyid == model.body("pelvis").id)
@@ -119,12 +120,7 @@ class Simulation(Engine):
             if body not in names:
                 continue
             if any(mujoco.mj_geomDistance(model, self.data, g, geom, 0.1, points) < -OVERLAP for g in pelvis):
-                raise self._no_room(scene, body)
-
-    @staticmethod
-    def _no_room(scene: Scene, body: str) -> SceneError:
-        message = f"the robot stands in object '{body}' at the start; move it away from the origin"
-        return scene.error(next(i for i, thing in enumerate(scene.objects) if body in thing.body_names()), message)
+                raise SceneError(_NO_ROOM.format(body))
 
     def redraw(self, seed: int) -> RobotState:
         """Begin another episode: draw what varies in the scene, and the sensors' errors, from a seed, and reset.

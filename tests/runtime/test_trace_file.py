@@ -8,8 +8,8 @@ import pytest
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import SafetyReport, Trace, read_trace, write_trace
 from hugwbc.runtime.trace_file import scene_text
+from hugwbc.settings_file import parse
 from hugwbc.sim.scenes import Box, Scene, Table, load_scene
-from hugwbc.sim.scenes.scene_file import parse_scene
 
 
 def test_a_saved_record_comes_back_whole(make_run, tmp_path):
@@ -41,7 +41,7 @@ def test_a_saved_record_comes_back_whole(make_run, tmp_path):
 @pytest.mark.parametrize("name", ["parcel", "workshop"])
 def test_the_text_of_a_scene_is_the_scene(name, tmp_path):
     scene = load_scene(name).draw(3)
-    assert parse_scene(scene_text(scene), tmp_path / "scene.yaml") == scene
+    assert parse(Scene, scene_text(scene), tmp_path / "scene.yaml") == scene
 
 
 def test_the_line_for_people_is_short(make_run):

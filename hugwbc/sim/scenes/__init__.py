@@ -7,7 +7,7 @@ from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.movable import Box, Cart, Cylinder, Tray
 from hugwbc.sim.scenes.objects import Objects, ObjectState, SceneObjects
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.scenes.scene_file import SCENE_NAMES, load_scene, parse_scene
+from hugwbc.sim.scenes.scene_file import SCENE_NAMES, load_scene
 from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.scenes.varied import Choice, Uniform
 
@@ -36,5 +36,4 @@ __all__ = [
     "Uniform",
     "Wall",
     "load_scene",
-    "parse_scene",
 ]

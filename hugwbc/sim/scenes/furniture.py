@@ -1,19 +1,22 @@
 """Things that stand still: tables, shelves, walls and steps; the pose of each is that of its lowest side's middle."""
 
-import dataclasses
-from typing import ClassVar
+import itertools
+from typing import Annotated, ClassVar
 
 import mujoco
+from pydantic import Field
 
 from hugwbc.errors import SceneError
+from hugwbc.settings import settings
 from hugwbc.sim.scenes.thing import Placement, Thing, darker
-from hugwbc.sim.scenes.varied import Number, options, settled
+from hugwbc.sim.scenes.varied import Colour, Length, Number, between, options, settled
 
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 _BOARD = 0.03  # [m], thickness of table tops and boards
+_Long = Annotated[Number, between(0.001, 50.0)]  # [m]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Table(Thing):
     """A table with four legs.
 
@@ -24,13 +27,8 @@ class Table(Thing):
 
     kind: ClassVar[str] = "table"
 
-    size: tuple[Number, ...] = (0.6, 1.0)
-    height: Number = 0.8
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 2)
-        self._check("height", self.height, 0.1, 3.0)
+    size: tuple[Length, Length] = (0.6, 1.0)
+    height: Annotated[Number, between(0.1, 3.0)] = 0.8
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.height))
@@ -46,7 +44,7 @@ class Table(Thing):
                 self._geom(body, _BOX, [leg, leg, long], [x, y, long], rgb=darker(str(self.colour)))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Shelf(Thing):
     """A shelf with boards, two sides and a back; it opens towards -x.
 
@@ -57,19 +55,14 @@ class Shelf(Thing):
 
     kind: ClassVar[str] = "shelf"
 
-    size: tuple[Number, ...] = (0.35, 0.8)
-    boards: tuple[Number, ...] = (0.4, 0.8, 1.2)
+    size: tuple[Length, Length] = (0.35, 0.8)
+    boards: Annotated[tuple[Annotated[Number, between(_BOARD, 3.0)], ...], Field(min_length=1)] = (0.4, 0.8, 1.2)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 2)
-        if not self.boards:
-            raise SceneError(f"{self.label} has no boards; give at least one height")
-        for value in self.boards:
-            self._check("boards", value, _BOARD, 3.0)
-        for low, high in zip(self.boards, self.boards[1:], strict=False):
+        for low, high in itertools.pairwise(self.boards):
             if max(options(low)) + _BOARD >= min(options(high)):
-                raise SceneError(f"boards of {self.label} are not in ascending order; give the lowest first")
+                message = f"boards of {self.label} are not in ascending order; give the lowest first"
+                raise SceneError(message, at=("boards",))
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         count = len(self.boards)
@@ -90,24 +83,18 @@ class Shelf(Thing):
         self._geom(body, _BOX, [0.005, width / 2 + 2 * side, top / 2], [depth / 2 + 0.005, 0.0, top / 2], rgb=dark)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class _Block(Thing):
     """A solid block."""
 
-    longest: ClassVar[float] = 10.0  # [m]
-
-    size: tuple[Number, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3, self.longest)
+    size: tuple[_Long, _Long, _Long]
 
     def build(self, spec: mujoco.MjSpec, place: Placement) -> None:
         half = [settled(value) / 2 for value in self.size]
         self._geom(self._body(spec, place, 0.0), _BOX, half, [0.0, 0.0, half[2]])
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Wall(_Block):
     """A wall.
 
@@ -116,13 +103,11 @@ class Wall(_Block):
     """
 
     kind: ClassVar[str] = "wall"
-    longest: ClassVar[float] = 50.0
-
-    size: tuple[Number, ...] = (0.1, 3.0, 2.5)
-    colour: str = "#d9dce0"
+    size: tuple[_Long, _Long, _Long] = (0.1, 3.0, 2.5)
+    colour: Colour = "#d9dce0"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Step(_Block):
     """A step, stool or platform: a solid block that stands still.
 
@@ -132,8 +117,8 @@ class Step(_Block):
 
     kind: ClassVar[str] = "step"
 
-    size: tuple[Number, ...] = (0.6, 1.0, 0.15)
-    colour: str = "#9aa3ad"
+    size: tuple[Length, Length, Length] = (0.6, 1.0, 0.15)
+    colour: Colour = "#9aa3ad"
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))

@@ -1,17 +1,17 @@
 """Things with one joint: doors with a closer, drawers, and spring buttons."""
 
-import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
 
-from hugwbc.errors import UnknownNameError
-from hugwbc.sim.scenes.thing import Placement, Weighed, darker
-from hugwbc.sim.scenes.varied import Number, settled
+from hugwbc.settings import settings
+from hugwbc.sim.scenes.thing import LEAST_FRICTION, Placement, Weighed, darker
+from hugwbc.sim.scenes.varied import Colour, Length, Mass, Number, between, settled
 
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
-HINGES = ("left", "right")
+_Leaf = Annotated[Number, between(0.2, 10.0)]  # [m]
+_Side = Annotated[Number, between(0.05, 10.0)]  # [m], of a drawer
 # A closer's torque is that of a spring which is wound by this angle while the door is shut: it grows by a fifth over a
 # quarter turn.
 _WOUND = 7.5  # [rad]
@@ -22,7 +22,7 @@ _STICK = [0.99, 0.99, 0.001, 0.5, 2.0]
 _FIRM = [0.004, 1.0]  # [s]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Jointed(Weighed):
     """A thing with a part that moves by one joint, and a part that stands still.
 
@@ -44,7 +44,7 @@ class Jointed(Weighed):
         spec.add_exclude(name=still, bodyname1=moving, bodyname2=still)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Door(Jointed):
     """A hinged door in a frame, with a closer; it opens towards +x, for somebody who comes from -x and pushes.
 
@@ -59,21 +59,12 @@ class Door(Jointed):
 
     kind: ClassVar[str] = "door"
 
-    hinge: str
-    size: tuple[Number, ...] = (0.04, 0.9, 2.05)
-    mass: Number = 20.0
-    closer: Number = 10.0
-    friction: Number = 0.5
-    colour: str = "#8f6f52"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.hinge not in HINGES:
-            raise UnknownNameError(f"hinge of {self.label}", self.hinge, HINGES)
-        self._check_sizes("size", self.size, 3)
-        for value in self.size[1:]:
-            self._check("size", value, 0.2, 10.0)
-        self._check("closer", self.closer, 0.0, 100.0)
+    hinge: Literal["left", "right"]
+    size: tuple[Length, _Leaf, _Leaf] = (0.04, 0.9, 2.05)
+    mass: Mass = 20.0
+    closer: Annotated[Number, between(0.0, 100.0)] = 10.0
+    friction: Annotated[Number, between(LEAST_FRICTION, 5.0)] = 0.5
+    colour: Colour = "#8f6f52"
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
         return self.name, f"{self.name}/frame"
@@ -111,7 +102,7 @@ def _add_damper(spec: mujoco.MjSpec, joint: str, damping: float) -> None:
     damper.forcelimited, damper.forcerange = True, [0.0, 10.0 * damping]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Drawer(Jointed):
     """A drawer in a cabinet, with a bar for a handle; it opens towards -x. Its pose is that of the drawer's centre.
 
@@ -124,20 +115,11 @@ class Drawer(Jointed):
 
     kind: ClassVar[str] = "drawer"
 
-    size: tuple[Number, ...] = (0.4, 0.45, 0.16)
-    height: Number = 0.85
-    mass: Number = 3.0
-    resistance: Number = 15.0
-    travel: Number = 0.3
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3)
-        for value in self.size:
-            self._check("size", value, 0.05, 10.0)
-        self._check("height", self.height, 0.1, 2.0)
-        self._check("resistance", self.resistance, 0.0, 200.0)
-        self._check("travel", self.travel, 0.01, 2.0)
+    size: tuple[_Side, _Side, _Side] = (0.4, 0.45, 0.16)
+    height: Annotated[Number, between(0.1, 2.0)] = 0.85
+    mass: Mass = 3.0
+    resistance: Annotated[Number, between(0.0, 200.0)] = 15.0
+    travel: Annotated[Number, between(0.01, 2.0)] = 0.3
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
         return self.name, f"{self.name}/cabinet"
@@ -173,7 +155,7 @@ class Drawer(Jointed):
         self._join(spec)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Button(Jointed):
     """A spring button on a panel that faces -x; its pose is that of the button's centre.
 
@@ -186,19 +168,12 @@ class Button(Jointed):
 
     kind: ClassVar[str] = "button"
 
-    height: Number = 1.1
-    radius: Number = 0.05
-    mass: Number = 0.05
-    force: Number = 15.0
-    travel: Number = 0.02
-    colour: str = "#c23b3b"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("height", self.height, 0.25, 2.0)
-        self._check_sizes("radius", (self.radius,), 1, 0.2)
-        self._check("force", self.force, 0.1, 200.0)
-        self._check("travel", self.travel, 0.002, 0.1)
+    height: Annotated[Number, between(0.25, 2.0)] = 1.1
+    radius: Annotated[Number, between(0.001, 0.2)] = 0.05
+    mass: Mass = 0.05
+    force: Annotated[Number, between(0.1, 200.0)] = 15.0
+    travel: Annotated[Number, between(0.002, 0.1)] = 0.02
+    colour: Colour = "#c23b3b"
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
         return self.name, f"{self.name}/panel"

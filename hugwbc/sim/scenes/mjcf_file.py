@@ -1,14 +1,13 @@
 """A part of a scene that the user has described in MuJoCo's own format, MJCF."""
 
-import dataclasses
 import os.path
-import pathlib
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from hugwbc.errors import SceneError
+from hugwbc.settings import Beside, settings
 from hugwbc.sim.scenes.thing import FARTHEST, Placement, Thing
 
 # Parts of a file that concern a whole simulation and not the things in it.
@@ -24,7 +23,7 @@ _LIGHTEST, _HEAVIEST = 1e-6, 1e4  # [kg], of a body that moves
 _FEET = 2  # the bit of MuJoCo's collision masks that the soles on a height field have (`sim.footing`)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Mjcf(Thing):
     """The bodies of an MJCF file, with the prefix NAME/.
 
@@ -38,12 +37,11 @@ class Mjcf(Thing):
     kind: ClassVar[str] = "mjcf"
     movable: ClassVar[bool] = True
 
-    mjcf: pathlib.Path
+    mjcf: Beside
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if not os.path.isfile(self.mjcf):
-            raise SceneError(f"{self.label}: there is no file {self.mjcf}; give the path of an MJCF file")
+            raise SceneError(f"{self.label}: there is no file {self.mjcf}; give the path of an MJCF file", at=("mjcf",))
         spec = self._read()
         try:
             model = spec.compile()

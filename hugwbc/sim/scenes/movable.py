@@ -1,18 +1,20 @@
 """Things that move freely: boxes, cylinders, carts, and trays with a cup."""
 
-import dataclasses
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import mujoco
 
+from hugwbc.settings import settings
 from hugwbc.sim.scenes.thing import Placement, Weighed, darker
-from hugwbc.sim.scenes.varied import Number, settled
+from hugwbc.sim.scenes.varied import Length, Mass, Number, between, settled
 
 _BOX, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
+_Side = Annotated[Number, between(0.2, 10.0)]  # [m], of a cart
+_Edge = Annotated[Number, between(0.05, 10.0)]  # [m], of a tray
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Movable(Weighed):
     """A thing that moves freely.
 
@@ -28,7 +30,7 @@ class Movable(Weighed):
         return body
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Box(Movable):
     """A box; its pose is that of its centre.
 
@@ -38,11 +40,7 @@ class Box(Movable):
 
     kind: ClassVar[str] = "box"
 
-    size: tuple[Number, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3)
+    size: tuple[Length, Length, Length]
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))
@@ -52,7 +50,7 @@ class Box(Movable):
         self._geom(self._free(spec, place, half[2]), _BOX, half, mass=settled(self.mass))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Cylinder(Movable):
     """An upright cylinder; its pose is that of its centre.
 
@@ -63,13 +61,8 @@ class Cylinder(Movable):
 
     kind: ClassVar[str] = "cylinder"
 
-    radius: Number
-    height: Number
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("radius", (self.radius,), 1)
-        self._check_sizes("height", (self.height,), 1)
+    radius: Length
+    height: Length
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.height))
@@ -80,7 +73,7 @@ class Cylinder(Movable):
         self._geom(body, _CYLINDER, [settled(self.radius), half], mass=settled(self.mass))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Cart(Movable):
     """A platform on four castors with a handle across its rear end (-x); its pose is that of the platform's centre.
 
@@ -95,19 +88,10 @@ class Cart(Movable):
 
     kind: ClassVar[str] = "cart"
 
-    size: tuple[Number, ...] = (0.8, 0.5, 0.25)
-    mass: Number = 20.0
-    handle: Number = 1.0
-    rolling: Number = 0.02
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3)
-        for value in self.size[:2]:
-            self._check("size", value, 0.2, 10.0)
-        self._check("size's height", self.size[2], 0.15, 2.0)
-        self._check("handle", self.handle, 0.3, 2.0)
-        self._check("rolling resistance", self.rolling, 0.0, 1.0)
+    size: tuple[_Side, _Side, Annotated[Number, between(0.15, 2.0)]] = (0.8, 0.5, 0.25)
+    mass: Mass = 20.0
+    handle: Annotated[Number, between(0.3, 2.0)] = 1.0
+    rolling: Annotated[Number, between(0.0, 1.0)] = 0.02
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))
@@ -136,7 +120,7 @@ class Cart(Movable):
         self._geom(body, _BOX, [post, width / 2, post], [rear, 0.0, bar], mass=0.06 * mass, rgb=metal)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Tray(Movable):
     """A tray with a rim, and a cup that stands freely on its middle, as a thing of its own: NAME/cup.
 
@@ -150,20 +134,11 @@ class Tray(Movable):
 
     kind: ClassVar[str] = "tray"
 
-    size: tuple[Number, ...] = (0.35, 0.45, 0.012)
-    mass: Number = 0.6
-    cup_radius: Number = 0.032
-    cup_height: Number = 0.13
-    cup_mass: Number = 0.25
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_sizes("size", self.size, 3)
-        for value in self.size[:2]:
-            self._check("size", value, 0.05, 10.0)
-        self._check_sizes("cup_radius", (self.cup_radius,), 1, 0.2)
-        self._check_sizes("cup_height", (self.cup_height,), 1, 0.5)
-        self._check_mass("cup_mass", self.cup_mass)
+    size: tuple[_Edge, _Edge, Length] = (0.35, 0.45, 0.012)
+    mass: Mass = 0.6
+    cup_radius: Annotated[Number, between(0.001, 0.2)] = 0.032
+    cup_height: Annotated[Number, between(0.001, 0.5)] = 0.13
+    cup_mass: Mass = 0.25
 
     def surface(self, part: str | None) -> float:  # noqa: D102
         return self._only_top(part, settled(self.size[2]))

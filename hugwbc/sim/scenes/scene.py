@@ -3,14 +3,19 @@
 import dataclasses
 import itertools
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Annotated
 
 import mujoco
 import numpy as np
+from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
 
-from hugwbc.errors import SceneError, UnknownNameError
+from hugwbc.errors import ConfigError, SceneError, UnknownNameError
 from hugwbc.robot import load_robot, robot_names
+from hugwbc.settings import one_of, refusing, settings
 from hugwbc.sim.ground import GROUNDS
+from hugwbc.sim.scenes import furniture, jointed, movable
+from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.thing import Placement, Thing
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.sim.terrain import HeightField
@@ -18,10 +23,34 @@ from hugwbc.targets import HAND_FRAMES
 
 OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
 MOST_OBJECTS = 200  # each is compared with each
+KINDS: dict[str, type[Thing]] = {
+    cls.kind: cls
+    for cls in (
+        movable.Box, movable.Cylinder, furniture.Table, furniture.Shelf, movable.Cart, jointed.Door, jointed.Drawer,
+        jointed.Button, movable.Tray, furniture.Wall, furniture.Step, Mjcf,
+    )
+}  # fmt: skip
+"""The kinds that a scene's file may name."""
 _FLOOR = "floor"
 
 
-@dataclasses.dataclass(frozen=True)
+def _thing(value: object, info: ValidationInfo) -> Thing:
+    """Return a thing that is given as one, or declared by its kind and fields."""
+    if isinstance(value, Thing):
+        return value
+    if not isinstance(value, Mapping):
+        raise ConfigError("expected an object with fields: kind (or mjcf), name, position and others")
+    kind = str(value.get("kind", "mjcf" if "mjcf" in value else ""))
+    if kind not in KINDS:
+        raise UnknownNameError("kind of object", kind, KINDS, at=("kind",))
+    fields = {name: field for name, field in value.items() if name != "kind"}
+    return TypeAdapter(KINDS[kind]).validate_python(fields, context=info.context)
+
+
+_Declared = Annotated[Thing, PlainValidator(refusing(_thing))]
+
+
+@settings
 class Scene:
     """The objects around a robot.
 
@@ -30,36 +59,18 @@ class Scene:
         robot: name of the robot of models/h1/h1.yaml that the scene is made for; None for any.
         ground: "firm" or "soft"; None for any.
         about: what the scene is for.
-        places: where each object is declared, "FILE:LINE:COLUMN" for messages; empty for a scene made in Python.
-
-    Raises:
-        SceneError: if there are too many objects, two have one name, one stands on what it cannot stand on, or two
-            overlap at the start.
-        UnknownNameError: if there is no such robot or ground.
     """
 
-    objects: tuple[Thing, ...] = ()
-    robot: str | None = None
-    ground: str | None = None
+    objects: Annotated[tuple[_Declared, ...], Field(max_length=MOST_OBJECTS)]
+    robot: Annotated[str, one_of("robot", robot_names)] | None = None
+    ground: Annotated[str, one_of("ground", lambda: GROUNDS)] | None = None
     about: str = ""
-    places: tuple[str, ...] = dataclasses.field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.robot is not None and self.robot not in robot_names():
-            raise UnknownNameError("robot", self.robot, robot_names())
-        if self.ground is not None and self.ground not in GROUNDS:
-            raise UnknownNameError("ground", self.ground, GROUNDS)
-        if len(self.objects) > MOST_OBJECTS:
-            raise self.error(MOST_OBJECTS, f"there are {len(self.objects)} objects; give {MOST_OBJECTS} or fewer")
         for index, problem in self._problems():
-            raise self.error(index, f"{self.objects[index].label}: {problem}")
+            raise SceneError(f"{self.objects[index].label}: {problem}", at=("objects", index))
         if not self.varies:
             self._check_overlap()
-
-    def error(self, index: int, message: str) -> SceneError:
-        """Return an error about the object of an index, with the place where it is declared, if that is known."""
-        known = len(self.places) == len(self.objects)
-        return SceneError(f"{self.places[index]}: {message}" if known else message)
 
     def _problems(self) -> Iterator[tuple[int, str]]:
         """Yield what is wrong with the names and supports of the objects, each with the index of the object."""
@@ -104,9 +115,6 @@ class Scene:
 
         Args:
             seed: seed of the episode, 0 or more.
-
-        Raises:
-            SceneError: if objects overlap as drawn.
         """
         if not self.varies:
             return self
@@ -127,9 +135,6 @@ class Scene:
         Args:
             spec: the model.
             terrain: ground below the objects; None for a plane at z = 0.
-
-        Raises:
-            SceneError: if a value still varies (see `draw`), or something stands on what nothing can stand on.
         """
         for thing in self.objects:
             thing.build(spec, self._placement(thing, terrain))
@@ -144,21 +149,13 @@ class Scene:
         return support.shifted(x, y, level + sum(lift), settled(thing.yaw))
 
     def _level_on(self, on: str, rng: np.random.Generator | None = None) -> float:
-        """Return the height of what "NAME" or "NAME/PART" names above the base of NAME [m], drawn before with `rng`.
-
-        Raises:
-            SceneError: if nothing can stand there.
-        """
+        """Return the height of what "NAME" or "NAME/PART" names above the base of NAME [m], drawn before with `rng`."""
         name, _, part = on.partition("/")
         below = next(other for other in self.objects if other.name == name)
         return (below if rng is None else below.draw(rng)).surface(part or None)
 
     def model(self) -> mujoco.MjModel:
-        """Compile the objects alone, for checks and pictures; they must have been drawn.
-
-        Raises:
-            SceneError: if MuJoCo refuses an object.
-        """
+        """Compile the objects alone, for checks and pictures; they must have been drawn."""
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         self.add_to(spec)
@@ -179,7 +176,7 @@ class Scene:
             depth = _depth(model, data, geoms[first], geoms[second])
             if depth > OVERLAP:
                 how = f"overlap by {1e3 * depth:.0f} mm at the start; move one of them"
-                raise self.error(second, f"{one.label} and {other.label} {how}")
+                raise SceneError(f"{one.label} and {other.label} {how}", at=("objects", second))
 
 
 def _robot_parts() -> set[str]:

@@ -4,17 +4,17 @@ import dataclasses
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import mujoco
 import numpy as np
+from pydantic import AfterValidator
 
 from hugwbc import rotations
 from hugwbc.errors import SceneError
-from hugwbc.sim.scenes.varied import Colour, Number, drawn, options, settled, varies
+from hugwbc.settings import settings
+from hugwbc.sim.scenes.varied import Colour, Mass, Number, between, drawn, options, settled, varies
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,62}")
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
 # Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
 # as steep as the one coefficient is small beside the other.
@@ -30,7 +30,23 @@ MOVABLE_TIME_CONSTANT = 0.01  # [s]
 MOVABLE_IMPEDANCE = (0.98, 0.99, 0.001)
 _DRAWN_GROUP = 1  # of MuJoCo's groups of geoms: drawn, and not of a robot's shell
 _TORSION, _ROLLING = 0.005, 0.0001  # [m]
-_LEAST_MASS, _LARGEST_MASS = 0.001, 500.0  # [kg]
+_HIGHEST = 10.0  # [m] above what a thing stands on
+
+
+def _name(name: str) -> str:
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_-]{0,62}", name):
+        raise ValueError("should be up to 63 letters, digits, - and _, first a letter")
+    return name
+
+
+def _position(position: tuple[Number, ...]) -> tuple[Number, ...]:
+    ranges = ((-FARTHEST, FARTHEST), (-FARTHEST, FARTHEST), (0.0, _HIGHEST))
+    good = all(
+        low <= value <= high for entry, (low, high) in zip(position, ranges, strict=False) for value in options(entry)
+    )
+    if len(position) not in (2, 3) or not good:
+        raise ValueError(f"should be [x, y] or [x, y, height], within {FARTHEST:g} m, and 0 to {_HIGHEST:g} m high")
+    return position
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +78,7 @@ class Placement:
         return Placement(base, self.yaw + yaw)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Thing:
     """One object of a scene; numbers and colours may be a `Uniform` or a `Choice`.
 
@@ -74,58 +90,22 @@ class Thing:
         on: name of the object on whose top it stands, or NAME/2 for the second board of a shelf; None for the ground.
         friction: coefficient of sliding friction.
         colour: "#rrggbb".
-
-    Raises:
-        SceneError: if a value is out of range.
     """
 
     kind: ClassVar[str]
     movable: ClassVar[bool] = False
 
-    name: str
-    position: tuple[Number, ...] = (0.0, 0.0)
-    yaw: Number = 0.0
+    name: Annotated[str, AfterValidator(_name)]
+    position: Annotated[tuple[Number, ...], AfterValidator(_position)] = (0.0, 0.0)
+    yaw: Annotated[Number, between(-2.0 * math.pi, 2.0 * math.pi)] = 0.0
     on: str | None = None
-    friction: Number = 0.8
+    friction: Annotated[Number, between(LEAST_FRICTION, 5.0)] = 0.8
     colour: Colour = "#b9a58a"
-
-    def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.name):
-            wanted = "use up to 63 letters, digits, - and _, first a letter"
-            raise SceneError(f"name of a {self.kind} is '{self.name}'; {wanted}")
-        if not isinstance(self.position, tuple | list) or len(self.position) not in (2, 3):
-            raise SceneError(f"position of {self.label} is {self.position}; give [x, y] or [x, y, height]")
-        for value in self.position[:2]:
-            self._check("position", value, -FARTHEST, FARTHEST)
-        for value in self.position[2:]:
-            self._check("position's height", value, 0.0, 10.0)
-        self._check("yaw", self.yaw, -2.0 * math.pi, 2.0 * math.pi)
-        self._check("friction", self.friction, LEAST_FRICTION, 5.0)
-        for value in options(self.colour):
-            if not isinstance(value, str) or not _COLOUR.fullmatch(value):
-                raise SceneError(f'colour of {self.label} is {value}; give it as "#rrggbb", such as "#b9a58a"')
 
     @property
     def label(self) -> str:
         """What it is called in a message."""
         return f"{self.kind} '{self.name}'"
-
-    def _check(self, what: str, value: Any, low: float, high: float, *, above: bool = False) -> None:  # noqa: ANN401
-        """Refuse a number whose draws leave a range, or with `above` the range without its lower end."""
-        for number in options(value):
-            good = isinstance(number, int | float) and math.isfinite(number)
-            if not good or not low <= number <= high or (above and number == low):
-                wanted = f"above {low:g} and up to {high:g}" if above else f"{low:g} to {high:g}"
-                raise SceneError(f"{what} of {self.label} is {number}; give {wanted}")
-
-    def _check_sizes(self, what: str, values: Sequence[Any], count: int, largest: float = 10.0) -> None:
-        """Refuse sizes that are not `count` lengths of at least 1 mm."""
-        if not isinstance(values, tuple | list):
-            raise SceneError(f"{what} of {self.label} is {values}; give {count} numbers, in m")
-        if len(values) != count:
-            raise SceneError(f"{what} of {self.label} has {len(values)} numbers; give {count}, in m")
-        for value in values:
-            self._check(what, value, 0.001, largest)
 
     @property
     def varies(self) -> bool:
@@ -144,9 +124,6 @@ class Thing:
 
         Args:
             part: which of its surfaces; None for its top.
-
-        Raises:
-            SceneError: if nothing can stand on it.
         """
         raise SceneError(
             f"nothing can stand on {self.label}; use a table, shelf, step, box, cart or tray, or the ground"
@@ -205,7 +182,7 @@ class Thing:
         geom.mass = mass
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Weighed(Thing):
     """A thing of which something moves.
 
@@ -213,14 +190,7 @@ class Weighed(Thing):
         mass: of what moves [kg].
     """
 
-    mass: Number = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_mass("mass", self.mass)
-
-    def _check_mass(self, what: str, value: Any) -> None:  # noqa: ANN401
-        self._check(what, value, _LEAST_MASS, _LARGEST_MASS)
+    mass: Mass = 1.0
 
 
 def rgb_of(colour: str) -> tuple[float, float, float]:

@@ -1,53 +1,89 @@
 """Values of a scene that differ from episode to episode."""
 
-import dataclasses
 import math
-from typing import Any, TypeAlias
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field, PlainValidator
 
-from hugwbc.errors import SceneError
+from hugwbc.errors import ConfigError, SceneError
+from hugwbc.settings import refusing, settings
+
+_FORMS = "a number, {uniform: [low, high]} or {choice: [a, b]}"
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Uniform:
-    """A number that is drawn anew for every episode, evenly between two bounds.
-
-    Attributes:
-        low, high: the bounds.
-
-    Raises:
-        SceneError: if a bound is not finite, or they are in the wrong order.
-    """
+    """A number that is drawn anew for every episode, evenly between two bounds."""
 
     low: float
     high: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low <= self.high):
-            raise SceneError(f"uniform from {self.low} to {self.high}; give two finite numbers, the smaller one first")
+        if self.low > self.high:
+            raise ConfigError(f"uniform from {self.low} to {self.high}; give the smaller one first")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Choice:
     """A value that is drawn anew for every episode, one of several with equal chances.
 
     Attributes:
         values: numbers, or colours.
-
-    Raises:
-        SceneError: if there are none.
     """
 
-    values: tuple[Any, ...]
-
-    def __post_init__(self) -> None:
-        if not self.values:
-            raise SceneError("a choice has no values; give at least one")
+    values: Annotated[tuple[Any, ...], Field(min_length=1)]
 
 
-Number: TypeAlias = float | Uniform | Choice
-Colour: TypeAlias = str | Choice
+def _variation(value: Any) -> Any:  # noqa: ANN401  numbers, colours and their variations
+    """Return the variation that a mapping declares, and anything else as it is."""
+    match value:
+        case {"uniform": [low, high], **more} if not more:
+            return Uniform(low, high)
+        case {"choice": [*values], **more} if not more:
+            return Choice(tuple(values))
+        case Mapping():
+            raise ConfigError(f"{value} is no variation; give {_FORMS}")
+    return value
+
+
+def _number(value: Any) -> Any:  # noqa: ANN401
+    varied = _variation(value)
+    if isinstance(varied, Uniform):
+        return varied
+    try:
+        numbers = [float(number) for number in options(varied)]
+    except (TypeError, ValueError):
+        numbers = [math.nan]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"should be {_FORMS}")
+    return Choice(tuple(numbers)) if isinstance(varied, Choice) else numbers[0]
+
+
+def _colour(value: Any) -> Any:  # noqa: ANN401
+    varied = _variation(value)
+    if not all(isinstance(colour, str) and re.fullmatch("#[0-9a-fA-F]{6}", colour) for colour in options(varied)):
+        raise ValueError('should be "#rrggbb", such as "#b9a58a", or a choice of them')
+    return varied
+
+
+def between(low: float, high: float) -> AfterValidator:
+    """Return the annotation of a number whose every draw lies in a range."""
+
+    def check(value: Any) -> Any:  # noqa: ANN401
+        if not all(low <= number <= high for number in options(value)):
+            raise ValueError(f"should be {low:g} to {high:g}")
+        return value
+
+    return AfterValidator(check)
+
+
+Number = Annotated[float | Uniform | Choice, PlainValidator(refusing(_number))]
+Colour = Annotated[str | Choice, PlainValidator(refusing(_colour))]
+Length = Annotated[Number, between(0.001, 10.0)]  # [m]
+Mass = Annotated[Number, between(0.001, 500.0)]  # [kg]
 
 
 def options(value: Any) -> tuple[Any, ...]:  # noqa: ANN401  numbers and colours
@@ -76,11 +112,7 @@ def varies(value: Any) -> bool:  # noqa: ANN401  as for `drawn`
 
 
 def settled(value: Number) -> float:
-    """Return a number that has been drawn.
-
-    Raises:
-        SceneError: if it still varies.
-    """
+    """Return a number that has been drawn."""
     if isinstance(value, Uniform | Choice):
         raise SceneError(f"{value} has not been drawn; call `Scene.draw` first")
     return float(value)

@@ -282,7 +282,10 @@ def test_objects_lie_on_rough_ground() -> None:
 
     terrain = rough_terrain(0.03, np.random.default_rng(0))
     scene = Scene(
-        (Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2)), Box(name="parcel", on="stool", size=(0.2,) * 3))
+        (
+            Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2)),
+            Box(name="parcel", on="stool", size=(0.2, 0.2, 0.2)),
+        )
     )
     simulation = Simulation(scene=scene, terrain=terrain)
     base = simulation.objects["stool"].position

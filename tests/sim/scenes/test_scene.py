@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -30,7 +31,7 @@ from hugwbc.sim.scenes import (
 )  # fmt: skip
 
 ROBOT = load_robot()
-BOX = {"size": (0.2, 0.2, 0.2)}
+BOX: dict[str, Any] = {"size": (0.2, 0.2, 0.2)}
 NAN = float("nan")
 VARIED = Scene((
     Table(name="desk", position=(1.2, 0.0), height=Uniform(0.7, 0.95)),
@@ -43,23 +44,23 @@ VARIED = Scene((
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Box(name="a", mass=0.0, **BOX), r"mass of box 'a' is 0.0; give 0.001 to 500"),
-        (lambda: Box(name="a", mass=Uniform(0.0, 1.0), **BOX), r"mass of box 'a' is 0.0"),
-        (lambda: Box(name="a", mass=NAN, **BOX), r"mass of box 'a' is nan"),
-        (lambda: Box(name="a", size=(0.2, 0.2)), r"size of box 'a' has 2 numbers; give 3, in m"),
-        (lambda: Box(name="a", size=0.2), r"size of box 'a' is 0.2; give 3 numbers, in m"),
-        (lambda: Box(name="a", size=(0.2, 0.0, 0.2)), r"size of box 'a' is 0.0; give 0.001 to 10"),
-        (lambda: Box(name="a b", **BOX), r"name of a box is 'a b'; use up to 63 letters, digits, - and _"),
-        (lambda: Box(name="a", friction=-1.0, **BOX), r"friction of box 'a' is -1.0; give 0.005 to 5"),
-        (lambda: Box(name="a", position=(1.0,), **BOX), r"position of box 'a' is \(1.0,\); give \[x, y\]"),
-        (lambda: Box(name="a", position=(1.0, 2.0, -1.0), **BOX), r"position's height of box 'a' is -1.0"),
-        (lambda: Box(name="a", colour="red", **BOX), r"colour of box 'a' is red; give it as \"#rrggbb\""),
-        (lambda: Door(name="a", hinge="top"), r"unknown hinge of door 'a' 'top'\. Valid: left, right"),
-        (lambda: Shelf(name="a", boards=(0.8, 0.4)), r"boards of shelf 'a' are not in ascending order"),
-        (lambda: Shelf(name="a", boards=()), r"shelf 'a' has no boards"),
-        (lambda: Uniform(2.0, 1.0), r"uniform from 2.0 to 1.0; give two finite numbers, the smaller one first"),
-        (lambda: Uniform(0.0, float("inf")), r"uniform from 0.0 to inf"),
-        (lambda: Choice(()), r"a choice has no values"),
+        (lambda: Box(name="a", mass=0.0, **BOX), r"mass is 0.0; .* 0.001 to 500"),
+        (lambda: Box(name="a", mass=Uniform(0.0, 1.0), **BOX), r"mass .* 0.001"),
+        (lambda: Box(name="a", mass=NAN, **BOX), r"mass is nan"),
+        (lambda: Box(name="a", size=(0.2, 0.2)), r"size.2 is missing"),
+        (lambda: Box(name="a", size=0.2), r"size is 0.2; .* list"),
+        (lambda: Box(name="a", size=(0.2, 0.0, 0.2)), r"size.1 is 0.0; .* 0.001 to 10"),
+        (lambda: Box(name="a b", **BOX), r"name is 'a b'; .* letters"),
+        (lambda: Box(name="a", friction=-1.0, **BOX), r"friction is -1.0; .* 0.005 to 5"),
+        (lambda: Box(name="a", position=(1.0,), **BOX), r"position is \(1.0,\); .* \[x, y\]"),
+        (lambda: Box(name="a", position=(1.0, 2.0, -1.0), **BOX), r"position .* high"),
+        (lambda: Box(name="a", colour="red", **BOX), r"colour is 'red'; .* \"#rrggbb\""),
+        (lambda: Door(name="a", hinge="top"), r"hinge 'top'\. Valid: left, right"),
+        (lambda: Shelf(name="a", boards=(0.8, 0.4)), r"ascending"),
+        (lambda: Shelf(name="a", boards=()), r"boards .* at least 1"),
+        (lambda: Uniform(2.0, 1.0), r"smaller one first"),
+        (lambda: Uniform(0.0, float("inf")), r"high is inf; .* finite"),
+        (lambda: Choice(()), r"values .* at least 1"),
         (lambda: Scene((Box(name="a", **BOX), Wall(name="a", position=(3.0, 0.0)))), r"another object has that name"),
         (lambda: Scene((Box(name="pelvis", **BOX),)), r"a part of the robot, the ground or a frame has that name"),
         (lambda: Scene((Box(name="a", on="desc", **BOX), Table(name="desk"))), r"'desc'\. Did you mean 'desk'"),
