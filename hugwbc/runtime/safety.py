@@ -12,6 +12,7 @@ from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.kinematics import in_place
 from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.lowering import Lowering
 from hugwbc.runtime.payload import PayloadObserver
@@ -56,6 +57,7 @@ class SafetyReport:
         speeds_limited: joint commands with a velocity target that was clamped.
         overruns: calls of the controller that took longer than its period.
         readings_refused: states in which the reading of a sensor was replaced, by the sensor.
+        braked: ticks on which a moving robot that was told to stand still braked (`hugwbc.runtime.braking`).
         lowered: ticks on which the robot knelt down, or was damped afterwards, since its state was lost.
         messages: the first message of each kind of event.
     """
@@ -75,6 +77,7 @@ class SafetyReport:
     speeds_limited: int = 0
     overruns: int = 0
     readings_refused: dict[str, int] = dataclasses.field(default_factory=dict)
+    braked: int = 0
     lowered: int = 0
     messages: tuple[str, ...] = ()
 
@@ -155,6 +158,7 @@ class SafetyFilter:
     - Commands are clamped to the range of their gait (`Command.clamp`; `command` holds the result). Combinations that
       the legs do not allow become the nearest ones that they do (`feasibility.feasible`). External arm targets are
       clamped to the joint limits.
+    - A robot that moves and is told to stand brakes first (`Braking`).
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
@@ -204,6 +208,7 @@ class SafetyFilter:
         self._guarded: dict[str, int] = {}
         self._refused: dict[str, int] = {}
         self._lowering = Lowering(self.robot)
+        self._braking = Braking()
         self._first: dict[str, str | CommandChange] = {}  # event of each kind, in order
         self._given: Command | None = None
         self._asked: Command | None = None
@@ -222,6 +227,9 @@ class SafetyFilter:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         feasible_command, upper_body = self.admit(command, upper_body)
+        feasible_command = self._braking(feasible_command, state, self.period)
+        if self._braking.active:
+            self._count("braked", "told to stand while moving: braking first")
         for sensor in state.coasted:
             self._refused[sensor] = self._refused.get(sensor, 0) + 1
             self._first.setdefault(f"refused {sensor}", f"readings of {sensor} refused and replaced")

@@ -13,11 +13,12 @@ from hugwbc.targets import HandTargets
 # How fast commands follow the sliders, in the command's unit per second, in the order of COMMAND_NAMES.
 RATES = np.array([0.5, 0.5, 1.0, 1.0, 0.3, 0.2, 0.4, 0.8])
 SLOW = 0.02  # [m/s, rad/s]; a robot with slower commands may change its gait
-BRAKE_TIME = 0.1  # [s] in which the commanded velocity goes to 0 when nobody drives any more
 
 
 class LiveSource:
-    """Commands that ramp towards the wanted command; the robot comes to rest before it changes its gait.
+    """Commands that ramp towards the wanted command; the robot comes to rest before it changes to another moving gait.
+
+    A stand is asked for at once, because every control loop brakes before it (`hugwbc.runtime.braking`).
 
     Several threads may ask for values at any time.
 
@@ -32,7 +33,6 @@ class LiveSource:
         self.wanted = wanted or Command()
         self.hands: HandTargets | None = None
         self.notice, self.noticed = "", -np.inf
-        self._braking = 0.0  # [1/s] for each command's unit; above 0 until the robot is told to be at rest
         self._walks_by_itself = self._paused = False
         self._command = default_command(self.wanted.gait)
         self._t = 0.0
@@ -46,7 +46,7 @@ class LiveSource:
     def restart(self) -> None:
         """Set the time back to 0 and start from rest in the wanted gait."""
         self._command = default_command(self.wanted.gait)
-        self._t, self._braking = 0.0, 0.0
+        self._t = 0.0
 
     @property
     def command(self) -> Command:
@@ -64,8 +64,6 @@ class LiveSource:
         """
         with self._asking:
             gait = self.wanted.gait
-            if name in VELOCITY_NAMES and value:
-                self._braking = 0.0
             if gait is Gait.STANDING and name in VELOCITY_NAMES and abs(value) > 0.0:
                 gait, self._walks_by_itself = Gait.WALKING, True
                 self.tell("standing allows no velocity: the robot starts walking")
@@ -76,7 +74,7 @@ class LiveSource:
     def ask_gait(self, gait: Gait) -> None:
         """Ask for a gait; values outside its ranges are clamped."""
         with self._asking:
-            self._braking, self._walks_by_itself = 0.0, False
+            self._walks_by_itself = False
             self.wanted, changes = dataclasses.replace(self.wanted, gait=gait).clamp()
             if changes:
                 self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
@@ -89,19 +87,11 @@ class LiveSource:
             self._walks_by_itself = False
 
     def pause(self, *, on: bool) -> None:
-        """Brake at once and wait at rest, or go on with what is wanted, by the usual ramps."""
-        if on and not self._paused:
-            self._brake()
-        elif self._paused and not on:
-            self._braking = 0.0
+        """Stand and wait, or go on with what is wanted, by the usual ramps."""
         self._paused = on
 
-    def _brake(self) -> None:
-        fastest = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
-        self._braking = fastest / BRAKE_TIME
-
     def halt(self, reason: str) -> None:
-        """Brake at once and stand, because nobody drives any more.
+        """Ask for a stand, because nobody drives any more.
 
         Args:
             reason: what has happened, for people.
@@ -110,29 +100,25 @@ class LiveSource:
             self.wanted = dataclasses.replace(
                 self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
             ).clamp()[0]
-            self._brake()
             self._walks_by_itself, self._paused = False, False
             self.tell(reason)
 
     def command_at(self, t: float) -> Command:
         """Return the command at time t [s], as far as the ramps have come."""
         dt, self._t = max(0.0, t - self._t), max(t, self._t)
-        wanted, gait = self.wanted, self._command.gait
-        goal = wanted.array()
-        if self._paused:
-            goal[: len(VELOCITY_NAMES)] = 0.0
-        if wanted.gait is not gait:
+        wanted, gait = self.wanted.array(), self._command.gait
+        wanted_gait = Gait.STANDING if self._paused else self.wanted.gait
+        if wanted_gait is not gait:
             moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
-            if moving <= SLOW:
-                gait, self._braking = wanted.gait, 0.0
+            if moving <= SLOW or wanted_gait is Gait.STANDING:
+                gait = wanted_gait
             else:
-                goal[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
+                wanted[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
         # The ranges are those of the present gait: the wanted one may admit velocities that this one does not.
         low, high = np.array([command_ranges(gait)[name].finishing for name in COMMAND_NAMES]).T
         value = np.clip(self._command.array(), low, high)
         step = RATES * dt
-        step[: len(VELOCITY_NAMES)] = np.maximum(step[: len(VELOCITY_NAMES)], self._braking * dt)
-        self._command = Command.from_array(value + np.clip(np.clip(goal, low, high) - value, -step, step), gait)
+        self._command = Command.from_array(value + np.clip(np.clip(wanted, low, high) - value, -step, step), gait)
         return self._command
 
     def hands_at(self, t: float) -> HandTargets | None:

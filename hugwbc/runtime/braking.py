@@ -1,0 +1,95 @@
+"""Braking before a stand: a robot that moves keeps its gait until it is slow, and only then stands."""
+
+import collections
+import dataclasses
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import VELOCITY_NAMES, Command, command_ranges
+from hugwbc.gait import Gait
+from hugwbc.state import RobotState
+
+DECELERATION = np.array([1.0, 1.0, 2.0])  # of the commanded v_x, v_y [m/s^2] and omega [rad/s^2]
+SLOW = np.array([0.15, 0.15, 0.3])  # [m/s], [m/s], [rad/s]; a slower robot may stand
+LONGEST = 4.0  # [s] at rest by the command, after which the robot stands however fast it seems to be
+
+
+class Braking:
+    """Turns a jump to `standing` into a stop: brake in the present gait, then stand.
+
+    A controller that is switched from a fast walk straight to standing falls: the next step, which would catch the
+    body, is missing. The commanded velocity therefore falls at `DECELERATION` in the present gait. The robot stands
+    once its mean velocity over a stride is below `SLOW`, as the state says; the pelvis sways within a stride. A state
+    without velocity counts as slow one stride after the command has come to rest.
+
+    Attributes:
+        active: whether the robot brakes now.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from a standing robot."""
+        self.active = False
+        self._last = Command()
+        self._velocities: collections.deque[np.ndarray] = collections.deque()
+        self._at_rest = 0.0  # [s] since the commanded velocity is 0
+
+    def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
+        """Return the command for the next period.
+
+        Args:
+            command: within the ranges of its gait.
+            state: the robot now.
+            dt: the period [s].
+        """
+        moving = self._last.gait is not Gait.STANDING
+        if moving:
+            self._velocities.append(_velocity(state))
+            while len(self._velocities) * dt > 1.0 / self._last.f + dt:
+                self._velocities.popleft()
+        if command.gait is not Gait.STANDING or not moving:
+            self._last, self.active, self._at_rest = command, False, 0.0
+            if not moving:
+                self._velocities.clear()
+            return command
+        self.active = True
+        braked = self._slower(command, dt)
+        self._at_rest = 0.0 if any(getattr(braked, name) for name in VELOCITY_NAMES) else self._at_rest + dt
+        if self._slow(dt) or self._at_rest > LONGEST:
+            self.reset()
+            return command
+        self._last = braked
+        return braked
+
+    def _slower(self, command: Command, dt: float) -> Command:
+        """Return the present gait with less velocity, and with the body posture of the command."""
+        last = self._last
+        velocity = np.array([getattr(last, name) for name in VELOCITY_NAMES])
+        velocity -= np.clip(velocity, -DECELERATION * dt, DECELERATION * dt)
+        ranges = command_ranges(last.gait)
+        posture = {
+            name: min(max(getattr(command, name), ranges[name].finishing[0]), ranges[name].finishing[1])
+            for name in ("h", "p", "w")
+        }
+        return dataclasses.replace(last, **dict(zip(VELOCITY_NAMES, velocity.tolist(), strict=True)), **posture)
+
+    def _slow(self, dt: float) -> bool:
+        """Whether the mean velocity of the last stride is small, after at least one stride."""
+        stride = 1.0 / self._last.f
+        if len(self._velocities) * dt < stride:
+            return False
+        mean = np.mean(self._velocities, axis=0)
+        if np.isnan(mean).any():
+            return self._at_rest >= stride
+        return bool((np.abs(mean) <= SLOW).all())
+
+
+def _velocity(state: RobotState) -> np.ndarray:
+    """Return the velocity in the heading frame [m/s] and the yaw rate [rad/s], shape (3,); NaN where it is unknown."""
+    if state.velocity is None or not state.is_usable:
+        return np.full(3, np.nan)
+    forward, left, _ = rotations.rotation_z(-state.yaw) @ state.velocity
+    return np.array([forward, left, rotations.rotate(state.orientation, state.angular_velocity)[2]])

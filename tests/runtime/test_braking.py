@@ -1,0 +1,94 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.runtime import Simulation, load_controller
+from hugwbc.runtime.braking import DECELERATION, LONGEST, SLOW, Braking
+from hugwbc.runtime.estimation import estimator_for
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.sim import ArenaChoice
+
+DT = 0.02
+WALK = Command(v_x=1.0, omega=0.5, f=2.5, gait=Gait.WALKING)
+STAND = Command(h=-0.1)
+
+
+@pytest.fixture
+def state():
+    return Simulation().reset()
+
+
+def moving(state, speed):
+    return dataclasses.replace(state, velocity=np.array([speed, 0.0, 0.0]))
+
+
+def stop(braking, state, seconds=1.0):
+    return [braking(STAND, state, DT) for _ in range(round(seconds / DT))]
+
+
+def test_a_robot_that_moves_slows_down_in_its_gait(state):
+    braking = Braking()
+    for _ in range(50):
+        assert braking(WALK, moving(state, 1.0), DT) == WALK
+    commands = stop(braking, moving(state, 1.0), 2.0)
+    assert all(command.gait is Gait.WALKING and command.f == WALK.f and command.h == STAND.h for command in commands)
+    assert commands[0].v_x == pytest.approx(WALK.v_x - DECELERATION[0] * DT)
+    assert commands[-1].v_x == commands[-1].omega == 0.0
+    assert braking.active
+    # It stands only when the robot is slow, not when the command is.
+    slow = stop(braking, moving(state, 0.5 * SLOW[0]))
+    assert slow[0].gait is Gait.WALKING and slow[-1] == STAND and not braking.active
+
+
+def test_a_sway_within_a_stride_is_no_speed(state):
+    braking, stride = Braking(), 1.0 / WALK.f
+    for tick in range(100):
+        braking(WALK, moving(state, np.sin(2.0 * np.pi * tick * DT / stride)), DT)
+    assert stop(braking, moving(state, 0.0), DT)[0] == STAND
+
+
+def test_a_stand_and_another_gait_pass_at_once(state):
+    braking = Braking()
+    assert braking(STAND, moving(state, 1.0), DT) == STAND
+    braking(WALK, moving(state, 1.0), DT)
+    jump = dataclasses.replace(WALK, gait=Gait.JUMPING)
+    assert braking(jump, moving(state, 1.0), DT) == jump
+
+
+def test_an_unknown_velocity_is_waited_for_for_a_stride(state):
+    braking, blind = Braking(), dataclasses.replace(state, velocity=None)
+    for _ in range(50):
+        braking(WALK, blind, DT)
+    commands = stop(braking, blind, 2.0)
+    first = next(index for index, command in enumerate(commands) if command == STAND)
+    assert first * DT == pytest.approx(WALK.v_x / DECELERATION[0] + 1.0 / WALK.f, abs=3 * DT)
+
+
+def test_a_robot_that_never_seems_slow_stands_in_the_end(state):
+    braking = Braking()
+    braking(WALK, moving(state, 1.0), DT)
+    commands = stop(braking, moving(state, 1.0), 1.0 + LONGEST + 0.1)
+    assert commands[-1] == STAND and commands[-10].gait is Gait.WALKING
+
+
+class WalkThenStand:
+    def command_at(self, t):
+        return Command(v_x=1.0, gait=Gait.WALKING) if t < 2.0 else Command()
+
+    def hands_at(self, t):
+        return None
+
+
+def test_the_policy_survives_a_switch_to_standing_at_1_m_s():
+    """Without the brake it falls within a second, whatever the seed."""
+    arena = ArenaChoice().chosen
+    simulation = arena.simulation(seed=3)
+    loop = ControlLoop(load_controller("learned"), WalkThenStand(), simulation, estimator=estimator_for(arena))
+    loop.reset()
+    for tick in range(round(4.5 / loop.period)):
+        loop.step(loop.decide(tick * loop.period), loop.period)
+    assert not simulation.fallen
+    assert 25 < loop.safe.report().braked < 150
+    assert np.hypot(*simulation.state().velocity[:2]) < 0.1
