@@ -64,7 +64,9 @@ def test_advantages_and_returns(oracle: algorithms.PPO) -> None:
     oracle.compute_returns(last)
     value, reward, done = (x.squeeze(-1) for x in (storage.values, storage.rewards, storage.dones))
     last_value = oracle.critic(last).detach().squeeze(-1)
-    advantage = ppo.generalised_advantage(reward, done.bool(), value, last_value, GAMMA, LAM)
+    advantage = ppo.generalised_advantage(
+        reward, done.bool(), torch.zeros_like(done, dtype=torch.bool), value, last_value, GAMMA, LAM
+    )
     assert done.any() and not done.all()
     torch.testing.assert_close(advantage + value, storage.returns.squeeze(-1), atol=1e-6, rtol=0)
     scaled = distributed.standardised(advantage.flatten())

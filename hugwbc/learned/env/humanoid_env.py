@@ -193,9 +193,11 @@ class HumanoidEnv:
         """
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous = self.readings
+        acting = self._outside()
         self._apply(action)
         self.loads.step(gaits.hopping(self.gait))
-        push(self.simulation, self.config.randomization, self.generator)
+        disturbed = push(self.simulation, self.config.randomization, self.generator)
+        disturbed |= (self._outside() != acting).any(1)
         if self.ground is not None:
             self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
         late = self.latency
@@ -227,10 +229,16 @@ class HumanoidEnv:
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
         self._judge_speeds(done, due, fallen)
         self._draw_commands(due)
+        disturbed[due] = True
         if self.ground is not None:
             self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
         self.begin_episodes(ended)
-        return StepResult(reward, done, timed_out, final.critic[~fallen[ended]], final)
+        return StepResult(reward, done, timed_out, final.critic[~fallen[ended]], final, disturbed)
+
+    def _outside(self) -> torch.Tensor:
+        """Return what acts on the robots besides their policy: forces, and external control of the arms."""
+        forces = torch.cat((self.loads.hand_force.flatten(1), self.loads.trunk_force), 1)
+        return torch.cat((forces, self.intervention.active[:, None].to(forces.dtype)), 1)
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""

@@ -129,8 +129,10 @@ def _randomize_by_others(simulation: BatchSimulation, config: RandomizationConfi
                 raise ConfigError(f"{origin} leaves numbers in {field} that are not finite")
 
 
-def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> None:
+def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> torch.Tensor:
     """Change the horizontal velocity of the pelvis of random robots before a control step.
+
+    Returns which robots were pushed, shape (n,), bool.
 
     Args:
         simulation: the batch.
@@ -142,6 +144,7 @@ def push(simulation: BatchSimulation, config: RandomizationConfig, generator: to
     if ids.numel():
         kick = (2.0 * torch.rand((ids.numel(), 2), generator=generator) - 1.0) * config.push_velocity
         simulation.qvel[ids.numpy(), :2] += kick.numpy()
+    return pushed & (config.push_velocity > 0.0)
 
 
 class Latency:

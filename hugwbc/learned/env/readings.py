@@ -151,6 +151,8 @@ class StepResult:
         final_critic: critic observation of those robots before their reset, for bootstrapping.
         final: observations of all robots that are done, in order, before their reset; None in a result that was not
             made by an environment.
+        disturbed: whether something happened to each robot in the step that was not its doing (a new command, a push, a
+            force or an intervention that began or ended), shape (n,), bool; None for nothing.
     """
 
     reward: torch.Tensor
@@ -158,6 +160,7 @@ class StepResult:
     timed_out: torch.Tensor
     final_critic: torch.Tensor
     final: Observation | None = None
+    disturbed: torch.Tensor | None = None
 
 
 def _names(kind: type) -> list[str]:

@@ -44,15 +44,24 @@ def kl_divergence(
 
 
 def generalised_advantage(
-    reward: torch.Tensor, done: torch.Tensor, value: torch.Tensor, last_value: torch.Tensor, gamma: float, lam: float
+    reward: torch.Tensor,
+    done: torch.Tensor,
+    disturbed: torch.Tensor,
+    value: torch.Tensor,
+    last_value: torch.Tensor,
+    gamma: float,
+    lam: float,
 ) -> torch.Tensor:
     """Return the generalised advantage estimates, shape (t, n).
 
-    A_t = delta_t + gamma lam (1 - done_t) A_{t+1}, delta_t = r_t + gamma (1 - done_t) V_{t+1} - V_t.
+    A_t = delta_t + gamma lam (1 - done_t) A_{t+1}, delta_t = r_t + gamma (1 - done_t) V_{t+1} - V_t, and A_t = 0 where
+    the robot was disturbed. What a new command or a push does to the value is no merit of an action: in the credit of
+    the actions before, the value of the state just before it stands for all that follows.
 
     Args:
         reward: rewards, with gamma V(final observation) added where an episode ran out of time, shape (t, n).
         done: whether the episode ended after the step, shape (t, n), bool.
+        disturbed: whether something came from outside in the step, shape (t, n), bool.
         value: value of the observation before the step, shape (t, n).
         last_value: value of the observation after the last step, shape (n,).
         gamma: discount per step.
@@ -63,7 +72,7 @@ def generalised_advantage(
     for t in reversed(range(len(reward))):
         going_on = (~done[t]).to(value.dtype)
         delta = reward[t] + gamma * going_on * following - value[t]
-        running = delta + gamma * lam * going_on * running
+        running = (delta + gamma * lam * going_on * running) * ~disturbed[t]
         advantage[t], following = running, value[t]
     return advantage
 
@@ -104,6 +113,7 @@ class Rollout:
     value: torch.Tensor
     reward: torch.Tensor
     done: torch.Tensor
+    disturbed: torch.Tensor
     group: torch.Tensor
 
     @classmethod
@@ -121,8 +131,9 @@ class Rollout:
             "reward": (),
         }
         tensors = {name: torch.empty(horizon, count, *size, device=device) for name, size in sizes.items()}
-        done = torch.empty(horizon, count, dtype=torch.bool, device=device)
-        return cls(**tensors, done=done, group=torch.zeros(horizon, count, dtype=torch.long, device=device))
+        done, disturbed = torch.zeros(2, horizon, count, dtype=torch.bool, device=device)
+        group = torch.zeros(horizon, count, dtype=torch.long, device=device)
+        return cls(**tensors, done=done, disturbed=disturbed, group=group)
 
 
 class PPO:
@@ -241,6 +252,7 @@ class PPO:
         for the rewards that it no longer collects.
         """
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
+        self.rollout.disturbed[t] = False if result.disturbed is None else result.disturbed
         if result.timed_out.numel():
             final = self.value(result.final_critic)
             self.rollout.reward[t, result.timed_out.to(self.device)] += self.config.gamma * final
@@ -274,7 +286,7 @@ class PPO:
         c, r = self.config, self.rollout
         with torch.no_grad():
             last_value = self.value(last.critic)
-            advantage = generalised_advantage(r.reward, r.done, r.value, last_value, c.gamma, c.lam)
+            advantage = generalised_advantage(r.reward, r.done, r.disturbed, r.value, last_value, c.gamma, c.lam)
         batch = {field.name: getattr(r, field.name).flatten(0, 1) for field in dataclasses.fields(r)}
         # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]

@@ -7,7 +7,7 @@ import torch
 from hugwbc.errors import UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
-from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig
+from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, LoadConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import observations as obs
@@ -197,6 +197,27 @@ def test_gait_and_command_change_in_mid_episode_and_the_phase_goes_on() -> None:
     advanced = (phase + 0.02 * command[:, 3]) % 1.0
     torch.testing.assert_close(env.phase[kept], advanced[kept])
     assert (env.age[:100][kept[:100]] == env.config.command.resample_steps).all()
+
+
+def test_what_is_not_the_doing_of_a_robot_is_told_in_the_step_in_which_it_happens() -> None:
+    calm = dataclasses.replace(RandomizationConfig(), push_velocity=0.0)
+    loads = LoadConfig(hand_force=20.0, trunk_force=20.0, hand_interval=0.2, trunk_interval=0.2)
+    command = CommandConfig(resample_steps=7)
+    env = HumanoidEnv(EnvConfig(count=64, randomization=calm, loads=loads, command=command), seed=0, threads=1)
+
+    def outside() -> torch.Tensor:
+        forces = (env.loads.hand_force.flatten(1), env.loads.trunk_force)
+        return torch.cat((*forces, env.intervention.active[:, None], env.command), 1)
+
+    told = 0
+    for _ in range(20):
+        before = outside()
+        result = env.step(torch.zeros(64, 19))
+        going_on = ~result.done
+        assert result.disturbed is not None
+        assert (result.disturbed == (outside() != before).any(1))[going_on].all()
+        told += int(result.disturbed[going_on].sum())
+    assert told > 200
 
 
 def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> None:

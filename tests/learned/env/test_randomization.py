@@ -131,9 +131,11 @@ def make_env(**changes: object) -> HumanoidEnv:
 
 def test_a_push_changes_the_velocity() -> None:
     calm, pushed = make_env(push_interval=1), make_env(push_interval=1, push_velocity=1.0)
-    for env in (calm, pushed):
+    for env, seen in ((calm, False), (pushed, True)):
         env.age[:] = 10
-        env.step(torch.zeros(COUNT, 19))
+        disturbed = env.step(torch.zeros(COUNT, 19)).disturbed
+        assert disturbed is not None
+        assert (disturbed[env.agile] == seen).all()  # some arms of the others may be intervened
     change = np.abs(pushed.simulation.qvel[:, :2] - calm.simulation.qvel[:, :2])
     assert (change.max(axis=1) > 0.05).all() and change.max() < 1.2
 

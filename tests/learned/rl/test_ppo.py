@@ -22,11 +22,20 @@ def test_gae_by_hand() -> None:
     reward = torch.tensor([[1.0], [2.0], [3.0]])
     done = torch.tensor([[False], [True], [False]])
     value = torch.tensor([[0.5], [0.4], [0.3]])
-    advantage = ppo.generalised_advantage(reward, done, value, torch.tensor([0.2]), gamma=0.9, lam=0.8)
+    calm = torch.zeros_like(done)
+    advantage = ppo.generalised_advantage(reward, done, calm, value, torch.tensor([0.2]), gamma=0.9, lam=0.8)
     last = 3.0 + 0.9 * 0.2 - 0.3
     middle = 2.0 - 0.4
     first = 1.0 + 0.9 * 0.4 - 0.5 + 0.9 * 0.8 * middle
     assert advantage.flatten().tolist() == pytest.approx([first, middle, last])
+
+
+def test_what_comes_from_outside_is_no_merit_of_an_action() -> None:
+    # A new command after the second step makes the value jump.
+    reward, value = torch.tensor([[1.0], [2.0], [3.0]]), torch.tensor([[0.5], [0.4], [50.0]])
+    done, disturbed = torch.zeros(3, 1, dtype=torch.bool), torch.tensor([[False], [True], [False]])
+    advantage = ppo.generalised_advantage(reward, done, disturbed, value, torch.tensor([49.0]), gamma=0.9, lam=0.8)
+    assert advantage.flatten().tolist() == pytest.approx([1.0 + 0.9 * 0.4 - 0.5, 0.0, 3.0 + 0.9 * 49.0 - 50.0])
 
 
 def test_gae_with_lambda_one_is_the_discounted_return() -> None:
@@ -34,7 +43,7 @@ def test_gae_with_lambda_one_is_the_discounted_return() -> None:
     reward, value = torch.rand(20, 3, dtype=torch.float64), torch.rand(20, 3, dtype=torch.float64)
     last = torch.rand(3, dtype=torch.float64)
     done = torch.zeros(20, 3, dtype=torch.bool)
-    advantage = ppo.generalised_advantage(reward, done, value, last, gamma=0.97, lam=1.0)
+    advantage = ppo.generalised_advantage(reward, done, done, value, last, gamma=0.97, lam=1.0)
     discount = 0.97 ** torch.arange(20, dtype=torch.float64)
     expected = (discount[:, None] * reward).sum(0) + 0.97**20 * last - value[0]
     torch.testing.assert_close(advantage[0], expected)

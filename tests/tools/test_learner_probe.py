@@ -1,0 +1,39 @@
+"""The program that looks at what a learner sees."""
+
+import importlib.util
+import math
+import pathlib
+import sys
+
+import pytest
+import torch
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+@pytest.fixture
+def probe():
+    spec = importlib.util.spec_from_file_location("learner_probe", ROOT / "tools" / "learner_probe.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_an_error_is_its_bias_its_repeating_part_and_the_rest(probe):
+    generator = torch.Generator().manual_seed(0)
+    phase = (torch.arange(5000) * 0.0413)[:, None] % 1.0
+    noise = 0.05 * torch.randn((5000, 1, 3), generator=generator)
+    error = 0.1 + 0.2 * torch.sin(2.0 * math.pi * phase)[..., None] + noise
+    bias, stride, rest = probe._parts(error, phase)
+    for part, expected in ((bias, 0.1), (stride, 0.2 / math.sqrt(2.0)), (rest, 0.05)):
+        assert part.flatten().tolist() == pytest.approx([expected] * 3, abs=0.005)
+
+
+def test_the_gradient_is_looked_at_by_gait_and_along_two_directions(probe, capsys, monkeypatch):
+    snapshot = ROOT / "models" / "h1" / "policies" / "h1" / "snapshot.safetensors"
+    settings = ["--each", "0", "--robots", "16", "--steps", "6", "--batch", "32"]
+    monkeypatch.setattr(sys, "argv", ["learner_probe.py", str(snapshot), *settings])
+    probe.main()
+    lines = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert lines == ["walking", "cosine", "all", "walking", "standing", "jumping", "hopping", "slope", "v_x", "omega"]
