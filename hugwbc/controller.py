@@ -128,8 +128,8 @@ class Controller(Protocol):
     """A whole-body controller.
 
     These four members are all that simulation, safety filter, evaluation, viewer and command line require. What a
-    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds`, `HasPlannedAcceleration`
-    or `HasBatch`. A class need not inherit from any of these protocols.
+    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds` or
+    `HasPlannedAcceleration`. A class need not inherit from any of these protocols.
 
     Attributes:
         name: short name for tables.
@@ -175,51 +175,6 @@ class HasPlannedAcceleration(Protocol):
     @property
     def planned_acceleration(self) -> np.ndarray | None:
         """Joint accelerations that the last command should cause [rad/s^2], shape (19,); None without a plan."""
-        ...
-
-
-class ControllerRows(Protocol):
-    """One controller evaluated for many robots at once; row i belongs to robot i.
-
-    Attributes:
-        kp: stiffness [N*m/rad], shape (19,).
-        kd: damping [N*m*s/rad], shape (19,).
-        phase: gait phase of each robot, shape (n,).
-    """
-
-    kp: np.ndarray
-    kd: np.ndarray
-    phase: np.ndarray
-
-    def reset(self) -> None:
-        """Forget the past of all robots."""
-        ...
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Keep only the robots selected by the mask `rows`, shape (n,), bool."""
-        ...
-
-    def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """Add the robots' states: shapes (n, 3), (n, 3), (n, 19), (n, 19)."""
-        ...
-
-    def decide(self, command: np.ndarray, gait: np.ndarray, indicator: np.ndarray) -> np.ndarray:
-        """Return joint position targets [rad], shape (n, 19).
-
-        Args:
-            command: the eight command values of each robot, shape (n, 8).
-            gait: values of `Gait`, shape (n,).
-            indicator: whether each robot's arms are under external control, shape (n,), bool.
-        """
-        ...
-
-
-@runtime_checkable
-class HasBatch(Controller, Protocol):
-    """A controller with a batch form whose rows equal `act` bit for bit."""
-
-    def for_many(self, count: int) -> ControllerRows:
-        """Return the batch form for `count` robots."""
         ...
 
 

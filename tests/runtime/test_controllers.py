@@ -7,7 +7,7 @@ import pytest
 
 import hugwbc
 from hugwbc.cli import main
-from hugwbc.controller import Controller, HasBatch, HasFootholds, HasPhase, HasPlannedAcceleration
+from hugwbc.controller import Controller, HasFootholds, HasPhase, HasPlannedAcceleration
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy import policy_dir
 from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
@@ -200,14 +200,14 @@ def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, 
     assert all(one != other for index, one in enumerate(found) for other in found[:index])
 
 
-ABILITIES = (HasPhase, HasFootholds, HasPlannedAcceleration, HasBatch)
+ABILITIES = (HasPhase, HasFootholds, HasPlannedAcceleration)
 
 
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
         ("qp", {HasPhase, HasFootholds, HasPlannedAcceleration}),
-        ("learned", {HasPhase, HasBatch}),
+        ("learned", {HasPhase}),
         ("hold", set()),
     ],
 )

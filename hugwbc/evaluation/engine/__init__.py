@@ -1,10 +1,9 @@
 """Run the episodes of a protocol, in one process or many, and keep their results.
 
 This is the door of the engine: other rooms import from here. `docs/engine.md` explains how episodes are identified,
-stored, resumed, distributed and batched.
+stored, resumed and distributed.
 """
 
-from hugwbc.evaluation.engine.batch_rollout import BatchMember, batch_rollout
 from hugwbc.evaluation.engine.campaign import Cell, CellResult, read_result, run_cells
 from hugwbc.evaluation.engine.episode import (
     ControllerFactory,
@@ -13,7 +12,6 @@ from hugwbc.evaluation.engine.episode import (
     Row,
     Run,
     controller_of,
-    joins_batch,
     run_episodes,
     stored_rows,
 )
@@ -23,7 +21,6 @@ from hugwbc.evaluation.engine.store import DEFAULT_FOLDER, ResultStore
 
 __all__ = [
     "DEFAULT_FOLDER",
-    "BatchMember",
     "Cell",
     "CellResult",
     "ControllerFactory",
@@ -39,9 +36,7 @@ __all__ = [
     "Stage",
     "Tour",
     "Waypoint",
-    "batch_rollout",
     "controller_of",
-    "joins_batch",
     "read_result",
     "run_cells",
     "run_episodes",

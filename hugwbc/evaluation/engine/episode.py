@@ -1,8 +1,8 @@
 """Run the episodes of a protocol by plan and keep what a judge makes of each.
 
-`run_episodes` reads the rows that are already stored, divides the missing episodes into jobs, hands the jobs to the
-execution, and stores each row as it comes back. A job runs in any process: `run_job` makes the controller, simulates
-its episodes (in a batch where they fit into one) and calls the judge.
+`run_episodes` reads the rows that are already stored, hands each missing episode to the execution as a job, and stores
+each row as it comes back. A job runs in any process: `run_job` makes the controller, simulates the episode and calls
+the judge.
 """
 
 import dataclasses
@@ -14,10 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hugwbc.commands import Command
-from hugwbc.controller import Controller, HasBatch
+from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine.batch_rollout import BatchMember, batch_rollout, fits, most_robots
 from hugwbc.evaluation.engine.execution import Execution
 from hugwbc.evaluation.engine.identity import (
     code_identity,
@@ -44,7 +43,6 @@ Row = TypeVar("Row")
 """The row that is kept of an episode: a dataclass of plain numbers."""
 Judge = Callable[[int, "Run"], Row]
 """Makes the row of an episode from its index and its run."""
-_WORTHWHILE = 64  # robots in a batch; with more, the time for each hardly falls
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -140,18 +138,17 @@ def run_episodes(
 
     report()
     missing = [(index, plan) for index, plan in enumerate(plans) if index not in rows]
-    for finished in settings.execution.run(run_job, _jobs(factory, judge, settings, missing)):
-        for index, row in finished:
-            if cell is not None:
-                cell.keep(index, plans[index], row)
-            rows[index] = row
+    for index, row in settings.execution.run(run_job, _jobs(factory, judge, settings, missing)):
+        if cell is not None:
+            cell.keep(index, plans[index], row)
+        rows[index] = row
         report()
     return [rows[index] for index in range(len(plans))]
 
 
 @dataclasses.dataclass(frozen=True)
 class Job(Generic[Row]):
-    """Episodes that one process runs.
+    """An episode that one process runs.
 
     Attributes:
         factory: makes the controller.
@@ -159,8 +156,8 @@ class Job(Generic[Row]):
         seed: seed of ground, sensor noise and arm motion, together with an episode's draw.
         duration: duration of an episode [s].
         settle: start of an episode that is left out of the errors [s].
-        conditions: conditions of episodes whose plan has none of its own.
-        episodes: index and plan of each episode.
+        conditions: conditions of an episode whose plan has none of its own.
+        index, plan: of the episode.
     """
 
     factory: ControllerFactory
@@ -169,37 +166,19 @@ class Job(Generic[Row]):
     duration: float
     settle: float
     conditions: Conditions
-    episodes: tuple[tuple[int, EpisodePlan], ...]
+    index: int
+    plan: EpisodePlan
 
 
 def _jobs(
     factory: ControllerFactory, judge: Judge[Row], settings: EpisodeSettings, episodes: list[tuple[int, EpisodePlan]]
 ) -> list[Job[Row]]:
-    """Return jobs of whole batches for the episodes that can share one, and a job for each of the others."""
-    if not episodes:
-        return []
+    """Return a job for each episode."""
+    _own.controller = None  # the file of an equal factory's policy may be another one since the last call
     make = functools.partial(
         Job, factory, judge, settings.seed, settings.duration, settings.settle, settings.conditions
     )
-    _own.controller = None  # the file of an equal factory's policy may be another one since the last call
-    controller = controller_of(factory)
-    together = [joins_batch(controller, settings.conditions, plan) for _, plan in episodes]
-    shared, alone = (
-        [e for e, joins in zip(episodes, together, strict=True) if joins is kind] for kind in (True, False)
-    )
-    size = _batch_size(len(shared), settings)
-    batches = [tuple(shared[start : start + size]) for start in range(0, len(shared), size)]
-    return [make(batch) for batch in batches] + [make((episode,)) for episode in alone]
-
-
-def _batch_size(count: int, settings: EpisodeSettings) -> int:
-    """Return the number of robots in a batch.
-
-    Small enough that every worker gets a batch and that rows are stored often; above that, `_WORTHWHILE` robots.
-    """
-    parallel = settings.execution.parallel
-    worthwhile = max(_WORTHWHILE, math.ceil(count / (4 * parallel)))
-    return max(1, min(most_robots(settings.duration), math.ceil(count / parallel), worthwhile))
+    return [make(index, plan) for index, plan in episodes]
 
 
 class _StoredRows(Generic[Row]):
@@ -305,52 +284,10 @@ def _same(one: object, other: object) -> bool:
     return one == other
 
 
-def run_job(job: Job[Row]) -> list[tuple[int, Row]]:
-    """Run the episodes of a job, in batches where they fit, and return index and row of each."""
-    controller = controller_of(job.factory)
-    batches: dict[float, list[tuple[int, EpisodePlan]]] = {}  # by time step, which a batch has in common
-    alone = []
-    for index, plan in job.episodes:
-        conditions = plan.conditions or job.conditions
-        shared = batches.setdefault(conditions.timestep, []) if joins_batch(controller, job.conditions, plan) else alone
-        shared.append((index, plan))
-    runs: list[tuple[int, Run]] = []
-    for episodes in batches.values():
-        done, broken = _run_batch(controller, job, episodes)
-        runs += done
-        alone += broken
-    runs += [(index, _run(controller, job, index, plan)) for index, plan in alone]
-    return [(index, job.judge(index, run)) for index, run in runs]
-
-
-def joins_batch(controller: Controller, conditions: Conditions, plan: EpisodePlan) -> bool:
-    """Return whether an episode can run in a batch with others.
-
-    Args:
-        controller: controller of the episode.
-        conditions: conditions of plans that have none of their own.
-        plan: plan of the episode.
-    """
-    return not (plan.timed or plan.estimated or plan.stage) and fits(controller, plan.conditions or conditions)
-
-
-def _run_batch(
-    controller: Controller, job: Job[Row], episodes: list[tuple[int, EpisodePlan]]
-) -> tuple[list[tuple[int, Run]], list[tuple[int, EpisodePlan]]]:
-    """Run episodes in one batch; return the runs by index, and the episodes that have to run alone."""
-    assert isinstance(controller, HasBatch)  # `joins_batch` holds for each episode
-    members = []
-    for index, plan in episodes:
-        conditions = plan.conditions or job.conditions
-        members.append(BatchMember(plan.source, conditions, plan.forces, conditions.arms(_seed(job, index, plan))))
-    runs, broken = [], []
-    traces = batch_rollout(controller, members, duration=job.duration)
-    for (index, plan), member, trace in zip(episodes, members, traces, strict=True):
-        if trace is None:
-            broken.append((index, plan))
-        else:
-            runs.append((index, Run(plan, trace, _arm_error(member.arms, trace, job.settle))))
-    return runs, broken
+def run_job(job: Job[Row]) -> tuple[int, Row]:
+    """Run the episode of a job, and return its index and row."""
+    run = _run(controller_of(job.factory), job, job.index, job.plan)
+    return job.index, job.judge(job.index, run)
 
 
 def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -> Run:
@@ -376,7 +313,7 @@ def _run(controller: Controller, job: Job[Row], index: int, plan: EpisodePlan) -
 
 
 def _seed(job: Job[Row], index: int, plan: EpisodePlan) -> tuple[int, int]:
-    """Return the episode's own seed, so that neither its process nor its batch matters."""
+    """Return the episode's own seed, so that its process does not matter."""
     return job.seed, index if plan.draw is None else plan.draw
 
 

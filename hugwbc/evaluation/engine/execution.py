@@ -75,14 +75,6 @@ class Execution:
             self._executor.shutdown(wait=wait, cancel_futures=not wait)
         self._client = self._executor = None
 
-    @property
-    def parallel(self) -> int:
-        """The number of jobs that run at once: processes, or threads of the cluster's workers."""
-        if self.cluster is None:
-            return self.workers
-        self._started()
-        return max(1, sum(self._client.nthreads().values()))
-
     def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
         """Yield the outcome of every job in the order in which the jobs finish.
 

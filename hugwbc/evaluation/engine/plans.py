@@ -170,18 +170,15 @@ class EpisodePlan:
         conditions: conditions of this episode; None for those of the protocol's settings.
         draw: number that, together with the settings' seed, determines ground, sensor noise and arm motion; None for
             the episode's index. Plans with the same draw meet the same randomness.
-        timed: whether the controller's computing time is measured; such an episode runs alone.
-        estimated: whether the state estimator is compared with the truth; such an episode runs alone.
+        estimated: whether the state estimator is compared with the truth.
         label: what the episode is for; read by the judge of the protocol.
-        stage: what runs the episode instead of `commands` and `forces`; None for a rollout of the commands. Such an
-            episode runs alone.
+        stage: what runs the episode instead of `commands` and `forces`; None for a rollout of the commands.
     """
 
     commands: Command | Schedule | Tour
     forces: tuple[Force, ...] = ()
     conditions: Conditions | None = None
     draw: int | None = None
-    timed: bool = False
     estimated: bool = False
     label: str = ""
     stage: Stage | None = None

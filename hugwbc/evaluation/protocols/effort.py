@@ -189,10 +189,10 @@ class EffortProtocol(PlannedProtocol[EffortConfig, EffortEpisode, EffortResult])
     )
 
     def plans(self, settings: EffortConfig) -> list[EpisodePlan]:
-        """Return an episode for each admitted speed; each runs alone, as it is timed."""
+        """Return an episode for each admitted speed."""
         starts = [default_command(settings.alternating[index % 2]) for index in range(settings.episodes)]
         commands = [dataclasses.replace(start, v_x=v) for start, v in zip(starts, settings.admitted, strict=True)]
-        return [EpisodePlan(command, timed=True) for command in commands]
+        return [EpisodePlan(command) for command in commands]
 
     def judge(self, settings: EffortConfig) -> EffortJudge:
         """Return the judge of the cost."""

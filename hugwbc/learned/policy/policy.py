@@ -7,12 +7,11 @@ import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint, self_test
-from hugwbc.learned.policy.bare_actor import BareActor, on_arrays, row_by_row
+from hugwbc.learned.policy.bare_actor import BareActor, on_arrays
 from hugwbc.learned.policy.network_policy import NetworkPolicy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import command_size, complete_contract, recorded_intervention
 from hugwbc.learned.policy.policy_files import DEFAULT_POLICY, policy_file
-from hugwbc.learned.policy.policy_rows import PolicyRows
 
 
 def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
@@ -103,10 +102,6 @@ class LearnedController(NetworkPolicy):
         """
         self.actor = actor.eval()
         super().__init__(on_arrays(BareActor(self.actor)), metadata)
-
-    def for_many(self, count: int) -> PolicyRows:
-        """Return the same policy for many robots; each gets what `act` would give it, bit for bit."""
-        return PolicyRows(self.metadata, on_arrays(row_by_row(self.actor)), count)
 
     def last_pass(self) -> dict[str, torch.Tensor]:
         """Return inputs and outputs of the network in the last call of `act`.

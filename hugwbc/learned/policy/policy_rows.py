@@ -71,11 +71,6 @@ class PolicyRows:
         self._waist, self._posture = np.zeros_like(self._waist), np.zeros_like(self._posture)
         self._started = False
 
-    def keep(self, rows: np.ndarray) -> None:
-        """Keep the chosen rows, shape (n,), bool, and drop those of robots that are done."""
-        for name in ("history", "observation", "action", "estimate", "phase", "_waist", "_posture"):
-            setattr(self, name, getattr(self, name)[rows])
-
     def push(self, angular_velocity: np.ndarray, gravity: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
         """Add a frame to the histories.
 

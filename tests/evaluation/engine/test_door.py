@@ -14,7 +14,7 @@ PAGE = pathlib.Path(hugwbc.__file__).parent.parent / "docs" / "engine.md"
 def test_the_page_names_what_the_door_offers():
     assert all(hasattr(engine, name) for name in engine.__all__)
     shown = set(re.findall(r"`(\w+)`", PAGE.read_text()))
-    helpers = {"ControllerFactory", "Row", "controller_of", "joins_batch", "read_result", "DEFAULT_FOLDER"}
+    helpers = {"ControllerFactory", "Row", "controller_of", "read_result", "DEFAULT_FOLDER"}
     assert set(engine.__all__) - helpers <= shown
 
 

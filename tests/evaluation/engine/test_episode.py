@@ -1,4 +1,4 @@
-"""Episodes by plan have their own seed and conditions, are stored and resumed, and share controllers and batches."""
+"""Episodes by plan have their own seed and conditions, are stored and resumed, and share controllers."""
 
 import dataclasses
 import functools
@@ -19,15 +19,13 @@ from hugwbc.evaluation.engine import (
     Run,
     controller_of,
     episode,
-    joins_batch,
     run_episodes,
 )
-from hugwbc.evaluation.engine.episode import Job, _batch_size, run_job
-from hugwbc.runtime.controllers import ControllerSpec, HoldController, learned_controller
+from hugwbc.evaluation.engine.episode import Job, run_job
+from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.sim.sensors import EXACT, PROFILES
 
 STAND = EpisodePlan(Command())
-NOISY = Conditions(sensing="robot")
 
 
 class _Factory:
@@ -62,8 +60,8 @@ def _judge(index, run):
 
 
 def _run(episodes, *, seed=0, conditions=None):
-    job = Job(HoldController, _judge, seed, 0.1, 0.0, conditions or Conditions(), tuple(episodes))
-    rows = run_job(job)
+    jobs = [Job(HoldController, _judge, seed, 0.1, 0.0, conditions or Conditions(), *episode) for episode in episodes]
+    rows = list(map(run_job, jobs))
     assert all(index == row.index for index, row in rows)
     return dict(rows)
 
@@ -109,19 +107,6 @@ def test_a_controller_is_made_once_for_equal_factories_in_each_thread():
     thread.join()
     assert _Factory.made == 3 and others[0] is not controller_of(_Factory("b").build)
     assert controller_of(functools.partial(HoldController)) is not controller_of(HoldController)
-
-
-@pytest.mark.parametrize(("conditions", "timed", "joins"), [
-    (Conditions(sensing="exact"), False, True),
-    (Conditions(sensing="exact"), True, False),
-    (NOISY, False, False),
-    (Conditions(sensing="exact", terrain_roughness=0.02), False, False),
-])  # fmt: skip
-def test_what_shares_a_batch(conditions, timed, joins):
-    plan = EpisodePlan(Command(gait=Gait.WALKING), timed=timed)
-    assert joins_batch(learned_controller(), conditions, plan) is joins
-    assert joins_batch(learned_controller(), NOISY, dataclasses.replace(plan, conditions=conditions)) is joins
-    assert not joins_batch(HoldController(), conditions, plan), "no policy"
 
 
 PLANS = [EpisodePlan(Command(w=w, gait=Gait.STANDING)) for w in (0.1, 0.2, 0.3, 0.4)]
@@ -231,7 +216,7 @@ def test_a_foreign_file_in_the_way_is_refused(tmp_path):
     assert path.read_text().endswith("99}\n")
 
 
-def test_batches_processes_and_stored_rows_give_the_same_numbers(tmp_path):
+def test_processes_and_stored_rows_give_the_same_numbers(tmp_path):
     factory = ControllerSpec("learned").build
     conditions = Conditions(timestep=0.005)
     rough = dataclasses.replace(conditions, terrain_roughness=0.01)
@@ -243,9 +228,7 @@ def test_batches_processes_and_stored_rows_give_the_same_numbers(tmp_path):
         settings = EpisodeSettings(duration=0.8, settle=0.1, conditions=conditions, execution=execution)
         return run_episodes(factory, plans, _ending, settings)
 
-    timed = [dataclasses.replace(plan, timed=True) for plan in plans]
-    alone = rows(Execution(), timed)
-    assert _places(rows(Execution(), plans)) == pytest.approx(_places(alone), abs=1e-9)
+    alone = rows(Execution(), plans)
     with Execution(2, store=ResultStore(tmp_path)) as execution:
         shared = rows(execution, plans)
     assert _places(shared) == pytest.approx(_places(alone), abs=1e-9)
@@ -254,19 +237,3 @@ def test_batches_processes_and_stored_rows_give_the_same_numbers(tmp_path):
 
 def _places(rows: list[Ending]) -> list[float]:
     return [value for row in rows for value in (row.index, row.waist, *row.place)]
-
-
-@pytest.mark.parametrize(
-    ("count", "workers", "duration", "size"),
-    [
-        (0, 1, 10.0, 1),
-        (5, 2, 10.0, 3),
-        (64, 1, 10.0, 64),
-        (1000, 1, 5.0, 250),
-        (4096, 1, 10.0, 536),
-        (100, 8, 10.0, 13),
-    ],
-)
-def test_batches_are_as_large_as_memory_and_workers_allow(count, workers, duration, size):
-    settings = EpisodeSettings(duration=duration, execution=Execution(workers))
-    assert _batch_size(count, settings) == size

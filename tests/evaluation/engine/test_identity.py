@@ -130,6 +130,6 @@ def test_a_name_from_a_door_counts_as_the_module_that_defines_it(monkeypatch, tm
 def test_a_protocol_depends_on_what_it_uses_of_the_engine():
     files = {str(path) for path in identity._imported(frozenset(["hugwbc.evaluation.protocols.small_velocities"]))}
     names = {path.rpartition("hugwbc/")[2] for path in files}
-    assert {f"evaluation/engine/{name}.py" for name in ("episode", "plans", "batch_rollout")} <= names
+    assert {f"evaluation/engine/{name}.py" for name in ("episode", "plans")} <= names
     assert {"runtime/rollout.py", "sim/simulation.py", "evaluation/metrics.py"} <= names
     assert not names & {"evaluation/engine/campaign.py", "evaluation/protocols/tour.py"}

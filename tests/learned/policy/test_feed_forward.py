@@ -57,14 +57,6 @@ def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.P
 
     np.testing.assert_array_equal(act(fed, 1.0), act(plain, 0.9))
     assert np.abs(act(fed, 1.0) - act(plain, 1.0)).max() > 1e-4
-    rows = fed.for_many(1)
-    rows.reset()
-    rows.push(
-        *(np.asarray(value)[None] for value in (STATE.angular_velocity, STATE.projected_gravity, STATE.q, STATE.dq))
-    )
-    command = dataclasses.replace(default_command(Gait.WALKING), v_x=1.0).array()[None]
-    many = rows.decide(command, np.array([int(Gait.WALKING)]), np.array([False]))
-    np.testing.assert_array_equal(many[0], act(fed, 1.0))
 
 
 @pytest.mark.parametrize(
