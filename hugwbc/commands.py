@@ -92,14 +92,10 @@ class Command:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, float], gait: Gait) -> "Command":
-        """Build the default command of a gait with some values replaced.
-
-        Raises:
-            UnknownNameError: if a key is not the name of a command.
-        """
+        """Build the default command of a gait with some values replaced."""
         for name in values:
             if name not in COMMAND_NAMES:
-                raise UnknownNameError("command", name, COMMAND_NAMES)
+                raise UnknownNameError("command", name, COMMAND_NAMES, at=(name,))
         return cls(**values, gait=gait)
 
     def validate(self) -> "Command":
@@ -113,11 +109,13 @@ class Command:
             low, high = limits.finishing
             unit = COMMAND_UNITS[name]
             if not math.isfinite(value):
-                raise CommandError(f"command {name} is {value}; give a finite number from {low} to {high} {unit}")
+                message = f"command {name} is {value}; give a finite number from {low} to {high} {unit}"
+                raise CommandError(message, at=(name,))
             if not low <= value <= high:
                 raise CommandError(
                     f"command {name} = {value:g} {unit} is out of range for the {self.gait.label} gait; "
-                    f"valid: {low:g} to {high:g} {unit}; choose a value in that range"
+                    f"valid: {low:g} to {high:g} {unit}; choose a value in that range",
+                    at=(name,),
                 )
         return self
 

@@ -38,6 +38,14 @@ Count = Annotated[int, Field(ge=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 _CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, coerce_numbers_to_str=True)
+_WORDS = (
+    ("^.*?should", "it should"),
+    (", unable to parse.*| after validation.*", ""),
+    ("a dictionary or an instance of", "the fields of a"),
+    ("valid tuple", "list"),
+    ("valid dictionary", "mapping"),
+)
+"""Words of pydantic's messages, and ours."""
 Place = tuple[str | int, ...]
 _T = TypeVar("_T")
 
@@ -129,10 +137,10 @@ def _described(title: str, details: Any) -> tuple[Place, HugwbcError]:  # noqa: 
         return place[:-1], ConfigError(f"{name} is missing; give it")
     if isinstance(value, str) and (valid := context.get("expected")):
         return place, UnknownNameError(name, value, re.findall(r"'([^']*)'", valid))
-    wanted = re.sub(r", unable to parse.*| after validation.*", "", details["msg"])
-    for theirs, ours in (("^.*?should", "it should"), ("a dictionary or an instance of", "the fields of a")):
+    wanted = details["msg"]
+    for theirs, ours in _WORDS:
         wanted = re.sub(theirs, ours, wanted)
-    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {wanted.replace('valid tuple', 'list')}")
+    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {wanted}")
 
 
 def one_line(text: str, longest: int = 1000) -> str:

@@ -4,25 +4,27 @@ A path starts at t = 0, and its last position holds for ever. Coordinates are in
 (see `hugwbc.targets.HandTargets`). Recorded paths are in `hugwbc.scripts.recorded_path`.
 """
 
-import dataclasses
 import functools
 import itertools
 import math
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
+from pydantic import Field
 
 from hugwbc.blends import smooth_step
-from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.targets import position
+from hugwbc.errors import ConfigError
+from hugwbc.settings import Count, NotNegative, Positive, Seed, settings
+from hugwbc.targets import FARTHEST
 
-Point = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]  # [m]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
 MOST_POINTS = 100_000  # in a grid; at one second each, they take more than a day
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class HandPath:
     """The position of a hand over time; base class of all paths."""
 
@@ -35,7 +37,7 @@ class HandPath:
         return Mirrored(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Mirrored(HandPath):
     """The path of the other hand with the sign of y changed."""
 
@@ -46,21 +48,18 @@ class Mirrored(HandPath):
         return self.path.at(t) * [1.0, -1.0, 1.0]
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Hold(HandPath):
     """A hand that stays at a point [m]."""
 
     point: Point
-
-    def __post_init__(self) -> None:
-        position("hand path's point", self.point)
 
     def at(self, t: float) -> np.ndarray:
         """Return the point [m], shape (3,)."""
         return np.array(self.point, dtype=float)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Line(HandPath):
     """Straight legs from point to point, each with a minimum-jerk speed profile.
 
@@ -71,19 +70,10 @@ class Line(HandPath):
         repeat: whether to go back through the points and start again, for ever.
     """
 
-    points: tuple[Point, ...]
-    leg_time: float = 1.0
-    dwell: float = 0.0
+    points: Annotated[tuple[Point, ...], Field(min_length=2)]
+    leg_time: Positive = 1.0
+    dwell: NotNegative = 0.0
     repeat: bool = False
-
-    def __post_init__(self) -> None:
-        if len(self.points) < 2:
-            raise TargetError(f"line's points are {self.points}; give at least two points x, y, z")
-        for index, point in enumerate(self.points):
-            position(f"line's point {index + 1}", point)
-        _check_times("line", leg_time=self.leg_time)
-        if not (math.isfinite(self.dwell) and self.dwell >= 0.0):
-            raise TargetError(f"line's dwell is {self.dwell}; give a finite number of seconds from 0")
 
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
@@ -98,7 +88,7 @@ class Line(HandPath):
         return before + (way - index) * (after - before)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Grid(HandPath):
     """A visit to every point of a box-shaped grid, from neighbour to neighbour: x changes slowest, z fastest.
 
@@ -112,23 +102,17 @@ class Grid(HandPath):
 
     centre: Point
     size: Point
-    count: tuple[int, int, int] = (2, 2, 2)
-    leg_time: float = 1.0
-    dwell: float = 0.5
+    count: tuple[Count, Count, Count] = (2, 2, 2)
+    leg_time: Positive = 1.0
+    dwell: NotNegative = 0.5
 
     def __post_init__(self) -> None:
-        position("grid's centre", self.centre)
-        position("grid's size", self.size)
-        whole = len(self.count) == 3 and all(math.isfinite(n) and n == int(n) and n >= 1 for n in self.count)
-        if not whole or not 2 <= math.prod(self.count) <= MOST_POINTS:
-            raise TargetError(
-                f"grid's count is {self.count}; give three whole numbers from 1, in all 2 to {MOST_POINTS} points"
-            )
-        self._line.at(0.0)  # raises on bad times now instead of in the control loop
+        if not 2 <= math.prod(self.count) <= MOST_POINTS:
+            raise ConfigError(f"count is {self.count}; give 2 to {MOST_POINTS} points in all", at=("count",))
 
     @functools.cached_property
     def _line(self) -> Line:
-        ticks = [np.linspace(-0.5, 0.5, int(n)) if n > 1 else np.zeros(1) for n in self.count]
+        ticks = [np.linspace(-0.5, 0.5, n) if n > 1 else np.zeros(1) for n in self.count]
         points: list[Point] = []
         for x, y, z in itertools.product(*(range(len(tick)) for tick in ticks)):
             row = x * len(ticks[1]) + y
@@ -148,7 +132,7 @@ class Grid(HandPath):
         return self._line.at(t)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Circle(HandPath):
     """A circle, run through counter-clockwise about an axis through its centre.
 
@@ -161,20 +145,10 @@ class Circle(HandPath):
     """
 
     centre: Point
-    radius: float
+    radius: Positive
     axis: Axis = "x"
-    period: float = 4.0
+    period: Positive = 4.0
     phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        position("circle's centre", self.centre)
-        _check_times("circle", period=self.period)
-        if not (math.isfinite(self.radius) and self.radius > 0.0 and math.isfinite(self.phase)):
-            raise TargetError(
-                f"circle's radius is {self.radius} and phase {self.phase}; give finite ones, radius above 0"
-            )
-        if self.axis not in AXES:
-            raise UnknownNameError("axis", self.axis, AXES)
 
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
@@ -186,7 +160,7 @@ class Circle(HandPath):
         return point
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Swing(HandPath):
     """A swing about a point: position = centre + amplitude * sin(2 pi (t / period + phase)), for each axis.
 
@@ -200,12 +174,7 @@ class Swing(HandPath):
     centre: Point
     amplitude: Point = (0.0, 0.0, 0.0)
     phase: Point = (0.0, 0.0, 0.0)
-    period: float = 4.0
-
-    def __post_init__(self) -> None:
-        for name in ("centre", "amplitude", "phase"):
-            position(f"swing's {name}", getattr(self, name))
-        _check_times("swing", period=self.period)
+    period: Positive = 4.0
 
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
@@ -213,7 +182,7 @@ class Swing(HandPath):
         return np.asarray(self.centre) + np.asarray(self.amplitude) * np.sin(angle)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Wander(HandPath):
     """A random walk between points drawn uniformly from a box, for ever; equal seeds give equal walks.
 
@@ -226,15 +195,8 @@ class Wander(HandPath):
 
     centre: Point
     size: Point
-    leg_time: float = 1.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        position("wander's centre", self.centre)
-        position("wander's size", self.size)
-        _check_times("wander", leg_time=self.leg_time)
-        if not math.isfinite(self.seed) or self.seed != int(self.seed) or self.seed < 0:
-            raise TargetError(f"wander's seed is {self.seed}; give a whole number from 0")
+    leg_time: Positive = 1.0
+    seed: Seed = 0
 
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
@@ -248,11 +210,5 @@ class Wander(HandPath):
 
 @functools.lru_cache(maxsize=256)
 def _wander_corner(path: Wander, index: int) -> np.ndarray:
-    draw = np.random.default_rng((int(path.seed), index)).uniform(-0.5, 0.5, 3)
+    draw = np.random.default_rng((path.seed, index)).uniform(-0.5, 0.5, 3)
     return np.asarray(path.centre) + draw * path.size
-
-
-def _check_times(kind: str, **times: float) -> None:
-    for name, value in times.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise TargetError(f"{kind}'s {name} is {value}; give a finite number of seconds above 0")

@@ -1,7 +1,6 @@
 """Recorded paths of a hand: samples over time, read from CSV files."""
 
 import csv
-import dataclasses
 import functools
 import pathlib
 
@@ -9,10 +8,10 @@ import numpy as np
 
 from hugwbc.errors import TargetError
 from hugwbc.scripts.hand_paths import HandPath, Point
-from hugwbc.targets import position
+from hugwbc.settings import settings
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Recorded(HandPath):
     """A path through samples, linear between them.
 
@@ -29,10 +28,7 @@ class Recorded(HandPath):
             raise TargetError(
                 f"recorded path has {len(self.time)} times and {len(self.points)} points; give one x, y, z each"
             )
-        for index, point in enumerate(self.points):
-            position(f"recorded path's point {index + 1}", point)
-        time, _ = self._arrays
-        if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
+        if np.any(np.diff(self.time) <= 0.0):
             raise TargetError("recorded path's times do not rise; sort the samples and remove repeated times")
 
     @functools.cached_property

@@ -8,40 +8,97 @@ are in `hugwbc/scripts`.
 import bisect
 import dataclasses
 import functools
-import math
+import itertools
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field, PlainValidator, TypeAdapter, ValidationInfo, model_validator
 
 from hugwbc.blends import smooth_rate, smooth_step
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
-from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
+from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath, Point
-from hugwbc.scripts.motion import ArmMotion
-from hugwbc.targets import HAND_FRAMES, HandFrame, HandTargets
+from hugwbc.scripts.motion import ArmMotion, load_motion
+from hugwbc.scripts.recorded_path import read_path
+from hugwbc.settings import Beside, NotNegative, Positive, refusing, settings
+from hugwbc.targets import HandFrame, HandTargets
 
 DEFAULT_RAMP = 1.0  # [s]
+_PATHS: dict[str, type[HandPath]] = {
+    "hold": hand_paths.Hold,
+    "line": hand_paths.Line,
+    "grid": hand_paths.Grid,
+    "circle": hand_paths.Circle,
+    "swing": hand_paths.Swing,
+    "wander": hand_paths.Wander,
+}
+"""Paths by their names in a file."""
+_KINDS = (*_PATHS, "file")
 
 
-@dataclasses.dataclass(frozen=True)
+def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
+    """Return a path that is given as one, or declared as {KIND: its fields}."""
+    if value is None or isinstance(value, HandPath):
+        return value
+    if not isinstance(value, Mapping) or len(value) != 1:
+        raise ConfigError(f"a hand has one path; give one of {', '.join(_KINDS)}, or mirror")
+    ((kind, fields),) = value.items()
+    if kind == "mirrored":
+        return _path(fields, info).mirrored()  # pyright: ignore[reportOptionalMemberAccess]  `_mirror` made it
+    if kind == "file":
+        return read_path(TypeAdapter(Beside).validate_python(fields, context=info.context))
+    if kind not in _PATHS:
+        raise UnknownNameError("path", kind, _KINDS, at=(kind,))
+    fields = {"point": fields} if kind == "hold" and not isinstance(fields, Mapping) else fields
+    return TypeAdapter(dict[str, _PATHS[kind]]).validate_python({kind: fields})[kind]
+
+
+def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN401
+    """Return the motion of a file, the same object for the same file, so that it can go on from segment to segment."""
+    if value is None or isinstance(value, ArmMotion):
+        return value
+    path = TypeAdapter(Beside).validate_python(value, context=info.context)
+    known = {} if info.context is None else info.context
+    if path not in known:
+        known[path] = load_motion(path)
+    return known[path]
+
+
+def _gait(value: Any) -> Gait:  # noqa: ANN401
+    return value if isinstance(value, Gait) else Gait.parse(value)
+
+
+_Path = Annotated[HandPath | None, PlainValidator(refusing(_path))]
+
+
+@settings
 class HandMotion:
     """Paths of the hands in one frame; None for a hand that rests next to the body. See `HandTargets` for the rest."""
 
-    left: HandPath | None
-    right: HandPath | None
+    left: _Path = None
+    right: _Path = None
     frame: HandFrame = "pelvis"
     left_direction: Point | None = None
     right_direction: Point | None = None
     together: bool = False
     whole_body: bool = False
 
+    @model_validator(mode="before")
+    @classmethod
+    def _mirror(cls, data: Any) -> Any:  # noqa: ANN401
+        """Let a hand in a file mirror the other one's path."""
+        for side, other in (("left", "right"), ("right", "left")):
+            if isinstance(data, Mapping) and data.get(side) == "mirror" and isinstance(data.get(other), Mapping):
+                return {**data, side: {"mirrored": data[other]}}
+        return data
+
     def __post_init__(self) -> None:
         if self.left is None and self.right is None:
             raise TargetError("neither hand has a path; give at least one, or no hands at all")
-        if self.frame not in HAND_FRAMES:
-            raise UnknownNameError("hand frame", self.frame, HAND_FRAMES)
         self.at(0.0)
 
     def at(self, t: float) -> HandTargets:
@@ -61,7 +118,7 @@ class HandMotion:
         return checked.left_direction, checked.right_direction
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Segment:
     """One segment of a script.
 
@@ -72,41 +129,34 @@ class Segment:
         commands: values by name, reached after `ramp`; all other commands go to their defaults.
         hands: paths of the hands; None leaves the arms to the controller. Paths equal to the previous segment's
             continue; others start.
+        ramp: time from the previous segment's values to this segment's, for commands and hands [s]; `DEFAULT_RAMP`, or
+            the duration where that is shorter, if left out.
         motion: motion of the arm joints, instead of hands. It continues or starts likewise, and rests at its end.
-        ramp: time from the previous segment's values to this segment's, for commands and hands [s].
     """
 
     label: str
-    duration: float
-    gait: Gait = Gait.STANDING
+    duration: Positive
+    gait: Annotated[Gait, BeforeValidator(refusing(_gait))] = Gait.STANDING
     commands: Mapping[str, float] = dataclasses.field(default_factory=dict)
     hands: HandMotion | None = None
-    ramp: float = DEFAULT_RAMP
-    motion: ArmMotion | None = None
+    ramp: NotNegative = Field(default_factory=lambda given: min(DEFAULT_RAMP, given.get("duration", DEFAULT_RAMP)))
+    motion: Annotated[ArmMotion | None, PlainValidator(refusing(_motion))] = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.duration) and self.duration > 0.0):
-            raise ConfigError(f"segment '{self.label}' lasts {self.duration} s; give a finite duration above 0 s")
-        if not 0.0 <= self.ramp <= self.duration:
-            raise ConfigError(
-                f"segment '{self.label}' ramps for {self.ramp} s; give 0 s up to its duration of {self.duration:g} s"
-            )
+        if self.ramp > self.duration:
+            message = f"segment '{self.label}' ramps for {self.ramp} s; give up to its duration of {self.duration:g} s"
+            raise ConfigError(message, at=("ramp",))
         if self.hands is not None and self.motion is not None:
             raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
         object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
         self.command()
 
     def command(self) -> Command:
-        """Return the command at the end of the ramp.
-
-        Raises:
-            UnknownNameError: if a name in `commands` is not the name of a command.
-            CommandError: if a value is not finite or not in the gait's range.
-        """
+        """Return the command at the end of the ramp."""
         try:
             return Command.from_mapping(self.commands, self.gait).validate()
-        except CommandError as error:
-            raise CommandError(f"segment '{self.label}': {error}") from None
+        except HugwbcError as error:
+            raise CommandError(f"segment '{self.label}': {error}", at=("commands", *error.at)) from None
 
     def blend(self, elapsed: float) -> float:
         """Return the share of the ramp that is done after `elapsed` [s], in [0, 1]."""
@@ -117,7 +167,7 @@ class Segment:
         return 0.0 if self.ramp == 0.0 else smooth_rate(elapsed / self.ramp) / self.ramp
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Script:
     """A sequence of segments. The constructor checks that no ramp leaves the range of its gait.
 
@@ -128,14 +178,12 @@ class Script:
     """
 
     name: str
-    segments: tuple[Segment, ...]
+    segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     about: str = ""
 
     def __post_init__(self) -> None:
-        if not self.segments:
-            raise ConfigError(f"script '{self.name}' is empty; give it at least one segment")
-        for before, after in zip(self.segments, self.segments[1:], strict=False):
-            check_transition(before, after)
+        for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
+            _check_transition(before, after, at=("segments", index))
 
     @functools.cached_property
     def _ends(self) -> list[float]:
@@ -208,14 +256,10 @@ def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> 
     return end if start is None or end is None else start + blend * (end - start)
 
 
-def check_transition(before: Segment, after: Segment) -> None:
+def _check_transition(before: Segment, after: Segment, at: tuple[str, int]) -> None:
     """Refuse a segment that cannot follow another.
 
     Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
-
-    Raises:
-        CommandError: if the ramp would start outside the range of the new gait.
-        TargetError: if both have hands in different frames.
     """
     start = before.command()
     for name in COMMAND_NAMES:
@@ -226,12 +270,14 @@ def check_transition(before: Segment, after: Segment) -> None:
             raise CommandError(
                 f"segment '{after.label}' ({after.gait.label}) starts from {name} = {value:g} {unit} of segment "
                 f"'{before.label}', but {after.gait.label} allows {low:g} to {high:g} {unit}; "
-                f"put a {before.gait.label} segment between them that brings {name} into that range"
+                f"put a {before.gait.label} segment between them that brings {name} into that range",
+                at=at,
             )
     if before.hands is not None and after.hands is not None and before.hands.frame != after.hands.frame:
         raise TargetError(
             f"segment '{after.label}' changes the hand frame from {before.hands.frame} to {after.hands.frame}; "
-            "put a segment without hands between them"
+            "put a segment without hands between them",
+            at=at,
         )
 
 
@@ -241,9 +287,6 @@ def while_walking(script: Script, v_x: float) -> Script:
     Args:
         script: the script; its hands, heights, pitches and waist angles stay.
         v_x: forward velocity of the segments without a velocity of their own [m/s].
-
-    Raises:
-        CommandError: if a value is outside the range of the walking gait.
     """
     segments = []
     for segment in script.segments:

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc.errors import TargetError, UnknownNameError
+from hugwbc.errors import HugwbcError
 from hugwbc.scripts.hand_paths import Circle, Grid, Hold, Line, Swing, Wander
 
 A, B, C = (0.3, 0.2, 0.1), (0.3, 0.2, 0.3), (0.5, 0.2, 0.3)
@@ -59,31 +59,24 @@ def test_wandering_is_the_same_for_a_seed_and_stays_in_its_box():
     assert not np.allclose(Wander(centre=A, size=(0.2, 0.1, 0.4), leg_time=0.5, seed=4).at(7.3), wander.at(7.3))
 
 
-def test_bad_paths_are_refused():
-    with pytest.raises(TargetError, match=r"centre is .*nan"):
-        Swing((0.3, math.nan, 0.1))
-    with pytest.raises(TargetError, match="amplitude"):
-        Swing(A, amplitude=(0.1, 0.1))  # type: ignore[arg-type]
-    with pytest.raises(TargetError, match="period is 0"):
-        Swing(A, period=0.0)
-    with pytest.raises(TargetError, match="at least two points"):
-        Line((A,))
-    with pytest.raises(TargetError, match="point 2 is"):
-        Line((A, (0.0, 0.0, math.inf)))
-    with pytest.raises(TargetError, match="dwell is -1"):
-        Line((A, B), dwell=-1.0)
-    for count in ((1, 1, 1), (2, 2), (math.inf, 1, 1), (math.nan, 2, 2), (1.5, 2, 2), (1000, 1000, 1000)):
-        with pytest.raises(TargetError, match="count is"):
-            Grid(A, A, count=count)  # type: ignore[arg-type]
-    with pytest.raises(TargetError, match="leg_time is 0"):
-        Grid(A, A, leg_time=0.0)
-    with pytest.raises(TargetError, match="radius is -1"):
-        Circle(A, radius=-1.0)
-    with pytest.raises(UnknownNameError, match="axis 'w'"):
-        Circle(A, radius=0.1, axis="w")  # type: ignore[arg-type]
-    with pytest.raises(TargetError, match=r"seed is 0\.5"):
-        Wander(A, A, seed=0.5)  # type: ignore[arg-type]
-    with pytest.raises(TargetError, match="seed is inf"):
-        Wander(A, A, seed=math.inf)  # type: ignore[arg-type]
-    with pytest.raises(TargetError, match="point is"):
-        Hold((0.0, 1.0))  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("path", "fields", "word"),
+    [
+        (Swing, {"centre": (0.3, math.nan, 0.1)}, r"centre\.1 is nan"),
+        (Swing, {"centre": A, "amplitude": (0.1, 0.1)}, "amplitude"),
+        (Swing, {"centre": A, "period": 0.0}, "period is 0"),
+        (Line, {"points": (A,)}, "points .* at least 2"),
+        (Line, {"points": (A, (0.0, 0.0, math.inf))}, r"points\.1\.2"),
+        (Line, {"points": (A, B), "dwell": -1.0}, "dwell is -1"),
+        (Grid, {"centre": A, "size": A, "leg_time": 0.0}, "leg_time"),
+        *((Grid, {"centre": A, "size": A, "count": count}, "count") for count in
+          ((1, 1, 1), (2, 2), (math.inf, 1, 1), (math.nan, 2, 2), (1.5, 2, 2), (1000, 1000, 1000))),
+        (Circle, {"centre": A, "radius": -1.0}, "radius is -1"),
+        (Circle, {"centre": A, "radius": 0.1, "axis": "w"}, "axis 'w'"),
+        (Wander, {"centre": A, "size": A, "seed": 0.5}, "seed"),
+        (Hold, {"point": (0.0, 1.0)}, "point"),
+    ],
+)  # fmt: skip
+def test_bad_paths_are_refused(path, fields, word):
+    with pytest.raises(HugwbcError, match=word):
+        path(**fields)

@@ -5,7 +5,8 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.errors import ConfigError
-from hugwbc.scripts.script_file import parse_script
+from hugwbc.scripts import Script
+from hugwbc.settings_file import parse
 from hugwbc.targets import HandTargets
 from hugwbc.viz.drive_log import SHARE_TOLERANCE, DriveLog
 from hugwbc.viz.live_source import LiveSource
@@ -44,7 +45,7 @@ def test_the_script_of_a_drive_commands_the_same(tmp_path):
         },
         12.0,
     )
-    script = parse_script(log.script("test"), tmp_path / "drive.yaml")
+    script = parse(Script, log.script("test"), tmp_path / "drive.yaml", name="drive")
     assert script.duration == pytest.approx(12.0, abs=0.2)
     assert len(script.segments) < 30
     gaits = [command.gait for _, command, _ in commands]

@@ -36,7 +36,7 @@ from hugwbc.scripts.behaviours import conditions, hand_steps, haul_steps, hold_s
 from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.composition import OnFailure, Parallel, Retry, Sequence, WaitUntil, in_order
 from hugwbc.scripts.script import Script
-from hugwbc.scripts.script_file import REPLACED, SCRIPT_NAMES, load_script
+from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
 from hugwbc.targets import HAND_FRAMES
 from hugwbc.yaml_file import Read, YamlReader, shipped_names, yaml_path
 
@@ -111,7 +111,7 @@ def load_plan(name: str | pathlib.Path) -> Script | Behaviour:
 
     Raises:
         UnknownNameError: if nothing shipped has that name.
-        ScriptError: if the file cannot be read or is not valid; it names the line. Or if the script has become a task.
+        ScriptError: if the file cannot be read or is not valid; it names the line.
     """
     path = pathlib.Path(name)
     if path.suffix in (".yaml", ".yml"):
@@ -119,7 +119,7 @@ def load_plan(name: str | pathlib.Path) -> Script | Behaviour:
         return reader.plan(reader.load("script", f"{_HINT}, or `segments:` for a timed script"))
     if str(name) in BEHAVIOUR_NAMES:
         return load_behaviour(name)
-    if str(name) not in (*SCRIPT_NAMES, *REPLACED):
+    if str(name) not in SCRIPT_NAMES:
         raise UnknownNameError("script", name, (*SCRIPT_NAMES, *BEHAVIOUR_NAMES, "or a file that ends in .yaml"))
     return load_script(name)
 
