@@ -107,7 +107,7 @@ def test_a_script_checks_its_parts():
         Segment("x", 1.0, commands={"vx": 0.1})
     with pytest.raises(CommandError, match=r"segment 'x': command v_x = 0.1 m/s is out of range for the standing gait"):
         Segment("x", 1.0, Gait.STANDING, {"v_x": 0.1})
-    with pytest.raises(CommandError, match="segment 'x': command h is nan"):
+    with pytest.raises(ConfigError, match=r"commands.h is nan"):
         Segment("x", 1.0, Gait.STANDING, {"h": math.nan})
     with pytest.raises(ConfigError, match="duration"):
         Segment("x", 0.0)
