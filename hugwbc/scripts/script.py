@@ -28,13 +28,13 @@ from hugwbc.settings import Beside, NotNegative, Positive, refusing, settings
 from hugwbc.targets import HandFrame, HandTargets
 
 DEFAULT_RAMP = 1.0  # [s]
-_PATHS: dict[str, type[HandPath]] = {
-    "hold": hand_paths.Hold,
-    "line": hand_paths.Line,
-    "grid": hand_paths.Grid,
-    "circle": hand_paths.Circle,
-    "swing": hand_paths.Swing,
-    "wander": hand_paths.Wander,
+_PATHS: dict[str, TypeAdapter[Any]] = {
+    "hold": TypeAdapter(dict[str, hand_paths.Hold]),
+    "line": TypeAdapter(dict[str, hand_paths.Line]),
+    "grid": TypeAdapter(dict[str, hand_paths.Grid]),
+    "circle": TypeAdapter(dict[str, hand_paths.Circle]),
+    "swing": TypeAdapter(dict[str, hand_paths.Swing]),
+    "wander": TypeAdapter(dict[str, hand_paths.Wander]),
 }
 """Paths by their names in a file."""
 _KINDS = (*_PATHS, "file")
@@ -54,7 +54,7 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
     if kind not in _PATHS:
         raise UnknownNameError("path", kind, _KINDS, at=(kind,))
     fields = {"point": fields} if kind == "hold" and not isinstance(fields, Mapping) else fields
-    return TypeAdapter(dict[str, _PATHS[kind]]).validate_python({kind: fields})[kind]
+    return _PATHS[kind].validate_python({kind: fields})[kind]
 
 
 def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN401
