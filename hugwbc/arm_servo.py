@@ -52,9 +52,6 @@ class ArmServoConfig:
             holds the elbow, which may turn about the line from shoulder to hand.
         give: distance from its target up to which a hand gives way to the force that it should exert [m]. Further away
             the servo's spring holds it, so that a hand that meets nothing stops.
-
-    Raises:
-        ConfigError: if a number is not finite and above 0.
     """
 
     stiffness: float = 140.0

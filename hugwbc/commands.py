@@ -99,11 +99,7 @@ class Command:
         return cls(**values, gait=gait)
 
     def validate(self) -> "Command":
-        """Return this command if every value is finite and within the gait's finishing range.
-
-        Raises:
-            CommandError: with the first invalid value, the valid range and the remedy.
-        """
+        """Return this command if every value is finite and within the gait's finishing range."""
         for name, limits in command_ranges(self.gait).items():
             value = getattr(self, name)
             low, high = limits.finishing

@@ -97,9 +97,6 @@ class UpperBody:
             dq: velocities [rad/s], shape (8,); None for zeros.
             ddq: accelerations [rad/s^2], shape (8,); None for zeros.
             tau: torques in addition to those of the servo [N*m], shape (8,); None for zeros.
-
-        Raises:
-            TargetError: if the targets are not eight finite numbers.
         """
         q = np.asarray(q, dtype=float)
         dq = np.zeros(8) if dq is None else np.asarray(dq, dtype=float)

@@ -8,11 +8,7 @@ _UNREAD = ("api", "log")  # a skeleton that the site fills, and diaries
 
 
 def document_folder() -> pathlib.Path:
-    """Return the folder of the documents: inside an installed package, or next to it in a source checkout.
-
-    Raises:
-        ConfigError: if neither exists.
-    """
+    """Return the folder of the documents: inside an installed package, or next to it in a source checkout."""
     package = pathlib.Path(__file__).parent
     for candidate in (package / "docs", package.parent / "docs"):
         if (candidate / "getting-started.md").is_file():
@@ -34,10 +30,6 @@ def document(name: str) -> str:
     Args:
         name: one of `document_names()`. The last part is enough ("add-a-task"), and a path as other texts write it
             ("docs/tasks.md") is taken as well.
-
-    Raises:
-        UnknownNameError: if there is no such document.
-        ConfigError: if the package came without its documents.
     """
     names = document_names()
     wanted = name.removeprefix("docs/").removesuffix(".md")
@@ -48,11 +40,6 @@ def document(name: str) -> str:
 
 
 def document_title(name: str) -> str:
-    """Return the title of a document, its first heading.
-
-    Raises:
-        UnknownNameError: if there is no such document.
-        ConfigError: if the package came without its documents.
-    """
+    """Return the title of a document, its first heading."""
     lines = document(name).splitlines()
     return next((line.removeprefix("# ") for line in lines if line.startswith("# ")), name)

@@ -31,9 +31,6 @@ def registered(group: str, kind: str, ours: Mapping[str, str] | None = None) -> 
         group: such as "hugwbc.controllers".
         kind: what the group holds, in words, such as "controller".
         ours: entries of this package, "module:name" by name. They count in a source tree without metadata as well.
-
-    Raises:
-        ConfigError: if two packages register different things under one name.
     """
     found = {name: EntryPoint(name, value, group) for name, value in (ours or {}).items()}
     for entry in importlib.metadata.entry_points(group=group):
@@ -47,11 +44,7 @@ def registered(group: str, kind: str, ours: Mapping[str, str] | None = None) -> 
 
 
 def load_entry(entry: EntryPoint, kind: str) -> Any:  # noqa: ANN401  whatever the package registers
-    """Import what an entry point names.
-
-    Raises:
-        ConfigError: if it cannot be imported; the message says why, and where if its own code failed.
-    """
+    """Import what an entry point names."""
     try:
         return entry.load()
     except HugwbcError:
@@ -74,9 +67,6 @@ def load_object(words: str, kind: str) -> Any:  # noqa: ANN401  whatever the fil
     Args:
         words: `FILE.py:NAME`.
         kind: what the object is, in words, such as "controller".
-
-    Raises:
-        ConfigError: if the file is not there, cannot be run, or has no such object.
     """
     path, name = split_object(words)
     module = run_file(path, kind)
@@ -99,9 +89,6 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
     Args:
         path: path of the file.
         kind: what the file is to hold, in words, for messages.
-
-    Raises:
-        ConfigError: if it is not there or cannot be run; the message names the line.
     """
     try:
         content = path.read_bytes()

@@ -45,11 +45,7 @@ class Gait(enum.IntEnum):
 
     @classmethod
     def parse(cls, label: str) -> "Gait":
-        """Return the gait with a label.
-
-        Raises:
-            UnknownNameError: if no gait has that label.
-        """
+        """Return the gait with a label."""
         try:
             return cls[label.upper()]
         except (KeyError, AttributeError):

@@ -145,11 +145,7 @@ class Robot:
         return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
 
     def index(self, name: str) -> int:
-        """Return the position of a joint in every joint vector.
-
-        Raises:
-            UnknownNameError: if no joint has that name.
-        """
+        """Return the position of a joint in every joint vector."""
         try:
             return self.joint_names.index(name)
         except ValueError:
@@ -227,7 +223,6 @@ def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
 
     Raises:
         ModelError: if the table or one of its fields is missing.
-        UnknownNameError: if no robot has that name.
     """
     table = copy.deepcopy(_raw_table())
     variants = table.pop("robots", {})
@@ -275,7 +270,6 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 
     Raises:
         ModelError: if the table or one of its fields is missing.
-        UnknownNameError: if no robot has that name.
     """
     return _load_robot(name)
 

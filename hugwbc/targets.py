@@ -77,14 +77,7 @@ class HandTargets:
         stiffness: float | None = None,
         payload: object = None,
     ) -> "HandTargets":
-        """Build checked targets from sequences of three finite numbers; None for a hand without a target.
-
-        Raises:
-            TargetError: if a position, direction or force is not three finite numbers within its range, if both hands
-                lack a target, if one of two hands that hold one object lacks it, if a hand has a force but no target,
-                or if stiffness or payload are out of range.
-            UnknownNameError: if the frame is not one of `HAND_FRAMES`.
-        """
+        """Build checked targets from sequences of three finite numbers; None for a hand without a target."""
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
         if left is None and right is None:
@@ -161,9 +154,6 @@ def position(name: str, value: object) -> np.ndarray:
     Args:
         name: what the point is, for the message.
         value: any sequence of three numbers [m].
-
-    Raises:
-        TargetError: if the value is not three finite numbers up to `FARTHEST`.
     """
     try:
         point = np.array(value, dtype=float)
@@ -185,9 +175,6 @@ def direction(name: str, value: object) -> np.ndarray:
     Args:
         name: what the vector is, for the message.
         value: any sequence of three numbers.
-
-    Raises:
-        TargetError: if the value is not three finite numbers, or is zero.
     """
     vector = position(name, value)
     length = float(np.linalg.norm(vector))
@@ -204,9 +191,6 @@ def hand_force(name: str, value: object) -> np.ndarray:
     Args:
         name: what the force is, for the message.
         value: any sequence of three numbers [N].
-
-    Raises:
-        TargetError: if the value is not three finite numbers, or longer than `STRONGEST`.
     """
     vector = _numbers(value)
     if vector.shape != (3,) or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
@@ -219,11 +203,7 @@ def hand_force(name: str, value: object) -> np.ndarray:
 
 
 def hand_payload(value: object) -> np.ndarray:
-    """Return the value as read-only payloads of the left and the right hand [kg], shape (2,).
-
-    Raises:
-        TargetError: if the value is not two finite numbers from 0 to `HEAVIEST`.
-    """
+    """Return the value as read-only payloads of the left and the right hand [kg], shape (2,)."""
     masses = _numbers(value)
     if masses.shape != (2,) or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
         raise TargetError(
@@ -235,11 +215,7 @@ def hand_payload(value: object) -> np.ndarray:
 
 
 def hand_stiffness(value: float) -> float:
-    """Return the value as the stiffness of hands [N/m].
-
-    Raises:
-        TargetError: if the value is not a number within `STIFFNESS`.
-    """
+    """Return the value as the stiffness of hands [N/m]."""
     stiffness = _numbers(value)
     if stiffness.shape != () or not STIFFNESS[0] <= float(stiffness) <= STIFFNESS[1]:
         raise TargetError(
@@ -266,9 +242,6 @@ def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np
 
     Returns:
         Force of the left and of the right hand in that frame [N], shape (3,) each; their sum is zero.
-
-    Raises:
-        TargetError: if the targets coincide, or the force is not a number from 0 to `STRONGEST`.
     """
     if not 0.0 <= newtons <= STRONGEST:
         raise TargetError(f"squeezing force is {newtons}; give a number from 0 to {STRONGEST:g} N")

@@ -33,9 +33,6 @@ def yaml_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> path
         kind: what the file is, for the message.
         name: name of a shipped file, or path of any other.
         folder: where the shipped files are.
-
-    Raises:
-        UnknownNameError: if no shipped file has that name.
     """
     path = pathlib.Path(name)
     if path.suffix in (".yaml", ".yml"):
@@ -64,9 +61,6 @@ class YamlReader:
         Args:
             kind: what the file is, for the messages.
             hint: what an empty or far too long file should hold instead.
-
-        Raises:
-            HugwbcError: of class `error`, if the file cannot be read, is too long, is empty or is not YAML.
         """
         try:
             if self.path.exists() and not self.path.is_file():

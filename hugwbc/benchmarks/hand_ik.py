@@ -97,9 +97,6 @@ def compare_solvers(
         count: number of targets, at least 2.
         seed: seed of the targets.
         on_progress: called with the fraction done.
-
-    Raises:
-        ConfigError: if there are fewer than 2 targets.
     """
     if count < 2:
         raise ConfigError(f"count of targets is {count}; give 2 or more")

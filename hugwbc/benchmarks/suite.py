@@ -39,11 +39,7 @@ class BenchSettings:
     development extras."""
 
     def check(self) -> None:
-        """Check the values before any work.
-
-        Raises:
-            ConfigError: if a value is out of range, or a solver of the comparison is not installed.
-        """
+        """Check the values before any work."""
         counts = ("count", "control_steps", "iterations", "threads", "calls", "ik_targets")
         for name in (*counts, "seconds", "spacing"):
             if not getattr(self, name) > 0:
@@ -97,9 +93,6 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     Args:
         settings: sizes of the benchmarks.
         on_progress: called with the fraction done.
-
-    Raises:
-        ConfigError: if a setting is out of range.
     """
     settings.check()
     # Loads torch and the controllers.

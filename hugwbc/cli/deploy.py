@@ -168,11 +168,7 @@ def summary(side: RobotSide, wall: float) -> str:
 
 
 def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
-    """Return robot and pilot of a deployment or of its recording.
-
-    Raises:
-        ConfigError: if the header does not hold what a pilot is built from.
-    """
+    """Return robot and pilot of a deployment or of its recording."""
     try:
         robot = known_robot(header["robot"])
         spec = ControllerSpec(header["controller"], header["policy"])

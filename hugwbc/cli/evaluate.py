@@ -134,7 +134,6 @@ def _protocol(words: Sequence[str]) -> tuple[AnyProtocol, list[str]]:
     """Return the protocol that the words name, and the remaining words.
 
     Raises:
-        UnknownNameError: if there is no such protocol.
         SystemExit: after printing the list of protocols, if that is what was asked for.
     """
     words = list(words)
@@ -193,11 +192,7 @@ def _summary(name: str) -> str:
 
 
 def _parse(protocol: AnyProtocol, words: Sequence[str]) -> dict[str, Any]:
-    """Return the values of all options of a protocol, by name.
-
-    Raises:
-        ConfigError: if an option belongs to other protocols only.
-    """
+    """Return the values of all options of a protocol, by name."""
     options = list(_options(protocol))
     _refuse_foreign(protocol, words, {option.name for option in options})
     parser = dataclasses.make_dataclass("Options", [option.field for option in options], frozen=True)
@@ -248,11 +243,7 @@ def _sentence(text: str) -> str:
 
 
 def _refuse_foreign(protocol: AnyProtocol, words: Sequence[str], known: set[str]) -> None:
-    """Refuse options that only other protocols have; all others that are unknown are left to the parser.
-
-    Raises:
-        ConfigError: if there is such an option.
-    """
+    """Refuse options that only other protocols have; all others that are unknown are left to the parser."""
     foreign = {option.name for other in PROTOCOLS.values() for option in _options(other)} - known
     for word in words:
         name = word.partition("=")[0].removeprefix("--").replace("-", "_")
@@ -273,11 +264,7 @@ def _execution(protocol: AnyProtocol, options: dict[str, Any]) -> Execution:
 
 
 def _settings(protocol: AnyProtocol, options: dict[str, Any], execution: Execution) -> Any:  # noqa: ANN401  each has its own type
-    """Build the settings of a protocol from the options.
-
-    Raises:
-        ConfigError: if a value is out of range.
-    """
+    """Build the settings of a protocol from the options."""
     given = {name: value for name, value in options.items() if name in _names(protocol.settings)}
     if "gait" in options:
         both_legs = options["gait"] == BOTH_LEGS
@@ -287,11 +274,7 @@ def _settings(protocol: AnyProtocol, options: dict[str, Any], execution: Executi
 
 
 def _gait(label: str) -> Gait:
-    """Return the gait with a label.
-
-    Raises:
-        UnknownNameError: if there is none; the message names `BOTH_LEGS` as well.
-    """
+    """Return the gait with a label."""
     try:
         return Gait.parse(label)
     except UnknownNameError:

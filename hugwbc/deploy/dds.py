@@ -57,9 +57,6 @@ class DdsEndpoint:
             robot: whether this is the robot's end, which sends states, or the other one, which sends commands.
             net: network interface, such as "lo" or "eth0".
             domain: DDS domain; 0 on a robot, 1 for simulated ones by the maker's custom.
-
-        Raises:
-            ConfigError: if cyclonedds is not installed, the network or the domain does not exist, or DDS refuses it.
         """
         check_network(net, domain)
         try:
@@ -208,11 +205,7 @@ class DdsEndpoint:
 
 
 def check_network(net: str, domain: int) -> None:
-    """Check that a network interface and a DDS domain exist.
-
-    Raises:
-        ConfigError: if one does not.
-    """
+    """Check that a network interface and a DDS domain exist."""
     names = [name for _, name in socket.if_nameindex()]
     if net not in names:
         raise ConfigError(f"there is no network interface '{net}'; this machine has {', '.join(names)}")

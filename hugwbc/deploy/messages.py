@@ -88,7 +88,6 @@ class Messages:
         """Read the motor slots of a robot.
 
         Raises:
-            ConfigError: if the maker's package is not installed.
             ModelError: if the robot's table lacks a joint's slot.
         """
         self._robot = robot

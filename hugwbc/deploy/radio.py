@@ -20,9 +20,6 @@ class Radio:
         loss: part of the messages that is lost.
         delay: time that a message takes [s].
         jitter: largest additional time, drawn evenly [s]; messages may overtake each other.
-
-    Raises:
-        ConfigError: if a number is out of range.
     """
 
     loss: float = 0.0

@@ -111,9 +111,6 @@ class Settings:
         dry_run: do everything but send.
         age: how old a reading is when it arrives, as far as is known [s].
         duration: how long to go on after the first state [s of the robot's clock]; None until the operator's end.
-
-    Raises:
-        ConfigError: if a number is out of range.
     """
 
     lockstep: bool = False

@@ -42,11 +42,7 @@ class Schedule:
 
     @classmethod
     def parse(cls, text: str) -> "Schedule":
-        """Read a schedule such as "1 Start, 7 lower, 10 A, 12 ly=0.5, 30 Select".
-
-        Raises:
-            ConfigError: if an item is not a time and a word.
-        """
+        """Read a schedule such as "1 Start, 7 lower, 10 A, 12 ly=0.5, 30 Select"."""
         return cls([_happening(item.strip()) for item in text.split(",") if item.strip()])
 
     def update(self, now: float) -> list[str]:

@@ -90,9 +90,6 @@ class SimulatedRobot:
             seed: of losses and jitter.
             tell: called with what a person should know.
             watch: called after each physics step, with the command that the drives had.
-
-        Raises:
-            ConfigError: if the sensors have a latency of their own, or the time step is not a multiple of a tick.
         """
         if simulation.sensing.latency > 0.0:
             raise ConfigError("the simulation's sensors have a latency; give it to the simulated robot instead")

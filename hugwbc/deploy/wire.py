@@ -35,11 +35,7 @@ _WORD = 4  # bytes
 
 @functools.cache
 def idl_class(name: str) -> type:
-    """Return one of the maker's IDL classes, such as `LowCmd_`.
-
-    Raises:
-        ConfigError: if the maker's package, or cyclonedds under it, is not installed.
-    """
+    """Return one of the maker's IDL classes, such as `LowCmd_`."""
     try:
         return getattr(importlib.import_module(_IDL), name)
     except ImportError as error:
@@ -48,11 +44,7 @@ def idl_class(name: str) -> type:
 
 @functools.cache
 def layout(name: str) -> np.dtype:
-    """Return the layout of the maker's C structure of a message.
-
-    Raises:
-        ConfigError: if the maker's package is not installed.
-    """
+    """Return the layout of the maker's C structure of a message."""
     fields: list[Any] = []
     for field, kind, count in _fields(idl_class(name)):
         element = layout(kind) if kind not in _KINDS else np.dtype(_KINDS[kind])

@@ -36,9 +36,6 @@ class SurvivalSearch:
             first: first load to try.
             limit: largest load to try.
             resolution: relative width of the bracket at which the search ends.
-
-        Raises:
-            ConfigError: if a value is out of range.
         """
         if trials < 1 or not 0.0 < survival <= 1.0:
             raise ConfigError(f"{trials} trials and a survival of {survival}; give 1 or more, and a share up to 1")

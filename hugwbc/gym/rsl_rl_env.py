@@ -47,9 +47,6 @@ class H1RslRlEnv(VecEnv):
             threads: threads of the simulation.
             curriculum: whether levels of noise, speed and penalties rise as in the training.
             device: device of the tensors that come and go.
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
         self.num_envs, self.num_actions, self.device = num_envs, JOINTS, device

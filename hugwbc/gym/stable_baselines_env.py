@@ -40,9 +40,6 @@ class H1StableBaselinesEnv(VecEnv):
             seed: of all random numbers of the environment, until `seed` is called.
             threads: threads of the simulation.
             curriculum: whether levels of noise, speed and penalties rise as in the training.
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
         space = self.robots.single_action_space

@@ -112,9 +112,6 @@ class ActionLayout:
         Args:
             grip: how the task's hands grip: "squeeze" for a force between both, "attach" for the idealised gripper of
                 each, None for not at all.
-
-        Raises:
-            ConfigError: if there is no such grip.
         """
         if grip not in GRIP_KINDS:
             raise ConfigError(f"grip is {grip!r}; give one of {', '.join(map(repr, GRIP_KINDS))}")
@@ -171,11 +168,7 @@ class ActionFilter:
         self.not_finite, self.clamped, self._last = 0, 0, self._rest.astype(float)
 
     def __call__(self, action: object) -> np.ndarray:
-        """Return the action to carry out, shape (n,).
-
-        Raises:
-            ConfigError: if the action is not n numbers.
-        """
+        """Return the action to carry out, shape (n,)."""
         try:
             given = np.asarray(action, dtype=float)
         except (TypeError, ValueError):

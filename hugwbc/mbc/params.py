@@ -43,9 +43,6 @@ class ControllerParams:
     The cost of a task is weight * (acceleration error)^2, so that weights of tasks with the same unit compare directly.
     Costs are squared accelerations [m^2/s^4] or [rad^2/s^4]; weights of motions therefore have no unit. A pair called
     `gains` is stiffness [1/s^2] and damping [1/s]: both multiply errors of motion and give accelerations, not torques.
-
-    Raises:
-        ConfigError: if a number is not finite, a divisor or bound is not above 0, or a share is out of range.
     """
 
     # --- whole-body QP

@@ -123,9 +123,6 @@ class WholeBodyController:
             dynamics: robot model; None for the shared one of `robot`.
             robot: robot that the controller is told, which may differ from the one that moves; None for that of
                 `dynamics`, or the H1.
-
-        Raises:
-            ConfigError: if the period is not finite and above 0.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")

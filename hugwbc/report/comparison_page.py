@@ -61,9 +61,6 @@ def report_html(
         subtitle: a sentence below it.
         links: texts and addresses of other pages, such as the replay of the same runs.
         chapters: stretches of time that are shaded in the plots.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
     """
     sections = [
         ("Commanded and measured", tracking_panels(traces, chapters)),
@@ -112,9 +109,6 @@ def write_comparison(
         traces: 1 to 4 runs.
         script: the script that was played, for figures of its segments; None leaves them out.
         video: name of the video in the folder; None for none.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
     """
     title = f"hugwbc compare: {summary.get('task') or summary['script']}"
     write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")

@@ -29,9 +29,6 @@ def profile_cells(
         specs: the controllers.
         further: policies that take part only in the protocols of the ablation.
         settings: settings of every protocol, such as the seed.
-
-    Raises:
-        UnknownNameError: if there is no such profile.
     """
     if profile not in PROFILES:
         raise UnknownNameError("profile", profile, PROFILES)

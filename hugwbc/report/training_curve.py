@@ -16,9 +16,6 @@ def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
 
     Args:
         path: path of the file.
-
-    Raises:
-        ConfigError: if the file cannot be read, has a cell that is not a number, or lacks the column of steps.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:

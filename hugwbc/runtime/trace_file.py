@@ -26,9 +26,6 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
     Args:
         path: path of the file; .npz is added to a name without it.
         trace: the record.
-
-    Raises:
-        ConfigError: if the file cannot be written.
     """
     path = pathlib.Path(path)
     path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")
@@ -62,9 +59,6 @@ def read_trace(path: str | pathlib.Path) -> Trace:
 
     Args:
         path: path of the file.
-
-    Raises:
-        ConfigError: if there is no such file, or it is no record of this version.
     """
     path = pathlib.Path(path)
     try:

@@ -66,7 +66,6 @@ def load_bvh(path: pathlib.Path) -> BodyClip:
     The axis that points up is the one along which the shoulders are above the feet.
 
     Raises:
-        ConfigError: if pybvh is not installed.
         MotionFileError: if the file cannot be read, lacks a joint, or does not hold a motion.
     """
     path = pathlib.Path(path)

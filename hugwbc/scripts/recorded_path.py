@@ -45,9 +45,6 @@ def read_path(path: pathlib.Path) -> Recorded:
     """Read a recorded path from a CSV file with a header line and the columns t, x, y, z [s, m].
 
     Empty lines are skipped.
-
-    Raises:
-        TargetError: if the file cannot be read or a line does not hold four numbers.
     """
     try:
         with path.open(

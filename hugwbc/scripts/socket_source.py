@@ -56,9 +56,6 @@ class SocketSource:
         Args:
             port: 0 for any that is free.
             clock: returns seconds, to tell silence.
-
-        Raises:
-            ConfigError: if the port cannot be used.
         """
         if not 0 <= port <= 65535:
             raise ConfigError(f"port is {port}; give 1 to 65535, or 0 for any that is free")

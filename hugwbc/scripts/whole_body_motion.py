@@ -95,7 +95,6 @@ def load_whole_body_motion(path: pathlib.Path) -> WholeBodyMotion:
     """Read a BVH file and retarget it to the H1.
 
     Raises:
-        ConfigError: if the library that reads BVH is not installed.
         MotionFileError: if the file cannot be used.
     """
     return retarget(load_bvh(path))

@@ -72,12 +72,7 @@ class Fault:
 
     @classmethod
     def parse(cls, text: str) -> "Fault":
-        """Return the fault that a text declares.
-
-        Raises:
-            ConfigError: if the text is none.
-            UnknownNameError: if there is no such fault.
-        """
+        """Return the fault that a text declares."""
         found = _PATTERN.fullmatch(text)
         try:
             if found is None:
@@ -102,9 +97,6 @@ class FaultInjector:
             faults: all of them; those that overlap add up in this order.
             robot: names of the joints.
             seed: of disorder, noise and lost readings.
-
-        Raises:
-            UnknownNameError: if a joint does not exist.
         """
         self._faults = faults
         self._columns = {f: robot.index(f.joint) for f in faults if f.joint is not None}

@@ -56,9 +56,6 @@ class Disturber:
         Args:
             link_names: names of the rows of the array that `update` writes; the first is the world.
             forces: the planned forces.
-
-        Raises:
-            UnknownNameError: if a force names a link that does not exist.
         """
         links = {name: row for row, name in enumerate(link_names) if row > 0}
         for force in forces:

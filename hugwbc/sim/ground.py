@@ -41,11 +41,7 @@ class Ground:
 
     @classmethod
     def named(cls, name: str) -> "Ground":
-        """Return the firm ground of docs/arena.md, or the soft one of MuJoCo's default contacts.
-
-        Raises:
-            UnknownNameError: if the name is neither firm nor soft.
-        """
+        """Return the firm ground of docs/arena.md, or the soft one of MuJoCo's default contacts."""
         if name not in GROUNDS:
             raise UnknownNameError("ground", name, GROUNDS)
         return cls() if name == "firm" else cls(time_constant=0.02)

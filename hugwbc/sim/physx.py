@@ -37,11 +37,7 @@ _Sapien = Any  # an object of SAPIEN, which need not be installed where the type
 
 
 def load_sapien() -> tuple[Any, Any]:
-    """Return the optional modules sapien and sapien.physx.
-
-    Raises:
-        ConfigError: if SAPIEN cannot be loaded.
-    """
+    """Return the optional modules sapien and sapien.physx."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # SAPIEN looks for a graphics driver, which the physics does not need

@@ -43,10 +43,6 @@ def load_model(
         actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
         ground: firmness of the ground, and of the objects; None for firm.
         scene: objects around the robot, drawn for one episode; None for none.
-
-    Raises:
-        ConfigError: if the time step is not in (0, 0.01] s.
-        SceneError: if MuJoCo refuses an object.
     """
     check_timestep(timestep)
     robot = robot or load_robot()
@@ -87,11 +83,7 @@ def link_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def check_timestep(timestep: float) -> None:
-    """Check that the robot can be simulated with a physics time step [s].
-
-    Raises:
-        ConfigError: if it is not in (0, 0.01] s.
-    """
+    """Check that the robot can be simulated with a physics time step [s]."""
     if not 0.0 < timestep <= 0.01:
         raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
 

@@ -42,9 +42,6 @@ class SensorProfile:
         object_position: noise of an object's position in the pictures of a motion-capture system [m].
         object_attitude: noise of its orientation, about each axis [rad].
         object_latency: age of a picture when a behaviour gets it [s].
-
-    Raises:
-        ConfigError: if a number is negative or not finite, or the latency is above 1 s.
     """
 
     name: str
@@ -112,11 +109,7 @@ PROFILES = {profile.name: profile for profile in (ROBOT, EXACT)}
 
 
 def sensor_profile(name: str) -> SensorProfile:
-    """Return the profile of a name.
-
-    Raises:
-        UnknownNameError: if there is none of that name.
-    """
+    """Return the profile of a name."""
     if name not in PROFILES:
         raise UnknownNameError("sensing", name, PROFILES)
     return PROFILES[name]

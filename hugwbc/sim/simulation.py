@@ -126,10 +126,6 @@ class Simulation(Engine):
         """Begin another episode: draw what varies in the scene, and the sensors' errors, from a seed, and reset.
 
         The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled anew.
-
-        Raises:
-            ConfigError: if the seed is negative.
-            SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
         check_seed(seed)
         self._sensors = Sensors(self.sensing, seed, self.robot)

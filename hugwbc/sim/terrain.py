@@ -70,9 +70,6 @@ def rough_terrain(
         spacing: distance of the grid points [m].
         start_radius: distance from the origin within which the ground is smooth, for the start [m].
         slope: angle at which the ground rises along x [rad].
-
-    Raises:
-        ConfigError: if the amplitude is not from 0 to 1 m, or the slope is steeper than 45 degrees.
     """
     if not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"terrain amplitude is {amplitude}; give a height from 0 to 1 m")
@@ -115,9 +112,6 @@ def level_terrain(
         rng: generator of the random heights.
         period: distance after which the heights repeat [m]; a multiple of the spacing.
         spacing: distance of the grid points [m].
-
-    Raises:
-        ConfigError: if there are fewer than two levels, or the amplitude is not from 0 to 1 m.
     """
     if levels < 2 or not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"{levels} terrain levels up to {amplitude} m; give at least 2 levels, and 0 to 1 m")

@@ -65,11 +65,7 @@ def trunk_clear(body: str, missed: str) -> Milestone:
 
 
 def top_of(record: TaskRecord, support: str) -> float:
-    """Return the height of the top of a table, step or cart in the world [m].
-
-    Raises:
-        SceneError: if nothing can stand on it.
-    """
+    """Return the height of the top of a table, step or cart in the world [m]."""
     return float(base_height(record, support)) + record.thing(support).surface(None)
 
 

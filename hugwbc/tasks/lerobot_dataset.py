@@ -79,9 +79,6 @@ class DatasetWriter:
             folder: where the data set shall be; it must not exist.
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
-
-        Raises:
-            ConfigError: if the folder exists.
         """
         self.folder = folder.absolute()
         if os.path.lexists(self.folder):
@@ -100,11 +97,7 @@ class DatasetWriter:
         self._complete = False
 
     def __enter__(self) -> Self:
-        """Make the hidden folder.
-
-        Raises:
-            ConfigError: if it cannot be made.
-        """
+        """Make the hidden folder."""
         try:
             self._staging.mkdir(parents=True)
         except OSError as error:
@@ -116,11 +109,7 @@ class DatasetWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Give the data set its name; after an error, with the episodes that are complete, if there are any.
-
-        Raises:
-            ConfigError: if there is no episode, or something has taken the name meanwhile.
-        """
+        """Give the data set its name; after an error, with the episodes that are complete, if there are any."""
         with _ctrl_c_waits():
             try:
                 self._close()
@@ -132,11 +121,7 @@ class DatasetWriter:
                     shutil.rmtree(self._staging, ignore_errors=True)
 
     def add(self, episode: Demonstration) -> None:
-        """Write one episode.
-
-        Raises:
-            ConfigError: if it has no frames, or is of another task or robot than the data set is made for.
-        """
+        """Write one episode."""
         if episode.task.name not in self._tasks or episode.robot != self._robot.name or not len(episode.state):
             raise ConfigError(
                 f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "

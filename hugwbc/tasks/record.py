@@ -110,11 +110,7 @@ class TaskRecord:
     problems: tuple[str, ...] = ()
 
     def thing(self, name: str) -> Thing:
-        """Return an object of the scene as drawn.
-
-        Raises:
-            ConfigError: if there is none of that name.
-        """
+        """Return an object of the scene as drawn."""
         for thing in self.scene.objects:
             if thing.name == name:
                 return thing
@@ -156,9 +152,6 @@ class TaskWatch:
 
         Args:
             simulation: robot and objects.
-
-        Raises:
-            ConfigError: if the simulation has no scene.
         """
         if simulation.scene is None:
             raise ConfigError("a task needs objects; give the simulation the task's scene")

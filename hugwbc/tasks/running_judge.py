@@ -61,9 +61,6 @@ class RunningJudge:
         Args:
             task: its judge is asked.
             simulation: a robot among the objects of the task's scene.
-
-        Raises:
-            ConfigError: if the simulation has no objects.
         """
         self._task, self._simulation = task, simulation
         self._watch, self._samples = TaskWatch(simulation), GrowingSamples()

@@ -42,11 +42,7 @@ def modules_of(name: str) -> tuple[str, ...]:
 
 @functools.cache
 def registered_tasks() -> dict[str, EntryPoint]:
-    """Return the tasks that other packages register, by name.
-
-    Raises:
-        ConfigError: if two packages register different tasks under one name.
-    """
+    """Return the tasks that other packages register, by name."""
     ours = {name: f"hugwbc.tasks.{name}:TASK" for name in TASK_NAMES}
     return {name: entry for name, entry in extensions.registered(GROUP, "task", ours).items() if name not in ours}
 
@@ -65,10 +61,6 @@ def load_task(name: str) -> Task:
     Args:
         name: one of `TASK_NAMES`, the name of a registered task, or the path of a Python file with a `TASK`, which ends
             in .py; it is run.
-
-    Raises:
-        UnknownNameError: if there is no such task.
-        ConfigError: if the file is not there, cannot be run, or has no task, or a package's task is not one.
     """
     if name in TASK_NAMES:
         return importlib.import_module(f"hugwbc.tasks.{name}").TASK

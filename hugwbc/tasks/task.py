@@ -43,9 +43,6 @@ class Task:
         limit: longest duration of an episode [s].
         milestones: what an episode must show, in order.
         idealised: what is not as on a robot, such as "attach"; empty for nothing.
-
-    Raises:
-        ConfigError: if there is no milestone, or the limit is not above 0 s.
     """
 
     name: str
@@ -68,9 +65,5 @@ class Task:
 
 
 def scene_of(name: str) -> Scene:
-    """Return the shipped scene of a task.
-
-    Raises:
-        SceneError: if the file cannot be read or is not a valid scene.
-    """
+    """Return the shipped scene of a task."""
     return load_scene(SCENES / f"{name}.yaml")

@@ -23,9 +23,6 @@ def make_library(seed: int, count: int = 40, duration: float = 30.0) -> Iterator
         seed: seed of the paths.
         count: number of clips.
         duration: length of each clip [s].
-
-    Raises:
-        ConfigError: if the seed is negative, or another number is not above 0.
     """
     if seed < 0 or count < 1 or not 0.0 < duration < np.inf:
         raise ConfigError(f"seed is {seed}, count {count}, duration {duration} s; give 0 or more, 1 or more, above 0 s")

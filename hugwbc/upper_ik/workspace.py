@@ -40,11 +40,7 @@ class Workspace:
 
 
 def check_spacing(spacing: float) -> None:
-    """Refuse a grid spacing [m] that leaves only the middle point.
-
-    Raises:
-        ConfigError: if the spacing is not above 0 and at most the cube's side.
-    """
+    """Refuse a grid spacing [m] that leaves only the middle point."""
     if not 0.0 < spacing <= SIDE:
         raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
 
@@ -77,9 +73,6 @@ def measure_workspace(
         spacing: distance between grid points [m].
         on_progress: called with the fraction done.
         robot: robot whose hands reach; None for the H1.
-
-    Raises:
-        ConfigError: if the spacing is not above 0 and up to the cube's side.
     """
     check_spacing(spacing)
     half = int(SIDE / 2.0 / spacing + 1e-9)

@@ -49,9 +49,6 @@ class DriveLog:
 
         Args:
             about: description for people.
-
-        Raises:
-            ConfigError: if nothing was recorded.
         """
         if len(self._samples) < 2:
             raise ConfigError("the drive was not recorded for long enough; record at least a second")

@@ -48,20 +48,13 @@ def check_count(count: int, what: str = "runs to draw") -> None:
     Args:
         count: how many there are.
         what: what is counted, for the message.
-
-    Raises:
-        ConfigError: if there are none, or more than there are colours.
     """
     if not 1 <= count <= len(LABEL_COLOURS):
         raise ConfigError(f"{count} {what}; give 1 to {len(LABEL_COLOURS)}")
 
 
 def check_traces(traces: Sequence[Trace]) -> None:
-    """Refuse runs that cannot be drawn.
-
-    Raises:
-        ConfigError: if there are no runs, more than there are colours, or a run has no samples.
-    """
+    """Refuse runs that cannot be drawn."""
     check_count(len(traces))
     for trace in traces:
         if len(trace.time) == 0:

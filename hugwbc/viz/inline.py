@@ -40,9 +40,6 @@ def show(*traces: Trace) -> Any:  # noqa: ANN401  what a notebook displays
 
     Returns:
         What a notebook displays, or the path of the page.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
     """
     title = f"hugwbc replay: {', '.join(trace.name for trace in traces)}"
     if in_notebook():

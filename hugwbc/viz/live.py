@@ -80,9 +80,6 @@ class LivePage:
             port: port to listen on; 0 for any free port.
             expose: allow a host that other machines can reach, and requests that call this machine by any name.
             tasks: names of tasks to offer; whoever runs the robot asks `take_task` for the one that is wanted.
-
-        Raises:
-            ConfigError: if other machines can reach the host and `expose` is not set.
         """
         check_host(host, expose=expose)
         commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]

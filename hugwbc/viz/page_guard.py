@@ -45,9 +45,6 @@ def check_host(host: str, *, expose: bool) -> str:
     Args:
         host: name or address of the host.
         expose: whether other machines may reach it.
-
-    Raises:
-        ConfigError: if other machines can reach the host and `expose` is not set.
     """
     try:
         loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
@@ -94,9 +91,6 @@ def guarded(*, any_host: bool, addition: Addition | None = None) -> Iterator[Non
     Args:
         any_host: whether requests may call this machine by any name.
         addition: what the server offers besides viser's page, behind the same checks; None for nothing.
-
-    Raises:
-        ConfigError: if no server was started through the replaced function, because its requests would go unchecked.
     """
     original, started = server.serve, []
 

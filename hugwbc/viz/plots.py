@@ -69,9 +69,6 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
     """Plot commanded (dashed) and measured velocities, height, pitch and waist, and swing height with sole clearance.
 
     Every other one of the chapters is shaded.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
     """
     check_traces(traces)
     panels = []
@@ -111,11 +108,7 @@ def _measured(trace: Trace, name: str) -> np.ndarray:
 
 
 def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
-    """Plot the distance of the left and the right hand to their targets; return no panels if no run has hand targets.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
-    """
+    """Plot the distance of the left and the right hand to their targets; no panels if no run has any."""
     check_traces(traces)
     if not any(np.isfinite(trace.hand_error).any() for trace in traces):
         return []
@@ -133,11 +126,7 @@ def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> li
 
 
 def torque_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
-    """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
-    """
+    """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint."""
     check_traces(traces)
 
     def draw_peak(axes: Axes) -> None:
@@ -192,11 +181,7 @@ def _shade(axes: Axes, chapters: Sequence[Chapter], start: float, end: float) ->
 
 
 def path_panel(traces: Sequence[Trace]) -> Panel:
-    """Draw the ways of the robots from above, each with an arrow where it ended and a cross where it fell.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
-    """
+    """Draw the ways of the robots from above, each with an arrow where it ended and a cross where it fell."""
     check_traces(traces)
 
     def draw(axes: Axes) -> None:

@@ -63,9 +63,6 @@ def replay_html(
         title: title of the page.
         fps: frames per second of the recording; the browser interpolates between frames.
         chapters: names on the time axis, in the order of their beginnings.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
     """
     check_traces(traces)
     recorder = _Recorder()

@@ -67,9 +67,6 @@ def open_visualizer() -> tuple[meshcat.Visualizer, str]:
 
     Returns:
         The visualizer, and the address to open in a browser.
-
-    Raises:
-        HugwbcError: if the server does not start.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", "hugwbc.viz.server"],

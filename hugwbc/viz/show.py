@@ -63,9 +63,6 @@ def open_view(name: str, *, scene: Scene | None = None, browser: bool = True, te
 
     Returns:
         A function that draws a moment.
-
-    Raises:
-        HugwbcError: if the page's server does not start.
     """
     from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
@@ -112,10 +109,6 @@ def watch(
 
     Returns:
         The record of the run.
-
-    Raises:
-        ConfigError: if the duration is not above 0, or the controller's period is not a multiple of the time step.
-        HugwbcError: if the live page's server does not start.
     """
     simulation = simulation or Simulation()
     draw = open_view(controller.name, scene=simulation.scene, tell=tell) if show else live
@@ -148,10 +141,6 @@ def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell
         path: path of the page; missing folders are made.
         traces: the runs.
         tell: receives the path.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
-        HugwbcError: if the page cannot be written.
     """
     from hugwbc.viz.replay import write_replay
 

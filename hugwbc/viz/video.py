@@ -66,10 +66,6 @@ def write_video(
 
     Returns:
         None if the file was written; otherwise one line that says why not.
-
-    Raises:
-        ConfigError: if there is nothing to draw, or too much.
-        UnknownNameError: if a layer in `hide` does not exist.
     """
     check_traces(traces)
     for name in hide:

@@ -56,9 +56,6 @@ class EpisodeSettings:
         settle: start of an episode that is left out of the errors [s].
         conditions: physics, ground, robot, sensors and arms.
         execution: where the episodes run and where their results are stored; it does not change a result.
-
-    Raises:
-        ConfigError: if a value is out of range.
     """
 
     seed: int = REPORT_SEED
@@ -121,7 +118,6 @@ def run_episodes(
         on_episode: called with every row, in order.
 
     Raises:
-        ConfigError: if results are stored and the factory does not tell its controllers apart.
         ResultFileError: if the file of the results cannot be used.
         WorkerError: if a worker process ends or the cluster cannot be used.
     """
@@ -217,7 +213,6 @@ def stored_rows(factory: ControllerFactory, judge: Judge[Row], settings: Episode
         settings: settings of the episodes; without a store there are no rows.
 
     Raises:
-        ConfigError: if the factory does not tell its controllers apart.
         ResultFileError: if the file of the results cannot be used.
     """
     store = settings.execution.store

@@ -35,9 +35,6 @@ class Execution:
             workers: number of processes.
             cluster: address of a Dask scheduler, such as "tcp://127.0.0.1:8786".
             store: store of the results.
-
-        Raises:
-            ConfigError: if there is less than one worker.
         """
         if workers < 1:
             raise ConfigError(f"workers is {workers}; give 1 or more")

@@ -74,9 +74,6 @@ def controller_identity(factory: Callable[[], object]) -> dict[str, Any]:
 
     Args:
         factory: for example the `build` method of a `ControllerSpec`.
-
-    Raises:
-        ConfigError: if neither has a method `identity`.
     """
     for holder in (factory, getattr(factory, "__self__", None)):
         identity = getattr(holder, "identity", None)

@@ -61,32 +61,19 @@ PROTOCOLS: Mapping[str, Protocol[Any, Any, Any]] = {
 
 
 def protocol_names() -> tuple[str, ...]:
-    """Return the names of the protocols of this package, and of those that other packages register.
-
-    Raises:
-        ConfigError: if two packages register different protocols under one name.
-    """
+    """Return the names of the protocols of this package, and of those that other packages register."""
     ours = {name: f"{type(protocol).__module__}:{type(protocol).__name__}" for name, protocol in PROTOCOLS.items()}
     return tuple(extensions.registered(GROUP, "protocol", ours))
 
 
 def all_protocols() -> dict[str, Protocol[Any, Any, Any]]:
-    """Return the protocols of this package, and those of other packages after them, by name.
-
-    Raises:
-        ConfigError: if one of another package cannot be loaded, or is none.
-    """
+    """Return the protocols of this package, and those of other packages after them, by name."""
     return {name: protocol_of(name) for name in protocol_names()}
 
 
 @functools.cache
 def protocol_of(name: str) -> Protocol[Any, Any, Any]:
-    """Return a protocol by name.
-
-    Raises:
-        UnknownNameError: if there is none of that name.
-        ConfigError: if that of another package cannot be loaded, or is none.
-    """
+    """Return a protocol by name."""
     if name in PROTOCOLS:
         return PROTOCOLS[name]
     if name not in protocol_names():

@@ -63,11 +63,7 @@ class DisturbanceConfig(GaitSettings):
             )
 
     def search(self) -> SurvivalSearch:
-        """Return a new search for one direction and kind of force.
-
-        Raises:
-            ConfigError: if a value is out of range.
-        """
+        """Return a new search for one direction and kind of force."""
         return SurvivalSearch(
             trials=self.rollouts, survival=SURVIVAL, first=self.first, limit=self.limit, resolution=self.resolution
         )

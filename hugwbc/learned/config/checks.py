@@ -15,9 +15,6 @@ def require(condition: bool, name: str, value: object, valid: str) -> None:
         name: name of the setting, as in its flag.
         value: value of the setting.
         valid: valid values, in words.
-
-    Raises:
-        ConfigError: if the condition does not hold; the message has name, value and valid values.
     """
     if not condition:
         raise ConfigError(f"{name} = {value}; valid: {valid}. Change that option")

@@ -65,11 +65,7 @@ class OwnLevels:
     """
 
     def __init__(self, config: "CurriculumConfig") -> None:
-        """Start at level 0.
-
-        Raises:
-            ConfigError: if a package's curriculum cannot be loaded, or its rule fails before anything was measured.
-        """
+        """Start at level 0."""
         self._reach = {name: getattr(config, name) for name in registered_curricula() if getattr(config, name) > 0.0}
         self._found = {name: _load(name) for name in self._reach}
         self.values = dict.fromkeys(self._reach, 0.0)
@@ -80,11 +76,7 @@ class OwnLevels:
                 raise ConfigError(f"{_origin(name)} {moved}; return a number from 0 to 1")
 
     def check(self, config: "EnvConfig") -> None:
-        """Refuse numbers that do not exist, or cannot have the values of their ranges.
-
-        Raises:
-            ConfigError: if there are any; the message names the curriculum.
-        """
+        """Refuse numbers that do not exist, or cannot have the values of their ranges."""
         taken: dict[str, str] = {}
         for name, own in self._found.items():
             for setting in own.settings:

@@ -330,11 +330,7 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
 
 @functools.cache
 def term(name: str) -> Term:
-    """Return a term by name: the paper's, our own, or that of another package.
-
-    Raises:
-        ConfigError: if that of another package cannot be loaded, or is no function.
-    """
+    """Return a term by name: the paper's, our own, or that of another package."""
     ours = PAPER_TERMS | EXTRA_TERMS
     if name in ours:
         return ours[name]
@@ -349,11 +345,7 @@ def term(name: str) -> Term:
 
 
 def check_registered(transition: Transition, body: Body, weights: dict[str, float]) -> None:
-    """Try the terms of other packages on a control step, before the first one counts.
-
-    Raises:
-        ConfigError: if one of them fails, or does not give one finite number per robot.
-    """
+    """Try the terms of other packages on a control step, before the first one counts."""
     count = len(transition.command)
     for name in registered_rewards():
         if weights[name] == 0.0:

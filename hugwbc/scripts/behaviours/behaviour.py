@@ -140,30 +140,18 @@ def seen(view: View, name: str) -> SeenObject:
 
 
 def check_time(name: str, value: float) -> None:
-    """Refuse a time that is not above 0.
-
-    Raises:
-        ConfigError: if it is not above 0, or longer than `LONGEST_TIME`.
-    """
+    """Refuse a time that is not above 0."""
     if not 0.0 < value <= LONGEST_TIME:
         raise ConfigError(f"{name} is {value}; give a finite number of seconds above 0, up to {LONGEST_TIME:g}")
 
 
 def check_hold(hold: float, timeout: float) -> None:
-    """Refuse a time for which something is held that is below 0 or never over before the timeout [s].
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a time for which something is held that is below 0 or never over before the timeout [s]."""
     if not 0.0 <= hold < timeout:
         raise ConfigError(f"hold is {hold}; give a number of seconds from 0, below the timeout of {timeout:g} s")
 
 
 def check_within(name: str, value: float, least: float, most: float, unit: str = "m") -> None:
-    """Refuse a number outside of a range, and NaN.
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a number outside of a range, and NaN."""
     if not least <= value <= most:
         raise ConfigError(f"{name} is {value} {unit}; give {least:g} to {most:g} {unit}")

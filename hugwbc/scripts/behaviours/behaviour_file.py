@@ -79,10 +79,6 @@ def load_behaviour(name: str | pathlib.Path) -> Behaviour:
 
     Args:
         name: one of `BEHAVIOUR_NAMES`, or the path of a file that ends in .yaml or .yml.
-
-    Raises:
-        UnknownNameError: if no shipped behaviour has that name.
-        ScriptError: if the file cannot be read or is not a valid behaviour; it names line and column.
     """
     reader = _Reader(yaml_path("behaviour", name, FOLDER), ScriptError)
     return reader.behaviour(reader.load("behaviour", _HINT))
@@ -94,9 +90,6 @@ def parse_behaviour(text: str, path: pathlib.Path) -> Behaviour:
     Args:
         text: the YAML text.
         path: path that gives the name and stands in the messages.
-
-    Raises:
-        ScriptError: if the text is not a valid behaviour; it names line and column.
     """
     reader = _Reader(path, ScriptError)
     return reader.behaviour(reader.compose(text, _HINT))
@@ -108,10 +101,6 @@ def load_plan(name: str | pathlib.Path) -> Script | Behaviour:
     Args:
         name: a name, or the path of a file that ends in .yaml or .yml; one with `steps:` is a behaviour, one with
             `segments:` a script.
-
-    Raises:
-        UnknownNameError: if nothing shipped has that name.
-        ScriptError: if the file cannot be read or is not valid; it names the line.
     """
     path = pathlib.Path(name)
     if path.suffix in (".yaml", ".yml"):
@@ -130,9 +119,6 @@ def check_objects(plan: object, names: Collection[str]) -> None:
     Args:
         plan: what plays; timed scripts and behaviours made in Python say nothing of objects.
         names: names of the objects in the scene (`Scene.body_names`); empty without one.
-
-    Raises:
-        ScriptError: if one is missing; it names line and column.
     """
     for name, place in (plan.mentions if isinstance(plan, Sequence) else {}).items():
         if name not in names:

@@ -38,9 +38,6 @@ class Sequence(Composite):
             name: for files and tables.
             about: a description for people.
             mentions: names of the objects that the steps of a file name, and where they do.
-
-        Raises:
-            ConfigError: if there is none.
         """
         if not steps:
             raise ConfigError("a sequence is empty; give it at least one step")
@@ -91,11 +88,7 @@ class Retry(Composite):
     """
 
     def __init__(self, behaviour: Behaviour, times: int = 3, between: Behaviour | None = None) -> None:
-        """Take the behaviour and how often it may be tried.
-
-        Raises:
-            ConfigError: if that is less than once or more than `MOST_TIMES`.
-        """
+        """Take the behaviour and how often it may be tried."""
         if not 1 <= times <= MOST_TIMES:
             raise ConfigError(f"times is {times}; give 1 or more, up to {MOST_TIMES}")
         self.behaviour, self.times, self.between = behaviour, times, between
@@ -141,11 +134,7 @@ class WaitUntil(Behaviour):
     """Nothing but waiting until a condition holds for a while: the robot stands and keeps its hands where they are."""
 
     def __init__(self, condition: Condition, timeout: float = 10.0, hold: float = 0.0) -> None:
-        """Wait for a condition that holds for `hold` [s] without a break.
-
-        Raises:
-            ConfigError: if a time is out of range.
-        """
+        """Wait for a condition that holds for `hold` [s] without a break."""
         check_time("timeout", timeout)
         check_hold(hold, timeout)
         if isinstance(condition, Elapsed) and condition.seconds + hold >= timeout:

@@ -18,11 +18,7 @@ TOUCH = 3.0  # [N], a smaller force on a hand may be noise
 
 
 def check_place(name: str, value: tuple[float, float]) -> None:
-    """Refuse what is not two numbers, x and y of a place that can be walked to [m].
-
-    Raises:
-        ConfigError: if it is not.
-    """
+    """Refuse what is not two numbers, x and y of a place that can be walked to [m]."""
     if len(value) != 2 or not np.all(np.abs(value) <= FARTHEST):
         raise ConfigError(f"{name} is {value}; give two finite numbers, x and y, from -{FARTHEST:g} to {FARTHEST:g} m")
 
@@ -41,11 +37,7 @@ class Condition(Protocol):
 
 
 def rows_of(hand: str) -> list[int]:
-    """Return the rows of one hand or both.
-
-    Raises:
-        UnknownNameError: if it is not one of `HANDS`.
-    """
+    """Return the rows of one hand or both."""
     if hand not in HANDS:
         raise UnknownNameError("hand", hand, HANDS)
     return [row for row, side in enumerate(SIDES) if hand in (side, "both")]

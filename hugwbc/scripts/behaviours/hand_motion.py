@@ -189,28 +189,16 @@ class Pressing:
 
 
 def check_above(name: str, value: float, most: float, unit: str = "m") -> None:
-    """Refuse a number that is not above 0 and at most `most`.
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a number that is not above 0 and at most `most`."""
     if not 0.0 < value <= most:
         raise ConfigError(f"{name} is {value} {unit}; give a number above 0, up to {most:g} {unit}")
 
 
 def check_speed(value: float) -> None:
-    """Refuse a speed of a hand that is out of range [m/s].
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a speed of a hand that is out of range [m/s]."""
     check_within("speed", value, SLOWEST, FASTEST, "m/s")
 
 
 def check_tolerance(value: float) -> None:
-    """Refuse a tolerance of a hand's place that is out of range [m].
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a tolerance of a hand's place that is out of range [m]."""
     check_within("tolerance", value, FINEST, 1.0)

@@ -64,10 +64,6 @@ class Reach(Behaviour):
             speed: highest speed of a hand [m/s].
             tolerance: distance at which a hand has arrived [m].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a time, speed or tolerance is out of range.
-            TargetError: if a point or direction is not three finite numbers, or a target is missing.
         """
         check_time("timeout", timeout)
         check_speed(speed)
@@ -119,10 +115,6 @@ class MoveHands(Behaviour):
             speed: highest speed of a hand [m/s].
             tolerance: distance at which a hand has arrived [m].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if both or neither of `by` and `to` are given, or a number is out of range.
-            TargetError: if a vector is not three finite numbers.
         """
         check_time("timeout", timeout)
         check_speed(speed)
@@ -181,11 +173,6 @@ class Press(Behaviour):
             speed: of the slow way [m/s].
             whole_body: whether h, p and w may help.
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
-            TargetError: if `at` or `axis` are not three finite numbers.
-            UnknownNameError: if there is no such hand.
         """
         check_time("timeout", timeout)
         if hand not in SIDES:
@@ -273,11 +260,6 @@ class Wipe(Behaviour):
             speed: along the path [m/s].
             whole_body: whether h, p and w may help.
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
-            TargetError: if a point is not three finite numbers.
-            UnknownNameError: if there is no such hand.
         """
         check_time("timeout", timeout)
         if hand not in SIDES:

@@ -31,9 +31,6 @@ class Push(Behaviour):
             distance: by how much it has to move along the robot's heading at the start [m].
             speed: of the walk [m/s].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
         check_above("distance", distance, 20.0)
@@ -81,12 +78,7 @@ class Stand(Behaviour):
     """Stands with a height, a pitch and a waist angle, for a time; the hands stay."""
 
     def __init__(self, seconds: float = 1.0, *, h: float = 0.0, p: float = 0.0, w: float = 0.0) -> None:
-        """Set the posture: h [m], p and w [rad], and how long [s].
-
-        Raises:
-            ConfigError: if the time is out of range.
-            CommandError: if the posture is.
-        """
+        """Set the posture: h [m], p and w [rad], and how long [s]."""
         check_time("seconds", seconds)
         self.command, self.seconds = Command(h=h, p=p, w=w).validate(), seconds
         self.timeout = math.inf  # its own time

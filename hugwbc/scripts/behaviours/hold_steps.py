@@ -68,10 +68,6 @@ class Squeeze(Behaviour):
             whole_body: whether h, p and w may help.
             speed: with which the hands close [m/s].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
-            TargetError: if `at` is not three finite numbers.
         """
         check_time("timeout", timeout)
         check_above("force", force, _STRONGEST, "N")
@@ -166,10 +162,6 @@ class Attach(Behaviour):
             hook: whether the hand may turn about its origin, as on a handle.
             breaking_force: at which it breaks [N].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
-            UnknownNameError: if there is no such hand.
         """
         check_time("timeout", timeout)
         check_above("breaking_force", breaking_force, 1e4, "N")
@@ -201,9 +193,6 @@ class Lift(Behaviour):
             speed: highest speed of the hands [m/s].
             hold: how long it has to stay up before it counts [s].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
         check_above("height", height, 1.0)
@@ -232,9 +221,6 @@ class Carry(Behaviour):
             object: what the hands hold.
             position: x and y in the world [m].
             walk: what else `WalkTo` takes, such as `before`; its speed is 0.3 m/s by default.
-
-        Raises:
-            ConfigError: as `WalkTo`.
         """
         self.object, self.walk = object, WalkTo(position, **{"speed": 0.3, **walk})
         self.timeout = math.inf  # that of the walk
@@ -285,9 +271,6 @@ class Place(Behaviour):
             lower: how far it may be lowered at most [m].
             speed: with which it is lowered [m/s].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
         check_above("lower", lower, 1.5)
@@ -344,9 +327,6 @@ class Release(Behaviour):
             back: by how much they then come back to the robot [m].
             rest: whether the controller gets the arms afterwards.
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
         check_above("apart", apart, 0.5)

@@ -32,11 +32,7 @@ _FASTEST = 0.6  # [m/s], what a behaviour may ask for
 
 
 def check_angle(name: str, value: float) -> None:
-    """Refuse an angle that is not finite, or of more than a full turn, as one in degrees [rad].
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse an angle that is not finite, or of more than a full turn, as one in degrees [rad]."""
     if not abs(value) <= 2.0 * math.pi:
         raise ConfigError(f"{name} is {value} rad; give an angle in radians, from -2 pi to 2 pi")
 
@@ -86,9 +82,6 @@ class Walk(Behaviour):
             stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
             tolerance: distance from the goal at which it has arrived [m].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         check_time("timeout", timeout)
         check_within("speed", speed, 0.05, _FASTEST, "m/s")
@@ -228,9 +221,6 @@ class WalkTo(Walk):
             stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
             tolerance: distance from the goal at which it has arrived [m].
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if both or neither of position and object are given, or a number is out of range.
         """
         super().__init__(speed=speed, stand=stand, tolerance=tolerance, timeout=timeout)
         if (position is None) is (before is None):
@@ -274,9 +264,6 @@ class Face(Walk):
             yaw: heading in the world, instead [rad].
             stand: whether it ends standing.
             timeout: after which it fails [s].
-
-        Raises:
-            ConfigError: if both or neither of object and heading are given, or a number is out of range.
         """
         super().__init__(stand=stand, tolerance=0.15, timeout=timeout)
         if (object is None) is (yaw is None):

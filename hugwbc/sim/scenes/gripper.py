@@ -86,11 +86,7 @@ class Gripper:
         return None if held is None else held[0]
 
     def distance(self, name: str, side: str) -> float:
-        """Return how far a hand's surface is from an object's [m]; at most 1 m is told apart.
-
-        Raises:
-            UnknownNameError: if there is no such object or hand.
-        """
+        """Return how far a hand's surface is from an object's [m]; at most 1 m is told apart."""
         hand = _hand(side)
         if name not in self._bodies:
             raise UnknownNameError("object", name, self._bodies)
@@ -110,10 +106,6 @@ class Gripper:
 
         Returns:
             Whether the hand holds the object.
-
-        Raises:
-            ConfigError: if the breaking force is not above 0.
-            UnknownNameError: if there is no such hand, or no such object that moves.
         """
         hand = _hand(side)
         if not breaking_force > 0.0:

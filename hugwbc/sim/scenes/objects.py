@@ -91,11 +91,7 @@ class Objects(Mapping[str, ObjectState]):
         return None
 
     def seen(self, name: str) -> ObjectState:
-        """Return what a motion-capture system knows of an object.
-
-        Raises:
-            UnknownNameError: if there is no such object.
-        """
+        """Return what a motion-capture system knows of an object."""
         raise UnknownNameError("object", name, self.names)
 
     def __getitem__(self, name: str) -> ObjectState:
@@ -214,9 +210,6 @@ class SceneObjects(Objects):
         """Return an object's pose as a motion-capture system gives it: with noise, and some time ago.
 
         An exact profile sees the true state.
-
-        Raises:
-            UnknownNameError: if there is no such object.
         """
         if self._exact:
             return self[name]
