@@ -8,7 +8,7 @@ from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
 from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH
 from hugwbc.scripts.behaviours.view import SeenObject
 from hugwbc.targets import HandFrame
-from hugwbc.tasks.moves import ARRIVED, LOWEST, SPEED, Moves, hands_in, up
+from hugwbc.tasks.moves import LOWEST, SPEED, Moves, hands_in, up
 
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
 SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips with less (docs/log/tasks.md)
@@ -85,7 +85,7 @@ class BoxMoves(Moves):
         """
         self.doing = "walk to the box"
         view = yield from self.wide(view, name)
-        view = yield from self.walk(view, WalkTo(before=name, distance=distance, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before=name, distance=distance))
         view = yield from self.grasp(view, name, posture)
         view = yield from self.raised(view, name, height, speed)
         return (yield from self.to_chest(view, goal))

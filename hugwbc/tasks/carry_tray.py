@@ -10,7 +10,7 @@ from hugwbc.scripts.behaviours import Course, Grip, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, lifted
-from hugwbc.tasks.moves import ARRIVED, Moves, crouch, hands_in
+from hugwbc.tasks.moves import Moves, crouch, hands_in
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -69,7 +69,7 @@ class CarryTray(Moves):
         self.doing = "walk to the tray"
         y = self._half + _BESIDE + 0.08
         view = yield from self.glide(view, np.array([[0.22, y, 0.1], [0.22, -y, 0.1]]))
-        view = yield from self.walk(view, WalkTo(before="tray", distance=_DISTANCE, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before="tray", distance=_DISTANCE))
         self.doing = "reach for the tray"
         tray = seen(view, "tray")
         axes = rotations.rotation_z(tray.yaw)

@@ -17,7 +17,6 @@ from hugwbc.tasks.judges import (
     touched,
     upright,
 )
-from hugwbc.tasks.moves import ARRIVED
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, within
@@ -78,9 +77,7 @@ class FetchBox(BoxMoves):
         yaw = view.state.yaw
         back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
         view = yield from self.walk(view, WalkTo((float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1))
-        view = yield from self.walk(
-            view, WalkTo(before="bench", distance=DISTANCE - GOAL[0], speed=0.35, tolerance=ARRIVED)
-        )
+        view = yield from self.walk(view, WalkTo(before="bench", distance=DISTANCE - GOAL[0], speed=0.35))
         bench = seen(view, "bench")
         goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
         goal[2] = self._top + self._half

@@ -9,7 +9,6 @@ from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, 
 from hugwbc.scripts.behaviours.hand_motion import in_frame, points_in, wait
 from hugwbc.targets import HandFrame, HandTargets
 
-ARRIVED = 0.08  # [m], tolerance of a walk after which the hands go to points of the world
 SPEED = 0.25  # [m/s], mean speed of a gliding hand
 SHORTEST = 0.5  # [s], of a glide
 HOOKED = 0.5  # [s], in which an idealised gripper has to take hold

@@ -6,7 +6,7 @@ from hugwbc import rotations
 from hugwbc.scripts.behaviours import Course, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.tasks.judges import in_axes_of, touched, trunk_clear
-from hugwbc.tasks.moves import ARRIVED, Moves
+from hugwbc.tasks.moves import Moves
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -45,9 +45,7 @@ class OpenDoor(Moves):
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "walk to the door"
-        view = yield from self.walk(
-            view, WalkTo(before="door/frame", distance=_BEFORE, aside=_ASIDE, tolerance=ARRIVED)
-        )
+        view = yield from self.walk(view, WalkTo(before="door/frame", distance=_BEFORE, aside=_ASIDE))
         self.doing = "raise the hands"
         ahead = np.array([1.0, 0.0, 0.0])
         points = np.array([[0.40, 0.17, 0.14], [0.40, -0.14, 0.14]])

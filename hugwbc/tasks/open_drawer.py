@@ -6,7 +6,7 @@ from hugwbc.scripts.behaviours import Course, Grip, Pull, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_end, happened
-from hugwbc.tasks.moves import ARRIVED, NO_HAND, Moves, crouch, hands_in
+from hugwbc.tasks.moves import NO_HAND, Moves, crouch, hands_in
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
 
@@ -41,9 +41,7 @@ class OpenDrawer(Moves):
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "walk to the drawer"
-        view = yield from self.walk(
-            view, WalkTo(before="drawer", distance=self._handle + _REACH, aside=_ASIDE, tolerance=ARRIVED)
-        )
+        view = yield from self.walk(view, WalkTo(before="drawer", distance=self._handle + _REACH, aside=_ASIDE))
         self.doing = "reach for the handle"
         closed = seen(view, "drawer")
         ahead = closed.direction(np.array([1.0, 0.0, 0.0]))

@@ -7,7 +7,7 @@ from hugwbc.scripts.behaviours import Action, Course, Failure, View, seen, stand
 from hugwbc.scripts.behaviours.hand_motion import TIP
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.tasks.judges import at_end, happened, touched, trunk_clear
-from hugwbc.tasks.moves import ARRIVED, NO_HAND, Moves, crouch, targets
+from hugwbc.tasks.moves import NO_HAND, Moves, crouch, targets
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -50,7 +50,7 @@ class PressButton(Moves):
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "walk to the button"
-        view = yield from self.walk(view, WalkTo(before="button", distance=_DISTANCE, aside=_ASIDE, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before="button", distance=_DISTANCE, aside=_ASIDE))
         self.doing = "reach for the button"
         button = seen(view, "button")
         ahead = button.direction(np.array([1.0, 0.0, 0.0]))

@@ -10,7 +10,7 @@ from hugwbc.scripts.behaviours import Course, Failure, Grip, View, seen
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_rest, in_axes_of, touched
-from hugwbc.tasks.moves import ARRIVED, Moves
+from hugwbc.tasks.moves import Moves
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, at_end, within
@@ -75,7 +75,7 @@ class PushCart(Moves):
         distance = self._length / 2 + _REACH
         ready = self._hands(self._handle - 0.98, gap=0.08)
         view = yield from self.glide(view, ready)
-        view = yield from self.walk(view, WalkTo(before="cart", distance=distance, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before="cart", distance=distance))
         self.doing = "reach for the handle"
         cart = seen(view, "cart")
         turn = rotations.rotation_z(cart.yaw)

