@@ -175,7 +175,7 @@ class ArmServo:
         Args:
             upper_body: targets with a wanted force or stiffness.
             state: the robot now.
-            carried: force that each hand shall exert, with what carries its payload, world axes [N], shape (2, 3).
+            carried: desired force of each hand, including that for its payload, world axes [N], shape (2, 3).
         """
         jacobians = self.jacobians(upper_body.q, state)
         error = np.where(upper_body.mask, upper_body.q - state.q[self._arms], 0.0)

@@ -59,7 +59,7 @@ class UpperBody:
             motion of the body do not belong here (`hugwbc.arm_servo`).
         tau: feed-forward torques [N*m], shape (8,); by default none.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (8,); None for the robot's nominal gains.
-        hand_force: force that the left and the right hand shall exert on the world, world axes [N], shape (2, 3).
+        hand_force: desired force of the left and the right hand on the world, world axes [N], shape (2, 3).
             Along its force a hand gives way, across it holds its position. By default none.
         stiffness: of both hands as springs [N/m]; None for the servo's own.
         payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.

@@ -37,7 +37,7 @@ class HandTargets:
         joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (8,), such as those of a
             motion file; they replace hand positions and inverse kinematics. None for targets of the hands.
         joint_velocity: velocities of those joints [rad/s], shape (8,); None for 0.
-        left_force, right_force: force that the hand shall exert on what it touches, in the axes of `frame` [N], shape
+        left_force, right_force: desired force of the hand on what it touches, in the axes of `frame` [N], shape
             (3,); None or zero for a hand that only goes to its target. Along the force the hand gives way, across it
             it holds its position. Two opposite forces squeeze an object: the hands then give way against each other,
             and hold their middle.

@@ -43,7 +43,7 @@ _DRIVING = ("script", "listen", "headless", *_COMMANDING)
 class PlayOptions(ArenaChoice):
     """Drive a controller from a page in the browser (on this machine only); Ctrl-C stops.
 
-    With a command, a script or hand targets, or where no live page can be had, meshcat shows the robot instead.
+    With a command, a script or hand targets, or if no live page is available, meshcat shows the robot instead.
     """
 
     controller: str = "learned"
@@ -201,7 +201,7 @@ def _given(options: PlayOptions, names: Sequence[str]) -> list[str]:
 
 
 def _drives(options: PlayOptions) -> bool:
-    """Return whether to open the live page unasked: a person has to drive, and a page and a browser can be had."""
+    """Return whether to open the live page unasked: somebody must drive, and a page and a browser must be available."""
     if options.meshcat or not options.browser or _given(options, _DRIVING) or _options_of_the_page(options):
         return False
     if importlib.util.find_spec("viser") is None:

@@ -1,4 +1,4 @@
-"""What a motion capture and the idealised grippers say and hear, as text: topics of our own, beside the maker's.
+"""Topics of motion capture and idealised grippers, as text, in addition to the maker's.
 
 Both are JSON in the type `std_msgs/String`, which ROS 2 reads as well. Poses are position [m] and quaternion
 (w, x, y, z) in the world. `tick` is the robot's clock, as in its state message.
@@ -141,7 +141,7 @@ def _content(text: str, keys: set[str]) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise CaptureError(f"the text is no JSON ({error})") from error
+        raise CaptureError(f"the text is not JSON ({error})") from error
     if not isinstance(content, dict) or set(content) != keys:
         raise CaptureError(f"the text is not a mapping with {', '.join(sorted(keys))}")
     return content

@@ -1,4 +1,4 @@
-"""What the H1's low-level messages say: joint commands, sensor readings, in the order of the robot's joints."""
+"""Contents of the H1's low-level messages: joint commands and sensor readings, in the order of the robot's joints."""
 
 import dataclasses
 import math

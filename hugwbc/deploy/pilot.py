@@ -1,4 +1,4 @@
-"""The part of a deployment that decides: from each state and request to the joint command that answers it.
+"""The decisions of a deployment: from each state and request to the joint command.
 
 It has neither threads nor a clock of its own. What it does follows from the states, requests and faults that it is
 given, in their order, so that a recording of these can be replayed bit for bit.

@@ -133,7 +133,9 @@ class Recording:
         self.header = header
 
     def _error(self, what: str) -> ResultFileError:
-        return ResultFileError(f"{self._path} is no recording of a deployment: {what}; record it again with --record")
+        return ResultFileError(
+            f"{self._path} is not a recording of a deployment: {what}; record it again with --record"
+        )
 
     def entries(self) -> Iterator[Entry]:
         """Yield the entries; one that was cut off ends the recording.

@@ -1,4 +1,4 @@
-"""What happens to a simulated robot at which time: buttons and sticks of its remote control, and its hoist."""
+"""Timed events of a simulated robot: buttons and sticks of its remote control, and its hoist."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -73,8 +73,8 @@ def _happening(item: str) -> Happening:
         name, _, number = words[1].partition("=")
         value = float(number) if number else 0.0
     except (IndexError, ValueError):
-        raise ConfigError(f"'{item}' in the schedule is not understood; {valid}") from None
+        raise ConfigError(f"'{item}' in the schedule is not valid; {valid}") from None
     known = name in _STICKS if number else name in (*BUTTONS, *HOIST_WORDS)
     if len(words) != 2 or not known or not 0.0 <= time < float("inf") or not -1.0 <= value <= 1.0:
-        raise ConfigError(f"'{item}' in the schedule is not understood; {valid}")
+        raise ConfigError(f"'{item}' in the schedule is not valid; {valid}")
     return Happening(time, name, value)

@@ -11,7 +11,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
-START_TIME = 5.0  # [s] from the posture at hand to the start pose
+START_TIME = 5.0  # [s] from the present posture to the start pose
 DAMPING_GAIN = 8.0  # [N*m*s/rad]; the maker's deploy_real.py ends with it
 
 

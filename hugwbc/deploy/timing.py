@@ -1,4 +1,4 @@
-"""Measured times of a deployment: latency from state to command, and jitter of the publishing thread."""
+"""Timing of a deployment: latency from state to command, and jitter of the publishing thread."""
 
 import array
 import dataclasses

@@ -1,4 +1,4 @@
-"""How messages get from one side to the other: the interface, and a pair of ends within one process."""
+"""Message transport: the interface, and a pair of endpoints within one process."""
 
 import collections
 import threading

@@ -1,4 +1,4 @@
-"""What must hold while a robot is controlled: fresh messages, and a body within its limits."""
+"""Watchdogs of a controlled robot: fresh messages, and a body within its limits."""
 
 import dataclasses
 import math

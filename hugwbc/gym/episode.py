@@ -1,4 +1,4 @@
-"""One episode of a task that is asked for its commands tick by tick, and judged while it goes on."""
+"""One episode of a task, stepped from outside and judged while it runs."""
 
 import dataclasses
 

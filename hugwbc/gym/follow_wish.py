@@ -1,4 +1,4 @@
-"""A behaviour that does what the actions of a learner ask for, with hands that move no faster than they may."""
+"""A behaviour that follows a learner's actions, with a speed limit for the hands."""
 
 from collections.abc import Callable
 
@@ -29,7 +29,7 @@ class FollowWish(Behaviour):
         """Start from a standing robot whose arms are its controller's.
 
         Args:
-            nearest: asked when a gripper shall take hold.
+            nearest: called when a gripper should close.
         """
         self.wish = Wish()
         self._nearest = nearest

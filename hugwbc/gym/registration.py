@@ -1,10 +1,10 @@
-"""The names under which gymnasium finds the environments. Nothing here loads MuJoCo or torch."""
+"""Registration of the environments with gymnasium. Nothing here loads MuJoCo or torch."""
 
 from types import MappingProxyType
 
 H1 = "hugwbc/H1-v0"
 
-# Identifiers of the tasks' environments, and the tasks. A task in a file of one's own is hugwbc/Task-v0 with task=FILE.
+# Identifiers of the tasks' environments, and the tasks. A task in a user's file is hugwbc/Task-v0 with task=FILE.
 TASK_ENVIRONMENTS = MappingProxyType(
     {
         "hugwbc/PressButton-v0": "press_button",
@@ -24,7 +24,7 @@ _TASK_CLASS = "hugwbc.gym.task_env:TaskEnv"
 
 
 def register() -> None:
-    """Tell gymnasium of all environments; those that it knows already are left as they are.
+    """Register all environments with gymnasium; registered ones stay unchanged.
 
     Raises:
         ImportError: if gymnasium is not installed.

@@ -50,7 +50,7 @@ class H1StableBaselinesEnv(VecEnv):
         self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, dtype=int)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Have the next `reset` build the robots from a seed; None for the one at hand."""
+        """Let the next `reset` build the robots from a seed; None keeps the present one."""
         self._seed = self._seed if seed is None else seed
         return [seed] * self.num_envs
 

@@ -1,4 +1,4 @@
-"""Actions of the task environments: a few numbers from -1 to 1, and what they ask of robot and hands."""
+"""Actions of the task environments: numbers from -1 to 1, and their meaning for robot and hands."""
 
 import dataclasses
 
@@ -70,7 +70,7 @@ class Wish:
             neither has one.
         points: targets of both hands in the heading frame, level and at the pelvis [m], shape (2, 3).
         squeeze: force between two used hands [N].
-        grips: whether the left and the right idealised gripper shall hold, shape (2,), bool.
+        grips: whether the left and the right idealised gripper should hold, shape (2,), bool.
     """
 
     command: Command = dataclasses.field(default_factory=Command)
@@ -81,7 +81,7 @@ class Wish:
 
     @classmethod
     def of(cls, action: Action, view: View) -> "Wish":
-        """Return what the action of a behaviour asks for, as far as actions of a learner can.
+        """Return a behaviour's action as a wish, as far as a learner's actions can express it.
 
         Args:
             action: of a behaviour that was shown the view; joint targets and directions of the forearms are left out.
@@ -124,7 +124,7 @@ class ActionLayout:
         self.rest = self.encode(Wish())
 
     def decode(self, action: np.ndarray) -> Wish:
-        """Return what an action of finite numbers from -1 to 1 asks for, shape (len(names),)."""
+        """Return the wish of an action of finite numbers from -1 to 1, shape (len(names),)."""
         value = dict(zip(self.names, (self._middle + self._half * action).tolist(), strict=True))
         walks = value["walk"] > 0.0
         numbers = {name: value[name] for name in ("h", "p", "w")}
@@ -139,7 +139,7 @@ class ActionLayout:
         )
 
     def encode(self, wish: Wish) -> np.ndarray:
-        """Return the action that asks for something, clipped to what can be asked for, shape (len(names),)."""
+        """Return the action of a wish, clipped to the ranges of the actions, shape (len(names),)."""
         command = wish.command
         value = {name: getattr(command, name) for name in (*_VELOCITIES, "h", "p", "w")} | {"squeeze": wish.squeeze}
         on = {"walk": command.gait is not Gait.STANDING}
@@ -151,7 +151,7 @@ class ActionLayout:
 
 
 class ActionFilter:
-    """Makes finite numbers from -1 to 1 of any numbers, and counts what it changed since `reset`.
+    """Clamps numbers to -1 to 1, replaces non-finite ones, and counts both since `reset`.
 
     Attributes:
         not_finite: numbers that were NaN; the last good one took their place.

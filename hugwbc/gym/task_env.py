@@ -1,4 +1,4 @@
-"""A task of the suite as a gymnasium environment: commands and hand targets at 10 Hz in, what a robot has out."""
+"""A task of the suite as a gymnasium environment: commands and hand targets in, observations out, at 10 Hz."""
 
 import math
 import pathlib

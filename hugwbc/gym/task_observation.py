@@ -1,4 +1,4 @@
-"""Observations of the task environments: what a robot has of itself and of the objects, as one row of numbers."""
+"""Observations of the task environments: robot and objects as one row of numbers."""
 
 from collections.abc import Mapping
 

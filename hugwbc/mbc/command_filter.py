@@ -1,4 +1,4 @@
-"""Commands as the plan follows them: within their ranges, without jumps, corrected for the measured velocity."""
+"""Filter of commands: clamped, rate-limited, corrected by the measured velocity."""
 
 import math
 from typing import NamedTuple
@@ -50,7 +50,7 @@ class SmoothCommand(NamedTuple):
 
 
 class GaitState(NamedTuple):
-    """The state of the legs, which decides how much of a command can be followed now.
+    """The gait state, which decides how much of a command can be followed now.
 
     Attributes:
         stepping: whether the robot still steps, whatever the command. The limits of walking hold until it stands.
@@ -87,7 +87,7 @@ class CommandFilter:
         self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
     def update(self, command: Command, dt: float, legs: GaitState = _STILL) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """Return the command to follow now, and a report of what could not be followed as asked.
+        """Return the command to follow now, and a report of its changes.
 
         Args:
             command: command as given; NaN and values out of range are replaced and reported.

@@ -103,7 +103,7 @@ class Dynamics(Kinematics):
         return self.data.oYcrb[0].inertia.copy()
 
     def hand_shift(self, pivot: np.ndarray) -> np.ndarray:
-        r"""Return by how much forces on the hands shift the balance about a point on the ground [m], shape (2,).
+        r"""Return the shift of the balance by hand forces about a point on the ground [m], shape (2,).
 
         Moments about the pivot p, with forces F at the hands' places r, let the pendulum fall as one whose centre of
         mass c is shifted:

@@ -1,4 +1,4 @@
-"""Which foot stands and which swings: standing, shifting weight, walking, jumping, hopping and landing."""
+"""Contact schedule: standing, shifting weight, walking, jumping, hopping and landing."""
 
 import enum
 

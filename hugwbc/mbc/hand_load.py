@@ -1,4 +1,4 @@
-"""Forces on the hands for the QP: what the targets tell, and what else has made the robot step."""
+"""Hand forces for the QP: those that the targets tell, and estimated pulls that made the robot step."""
 
 import math
 

@@ -154,7 +154,7 @@ class Leap:
         )
 
     def _use(self, dynamics: Dynamics, from_heading: np.ndarray) -> None:
-        """Pass the planned forces of this moment to the tasks, and what these forces do to the body."""
+        """Pass the planned forces of this moment and the resulting accelerations to the tasks."""
         assert self._force_plan is not None
         planned = self._force_plan.at(self._age) @ from_heading.T
         points = [2 * foot + end for foot in self._plan.legs for end in (0, 1)]

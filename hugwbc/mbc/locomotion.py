@@ -1,4 +1,4 @@
-"""From a smooth command to task targets and contacts in every gait: who stands, who swings, which tasks count."""
+"""From a filtered command to task targets and contacts in every gait."""
 
 import math
 
@@ -136,7 +136,7 @@ class Locomotion:
                 stance.slope = float(self.ground.slopes[foot])
 
     def follow_jumps(self, position: np.ndarray, velocity: np.ndarray, dt: float) -> None:
-        """Move all that is remembered in the world along when the position jumps, as an estimator's may.
+        """Shift remembered world positions when the estimated position jumps.
 
         Args:
             position: of the pelvis as it was read, not predicted, world [m], shape (3,).

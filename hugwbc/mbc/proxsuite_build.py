@@ -1,4 +1,4 @@
-"""ProxQP in the build whose results do not depend on where its memory lies.
+"""The build of ProxQP whose results do not depend on memory alignment.
 
 ProxSuite comes in builds for wide vector instructions and loads the widest one that the processor supports. These
 builds sum the first elements of a vector one by one until an address is aligned. Two solvers with the same problem

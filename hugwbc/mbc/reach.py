@@ -1,4 +1,4 @@
-"""What the legs allow: by the ranges of their joints (inverse kinematics of a squat with level soles) and by torque."""
+"""Limits of the legs by joint range (inverse kinematics of a squat with level soles) and by torque."""
 
 import bisect
 import functools

@@ -1,4 +1,4 @@
-"""Quantities that all gaits refer to: heading, ground height and balance point, and with them the pelvis's targets."""
+"""References of all gaits: heading, ground height, balance point and the pelvis's targets."""
 
 import math
 from typing import NamedTuple

@@ -219,7 +219,7 @@ class RigidBodyMpc:
     def _cost(
         self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return H and g of the condensed problem: what is asked of the motion, and forces close to an even push."""
+        """Return H and g of the condensed problem: motion targets, and forces close to an even push."""
         parts = self._asked(body, target, linear, angular, time_left)
         matrix = np.concatenate([block * np.sqrt(weight) for block, _, weight in parts])
         wanted = np.concatenate([value * np.sqrt(weight) for _, value, weight in parts])
@@ -236,7 +236,7 @@ class RigidBodyMpc:
     def _asked(
         self, body: RigidBody, target: TakeOff, linear: np.ndarray, angular: np.ndarray, time_left: float
     ) -> tuple[tuple[np.ndarray, np.ndarray, float], ...]:
-        """Return what the cost asks of the motion: rows over the forces, their wanted values, the weight of each part.
+        """Return the motion targets of the cost: rows over the forces, desired values, and weights.
 
         The motion is linear in the forces: their effect should equal what is wanted minus the motion without forces.
         """

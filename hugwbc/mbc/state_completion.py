@@ -1,4 +1,4 @@
-"""From a reading to the present state: position and velocity by leg odometry, age by prediction."""
+"""State completion: position and velocity by leg odometry, latency by prediction."""
 
 import collections
 import dataclasses

@@ -1,4 +1,4 @@
-"""A step of a walk: where it goes and when it ends, the path of the foot in the air, and whether it has landed."""
+"""One walking step: its foothold and timing, the swing trajectory, and the landing."""
 
 import math
 

@@ -266,7 +266,7 @@ class WholeBodyController:
         return self._last
 
     def _implausible(self, state: RobotState) -> str:
-        """Return what in a usable state no robot that can be balanced does; empty if it is plausible."""
+        """Return why a state cannot belong to a balanced robot; empty if it is plausible."""
         robot, velocity = self._robot, state.velocity
         _, x, y, _ = state.orientation.tolist()
         if 1.0 - 2.0 * (x * x + y * y) < _LEAST_UPRIGHT:
@@ -315,7 +315,7 @@ class WholeBodyController:
         return report
 
     def _attainable(self, arms: TaskTerms) -> TaskTerms:
-        """Return the arms' terms without accelerations for which their drives are too weak.
+        """Return the arms' terms, with accelerations limited to what their drives can give.
 
         Their servo stops at the torque limits, whatever the QP plans. A force on the hands that is too large for the
         arms moves them; a plan that held them nevertheless would do so at the expense of the balance.

@@ -1,4 +1,4 @@
-"""A way down for a robot that no longer knows its state: it kneels, and then only slows its joints.
+"""Controlled kneel after loss of the state estimate, followed by damping of the joints.
 
 The knees and the toes carry a kneeling robot without any balance. Its thighs stand upright on them, so that the trunk
 keeps its momentum of a walk for no longer than the legs fold. Then the stiffness fades against strong damping:

@@ -1,4 +1,4 @@
-"""What the hands carry, learned from the forces on them, for payloads that nobody has told."""
+"""Estimate of unknown payloads from the forces on the hands."""
 
 import dataclasses
 import math

@@ -164,9 +164,9 @@ class SafetyFilter:
       is reset on the first good state.
     - A state that the estimator calls lost (`RobotState.lost`) makes the robot kneel down and then damps its joints,
       until the next `reset` (`hugwbc.runtime.lowering`).
-    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It carries what the
-      hands hold, which is learned if nobody tells it (`PayloadObserver`, attribute `payload`). Where the arms are taken
-      over and released, the step in their command fades (`Handover`).
+    - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It compensates
+      the payload, which is told or estimated (`PayloadObserver`, attribute `payload`). At takeover and release of the
+      arms, the step in their command fades (`Handover`).
     - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, and feed-forward
       torques to the torque limits.
     - Every change is counted in `report()`.

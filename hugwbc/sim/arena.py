@@ -1,4 +1,4 @@
-"""The arena: which robot, with which drives and sensors, on which ground, a controller is evaluated.
+"""The arena: robot, drives, sensors and ground of an evaluation.
 
 Results carry the arena in their identity, so results of different arenas never mix. There are two (docs/arena.md):
 

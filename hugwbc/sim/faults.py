@@ -81,7 +81,7 @@ class Fault:
             share = float(found["what"]) if found["kind"] == DROPPED and found["what"] else None
         except ValueError:
             raise ConfigError(
-                f"'{text}' is no fault; write KIND@START:DURATION, KIND=JOINT@START:DURATION or "
+                f"'{text}' is not a fault; write KIND@START:DURATION, KIND=JOINT@START:DURATION or "
                 f"dropped=SHARE@START:DURATION in seconds, such as imu-gone@4:0.2; kinds are {', '.join(FAULTS)}"
             ) from None
         return cls(found["kind"], start, duration, None if found["kind"] == DROPPED else found["what"], share)

@@ -1,4 +1,4 @@
-"""Planned forces on the robot: how large, on which link, and when."""
+"""Planned forces on the robot: vector, link and time."""
 
 import dataclasses
 import math

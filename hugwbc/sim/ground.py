@@ -1,4 +1,4 @@
-"""How firmly the robot stands, and things lie: the settings of contacts."""
+"""Contact settings of the ground and of objects."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""A steady force at the hands of a simulated robot, which comes on slowly."""
+"""A steady force at the hands of a simulated robot, with a slow ramp."""
 
 import numpy as np
 

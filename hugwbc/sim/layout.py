@@ -1,4 +1,4 @@
-"""Where one robot is in the state of a model that may hold other bodies too."""
+"""Indices of one robot in the state of a model that may contain other bodies."""
 
 import dataclasses
 

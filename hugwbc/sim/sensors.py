@@ -1,4 +1,4 @@
-"""What a robot's sensors say: encoders, motor torques and the torso IMU, with noise, biases and latency."""
+"""Sensor models: encoders, motor torques and the torso IMU, with noise, biases and latency."""
 
 import dataclasses
 import math

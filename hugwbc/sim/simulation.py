@@ -123,7 +123,7 @@ class Simulation(Engine):
                 raise SceneError(_NO_ROOM.format(body))
 
     def redraw(self, seed: int) -> RobotState:
-        """Begin another episode: draw what varies in the scene, and the sensors' errors, from a seed, and reset.
+        """Begin another episode: draw the scene's variations and the sensor errors from a seed, and reset.
 
         The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled anew.
         """
@@ -306,7 +306,7 @@ class Simulation(Engine):
         return self.data.sensordata[self._places[name]].copy()
 
     def _sensed_by_side(self, name: str) -> np.ndarray:
-        """Return what the sensors of this name on the left and the right side say, shape (2, 3)."""
+        """Return the readings of the left and the right sensor of this name, shape (2, 3)."""
         return self.data.sensordata[self._places_by_side[name]]
 
     def _trunk_on_ground(self) -> bool:

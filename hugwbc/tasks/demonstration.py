@@ -1,4 +1,4 @@
-"""Demonstrations: what a behaviour knew and asked for in an episode of a task, as frames to learn from.
+"""Demonstrations: observations and actions of a behaviour in an episode of a task, as frames.
 
 A frame pairs what was known at one time with what the robot was then told to do. All of it is estimated or seen, as on
 a robot; only the verdict is the truth.
@@ -63,7 +63,7 @@ def pose_names(body: str) -> tuple[str, ...]:
 
 
 def state_vector(view: View) -> np.ndarray:
-    """Return what is known of the robot as one vector, in the order of `state_names`; 0 for what is not known."""
+    """Return the robot's known state as one vector, in the order of `state_names`; 0 if unknown."""
     state = view.state
     return np.concatenate(
         (
@@ -143,7 +143,7 @@ def demonstrate(
     seed: int,
     on_progress: Callable[[float], None] | None = None,
 ) -> Demonstration:
-    """Run one episode of a task and return it as a demonstration; recording changes nothing of the episode.
+    """Run one episode of a task and return it as a demonstration; recording does not change the episode.
 
     Args:
         task: the task.

@@ -1,4 +1,4 @@
-"""What episodes have in common that judges ask for: arrivals, lifts, rests and grips."""
+"""Milestones that several tasks share: arrivals, lifts, rests and grips."""
 
 from collections.abc import Callable
 

@@ -65,9 +65,9 @@ def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]
 
 
 class DatasetWriter:
-    """A data set that is written episode by episode, and is never there half-written.
+    """A data set that is written episode by episode and appears only when it is complete.
 
-    Use it in a `with` statement. Everything goes into a hidden folder beside the one that is asked for, which gets its
+    Use it in a `with` statement. Files go to a hidden folder beside the requested one, which gets its
     name at the end. An error or Ctrl-C ends the data set after the last complete episode; Ctrl-C while files are
     written takes effect when they are.
     """
@@ -76,7 +76,7 @@ class DatasetWriter:
         """Prepare the columns.
 
         Args:
-            folder: where the data set shall be; it must not exist.
+            folder: path of the new data set; it must not exist.
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
         """

@@ -1,4 +1,4 @@
-"""What the behaviours of the tasks are made of: gliding hands, holding them against a load, waiting, gripping."""
+"""Building blocks of the tasks' behaviours: gliding hands, holding a load, waiting, gripping."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ Directions = tuple[np.ndarray | None, np.ndarray | None]
 
 
 class Moves(Behaviour):
-    """A behaviour with pieces to build a course of: `view = yield from self.glide(view, points)`.
+    """A behaviour with building blocks for a course: `view = yield from self.glide(view, points)`.
 
     Hands are points in the heading frame, level and at the pelvis, or in the world.
 

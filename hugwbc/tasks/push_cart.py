@@ -50,7 +50,7 @@ _REACH = 0.36  # [m], from the pelvis to the handle
 # [m], from the hand frame to the handle's middle when it is hooked: a hand that touched it would press on its hook.
 _TIP = 0.07
 _APART = 0.20  # [m], of each hand from the middle
-_YIELDING = 400.0  # [N/m], of the hands: the cart shall not follow the sway of the steps
+_YIELDING = 400.0  # [N/m], of the hands, so that the cart does not follow the sway of the steps
 _SPEED = 0.3  # [m/s]
 _THERE = 0.06  # [m]
 _MOST_STEPS = 3

@@ -18,7 +18,7 @@ _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
 
 
 class Samples(Protocol):
-    """The part of a `Trace` of which a record is made: that of a whole run, or of one that still goes on."""
+    """The part of a `Trace` that a record needs, of a finished or running episode."""
 
     @property
     def time(self) -> np.ndarray:

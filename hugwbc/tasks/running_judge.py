@@ -1,4 +1,4 @@
-"""A judge of an episode that still goes on, or that somebody else controls."""
+"""Judge an episode while it runs, whoever controls it."""
 
 import dataclasses
 
@@ -50,7 +50,7 @@ class GrowingSamples:
 
 
 class RunningJudge:
-    """Watches a simulation, whoever controls it, and judges what has happened up to now.
+    """Watches a simulation, with any controller, and judges its progress.
 
     Call `look` after each physics step, and `sample` at least every `RECORD_PERIOD`.
     """

@@ -68,7 +68,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
 
 
 def _share(value: float) -> float:
-    """Return a progress within [0, 1]; one that is not a number is none."""
+    """Return a progress clamped to [0, 1]; NaN counts as 0."""
     return float(np.clip(value, 0.0, 1.0)) if np.isfinite(value) else 0.0
 
 
@@ -78,12 +78,12 @@ def _without_numbers(problem: str) -> str:
 
 
 def reached(value: float, wanted: float) -> float:
-    """Return the progress of something that shall grow from 0 to a value."""
+    """Return the progress of a quantity from 0 to a value."""
     return value / wanted
 
 
 def within(value: float, allowed: float) -> float:
-    """Return the progress of an error that shall not exceed a value: 1 within it, less the further it is off."""
+    """Return the progress of an error against its tolerance: 1 within it, less beyond it."""
     if not np.isfinite(value):
         return 0.0
     return 1.0 if value <= allowed else 0.9 * allowed / value

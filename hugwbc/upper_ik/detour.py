@@ -1,4 +1,4 @@
-"""Looking ahead: where the direct way to a hand target ends, and a detour to a posture that brings the hand nearer.
+"""Look ahead to where the direct way to a hand target ends, and detour to a posture closer to it.
 
 Descent stops where joint limits or the body block the way, above all after earlier targets have wound up the arm. A
 second, virtual pair of arms (`Scout`) goes ahead of the real one in larger steps, and then starts again from postures

@@ -1,4 +1,4 @@
-"""What the hands should exert and carry, on its way from hand targets to the servo of the arms."""
+"""Desired forces and payloads of the hands, from hand targets to the arm servo."""
 
 import dataclasses
 import math

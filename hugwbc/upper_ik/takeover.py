@@ -1,4 +1,4 @@
-"""Handing the arms over to external targets and back without a jump."""
+"""Takeover of the arms by external targets, and hand-back, without a jump."""
 
 import dataclasses
 import enum

@@ -1,4 +1,4 @@
-"""The share of the space around the robot that its hands reach, with the arms alone and with the whole body."""
+"""Share of the space around the robot within reach of its hands, with the arms alone and with the whole body."""
 
 import dataclasses
 import math

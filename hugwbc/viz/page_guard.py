@@ -66,7 +66,7 @@ def refusal(headers: Headers, *, any_host: bool) -> str | None:
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if len(hosts) != 1 or len(origins) > 1:
-        return "one Host and at most one Origin, please"
+        return "expected exactly one Host and at most one Origin header"
     if not any_host and _hostname(f"//{hosts[0]}") not in OWN_NAMES:
         return f"this page is at {OWN_NAMES[0]}, not at {hosts[0]}"
     if origins and origins[0] not in (f"http://{hosts[0]}", f"https://{hosts[0]}"):

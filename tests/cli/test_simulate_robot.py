@@ -7,7 +7,7 @@ from hugwbc.cli import main
     ("words", "message"),
     [
         (["--start", "lying"], "start is 'lying'; give one of hoist, ground, free"),
-        (["--schedule", "1 Strat"], "'1 Strat' in the schedule is not understood"),
+        (["--schedule", "1 Strat"], "'1 Strat' in the schedule is not valid"),
         (["--net", "eth0"], "could be taken for a real one; use --net lo"),
         (["--domain", "-1"], "DDS domain is -1"),
         (["--slower", "0.1"], "times slower"),

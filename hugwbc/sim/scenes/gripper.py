@@ -1,6 +1,6 @@
 """An idealised gripper: a weld or a ball joint between a hand and an object, made on demand, broken by a large force.
 
-No hand of an H1 grips like this. It stands for one, and what uses it says so.
+The H1's hands cannot grip. Results that use this gripper say so.
 """
 
 import itertools
@@ -86,7 +86,7 @@ class Gripper:
         return None if held is None else held[0]
 
     def distance(self, name: str, side: str) -> float:
-        """Return how far a hand's surface is from an object's [m]; at most 1 m is told apart."""
+        """Return the distance between the surfaces of a hand and an object [m], at most 1 m."""
         hand = _hand(side)
         if name not in self._bodies:
             raise UnknownNameError("object", name, self._bodies)

@@ -46,7 +46,7 @@ class Jointed(Weighed):
 
 @settings(kw_only=True)
 class Door(Jointed):
-    """A hinged door in a frame, with a closer; it opens towards +x, for somebody who comes from -x and pushes.
+    """A hinged door in a frame, with a closer; it opens towards +x, for a robot that pushes from -x.
 
     The closer turns it shut with a nearly constant torque. It is damped while it closes, and not while it is opened.
     Its position is the middle of the doorway. The pose of the leaf is that of its hinge, at the ground.

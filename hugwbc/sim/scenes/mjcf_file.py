@@ -46,13 +46,13 @@ class Mjcf(Thing):
         try:
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
-            raise SceneError(f"{self.label}: MuJoCo refuses {self.mjcf}: {_one_line(error)}; mend the file") from error
+            raise SceneError(f"{self.label}: MuJoCo refuses {self.mjcf}: {_one_line(error)}; fix the file") from error
         if model.nbody < 2:
             raise SceneError(f"{self.label}: {self.mjcf} has no bodies; put its geoms into a body with a name")
         self._check_numbers(model)
 
     def _check_numbers(self, model: mujoco.MjModel) -> None:
-        """Refuse what MuJoCo compiles but cannot simulate: NaN, bodies that are far away, masses out of all range."""
+        """Refuse what MuJoCo compiles but cannot simulate: NaN, distant bodies, extreme masses."""
         for name in _ARRAYS:
             if not np.all(np.isfinite(getattr(model, name))):
                 raise SceneError(f"{self.label}: {self.mjcf} has a {name} that is not finite; give finite numbers")

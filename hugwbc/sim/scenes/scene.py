@@ -35,7 +35,7 @@ _FLOOR = "floor"
 
 
 def _thing(value: object, info: ValidationInfo) -> Thing:
-    """Return a thing that is given as one, or declared by its kind and fields."""
+    """Return an object, given as such or declared by its kind and fields."""
     if isinstance(value, Thing):
         return value
     if not isinstance(value, Mapping):
@@ -95,7 +95,7 @@ class Scene:
                         yield index, str(error)
 
     def _below(self, thing: Thing) -> list[str]:
-        """Return the names of what an object stands on, from its support downwards, up to the first repetition."""
+        """Return the names of an object's supports, from top to bottom, up to the first repetition."""
         by_name, found = {other.name: other for other in self.objects}, []
         on = thing.on
         while on is not None and (name := on.partition("/")[0]) in by_name and name not in found:

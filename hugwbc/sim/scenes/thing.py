@@ -1,4 +1,4 @@
-"""What all objects of a scene have in common: name, place, friction and colour; and how they become bodies."""
+"""Common base of a scene's objects: name, place, friction, colour, and how they become bodies."""
 
 import dataclasses
 import math
@@ -184,7 +184,7 @@ class Thing:
 
 @settings(kw_only=True)
 class Weighed(Thing):
-    """A thing of which something moves.
+    """An object with a moving part.
 
     Attributes:
         mass: of what moves [kg].

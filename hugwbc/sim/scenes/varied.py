@@ -45,7 +45,7 @@ def _variation(value: Any) -> Any:  # noqa: ANN401  numbers, colours and their v
         case {"choice": [*values], **more} if not more:
             return Choice(tuple(values))
         case Mapping():
-            raise ConfigError(f"{value} is no variation; give {_FORMS}")
+            raise ConfigError(f"{value} is not a variation; give {_FORMS}")
     return value
 
 
