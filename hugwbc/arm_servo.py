@@ -27,9 +27,9 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.controller import UpperBody
-from hugwbc.errors import ConfigError
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.settings import Positive, settings
 from hugwbc.state import GRAVITY, RobotState
 
 _JOINTS = 4  # of an arm
@@ -38,7 +38,7 @@ _SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm c
 _BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class ArmServoConfig:
     """Gains of the arm servo.
 
@@ -54,18 +54,11 @@ class ArmServoConfig:
             the servo's spring holds it, so that a hand that meets nothing stops.
     """
 
-    stiffness: float = 140.0
-    shoulder_damping: float = 10.0
-    distal_damping: float = 3.0
-    posture_stiffness: float = 5.0
-    give: float = 0.08
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if not 0.0 < getattr(self, field.name) < math.inf:
-                raise ConfigError(
-                    f"ArmServoConfig.{field.name} is {getattr(self, field.name)}; give a finite number above 0"
-                )
+    stiffness: Positive = 140.0
+    shoulder_damping: Positive = 10.0
+    distal_damping: Positive = 3.0
+    posture_stiffness: Positive = 5.0
+    give: Positive = 0.08
 
     def gains(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""

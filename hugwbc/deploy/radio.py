@@ -1,18 +1,17 @@
 """A network that loses, delays and shuffles messages, for simulated robots."""
 
-import dataclasses
 import heapq
-import math
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
+from pydantic import Field
 
-from hugwbc.errors import ConfigError
+from hugwbc.settings import NotNegative, settings
 
 Content = TypeVar("Content")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Radio:
     """What a network does to messages, in each direction.
 
@@ -22,16 +21,9 @@ class Radio:
         jitter: largest additional time, drawn evenly [s]; messages may overtake each other.
     """
 
-    loss: float = 0.0
-    delay: float = 0.0
-    jitter: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.loss < 1.0:
-            raise ConfigError(f"loss of packets is {self.loss}; give a part from 0 to below 1")
-        for name in ("delay", "jitter"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ConfigError(f"{name} of packets is {getattr(self, name)} s; give a finite time from 0")
+    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    delay: NotNegative = 0.0
+    jitter: NotNegative = 0.0
 
 
 class Channel(Generic[Content]):

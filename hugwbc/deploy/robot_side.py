@@ -9,7 +9,6 @@ In lockstep with a simulated robot there is one thread: each state is answered, 
 
 import collections
 import contextlib
-import dataclasses
 import gc
 import math
 import queue
@@ -17,6 +16,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Annotated
+
+from pydantic import Field
 
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
@@ -28,8 +30,9 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.timing import Timing
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Intake
-from hugwbc.errors import CaptureError, ConfigError
+from hugwbc.errors import CaptureError
 from hugwbc.robot import Robot
+from hugwbc.settings import Share, settings
 
 PERIOD = 0.002  # [s] between two commands
 FADE = 2.0  # [s] of damping at the end of a deployment
@@ -101,7 +104,7 @@ class Outlet:
         return message
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Settings:
     """How a deployment runs.
 
@@ -114,18 +117,10 @@ class Settings:
     """
 
     lockstep: bool = False
-    slower: float = 1.0
+    slower: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
     dry_run: bool = False
-    age: float = 0.0
-    duration: float | None = None
-
-    def __post_init__(self) -> None:
-        if not 1.0 <= self.slower <= 1000.0:
-            raise ConfigError(f"the robot's clock is {self.slower} times slower; give 1 to 1000")
-        if not 0.0 <= self.age <= 1.0:
-            raise ConfigError(f"the age of the readings is {self.age} s; give 0 to 1 s")
-        if self.duration is not None and not self.duration > 0.0:
-            raise ConfigError(f"duration is {self.duration} s; give a time above 0 s")
+    age: Share = 0.0
+    duration: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] | None = None
 
 
 class RobotSide:

@@ -8,15 +8,15 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.deploy.messages import TICK, TICKS, Messages, StateMessage
 from hugwbc.deploy.wire import is_sealed, layout
-from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
+from hugwbc.settings import Positive, settings
 from hugwbc.state import RobotState
 
 _RESTART = 1.0  # [s] of robot time without a fresh tick, after which a lower count is that of a restarted robot
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Limits:
     """When the robot side damps the joints. Times are those of the robot's clock.
 
@@ -33,21 +33,15 @@ class Limits:
         carried: least part of the weight on the feet when the controller starts.
     """
 
-    silence: float = 0.02
-    late: float = 0.02
-    tilt: float = 1.0
-    start_tilt: float = 0.3
-    joint_speed: float = 2.5
-    temperature: float = 85.0
-    lasting: float = 0.006
-    start_speed: float = 2.0
-    carried: float = 0.3
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 < value < math.inf:
-                raise ConfigError(f"limit {field.name} is {value}; give a finite number above 0")
+    silence: Positive = 0.02
+    late: Positive = 0.02
+    tilt: Positive = 1.0
+    start_tilt: Positive = 0.3
+    joint_speed: Positive = 2.5
+    temperature: Positive = 85.0
+    lasting: Positive = 0.006
+    start_speed: Positive = 2.0
+    carried: Positive = 0.3
 
 
 class Intake:

@@ -1,42 +1,15 @@
 """Every gain, weight and limit of the `qp` controller, in one place."""
 
-import dataclasses
-import math
+from typing import Annotated
 
-from hugwbc.errors import ConfigError
+from pydantic import Field
 
-# Divisors and bounds, which have no meaning at 0 or below.
-_POSITIVE = (
-    *(
-        "friction",
-        "torque_fraction",
-        "max_normal_force",
-        "speed_fraction",
-        "joint_brake",
-        "joint_horizon",
-        "speed_horizon",
-        "hand_force_rate",
-        "least_hand_force",
-    ),
-    *("acceleration_regularisation", "force_regularisation", "qp_tolerance", "qp_max_iterations", "takeover_speed"),
-    *(
-        "leg_reserve",
-        "swing_acceleration",
-        "swing_torque",
-        "lift_torque",
-        "mpc_intervals",
-        "mpc_period",
-        "mpc_shortest_stance",
-        "hop_shift_time",
-    ),
-    # Pairs of the largest rate and the largest acceleration,
-    *("height_rate", "pitch_rate", "waist_rate", "crouch_rate", "rise_rate"),
-    # and of stiffness and damping, whose ratio is the speed at which a gap is closed.
-    *("waist_gains", "arm_gains", "takeover_gains", "free_leg_gains"),
-)
+from hugwbc.settings import Count, Positive, PositiveShare, settings
+
+_Gains = tuple[Positive, Positive]  # stiffness and damping, or the largest rate and the largest acceleration
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class ControllerParams:
     """Gains, weights and limits of `WholeBodyController`.
 
@@ -46,29 +19,29 @@ class ControllerParams:
     """
 
     # --- whole-body QP
-    friction: float = 0.7
+    friction: Positive = 0.7
     """Friction coefficient that the contact forces respect; below the soles' 0.8, for margin."""
-    torque_fraction: float = 0.95
+    torque_fraction: Positive = 0.95
     """Share of every joint's torque limit that the QP may use."""
-    max_normal_force: float = 2000.0
+    max_normal_force: Positive = 2000.0
     """Largest normal force of one contact point [N]."""
     joint_margin: float = 0.02
     """Distance that is kept from a joint's position limit [rad]."""
-    speed_fraction: float = 1.0
+    speed_fraction: PositiveShare = 1.0
     """Share of every joint's highest speed that may be used, at most 1: a drive has no torque left beyond it."""
-    joint_brake: float = 400.0
+    joint_brake: Positive = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
-    joint_horizon: float = 0.02
+    joint_horizon: Positive = 0.02
     """Time in which a joint speed above the admissible one is reduced to it [s]."""
-    speed_horizon: float = 0.004
+    speed_horizon: Positive = 0.004
     """Time in which a joint may reach its highest speed from below [s]."""
-    acceleration_regularisation: float = 1e-3
+    acceleration_regularisation: Positive = 1e-3
     """Weight of every generalised acceleration."""
-    force_regularisation: float = 1e-5
+    force_regularisation: Positive = 1e-5
     """Weight of every component of a contact force [1/kg^2]."""
-    qp_tolerance: float = 1e-5
+    qp_tolerance: Positive = 1e-5
     """Absolute residual at which the QP counts as solved."""
-    qp_max_iterations: int = 12
+    qp_max_iterations: Count = 12
     """Largest number of outer iterations of one solve."""
 
     # --- tasks: weights, stiffness [1/s^2], damping [1/s]
@@ -108,17 +81,17 @@ class ControllerParams:
     """Gains of pitch and yaw [1/s^2], [1/s]."""
     waist_weight: float = 2.0
     """Weight of the waist joint."""
-    waist_gains: tuple[float, float] = (100.0, 20.0)
+    waist_gains: _Gains = (100.0, 20.0)
     """Gains of the waist joint [1/s^2], [1/s]."""
     arm_weight: float = 0.5
     """Weight of arm joints without external control: they hold the nominal pose, but yield."""
-    arm_gains: tuple[float, float] = (100.0, 20.0)
+    arm_gains: _Gains = (100.0, 20.0)
     """Gains of arm joints without external control [1/s^2], [1/s]."""
     takeover_weight: float = 20.0
     """Weight of arm joints under external control: a prescribed motion that the rest of the body balances."""
-    takeover_gains: tuple[float, float] = (1600.0, 80.0)
+    takeover_gains: _Gains = (1600.0, 80.0)
     """Gains of arm joints under external control [1/s^2], [1/s]; lower if the control period is long."""
-    takeover_speed: float = 8.0
+    takeover_speed: Positive = 8.0
     """Largest speed with which an arm joint closes a gap to an external target [rad/s]."""
     momentum_weight: tuple[float, float, float] = (0.002, 0.002, 0.002)
     """Weights of the rate of the angular momentum about the world's x, y and z [1/(kg m^2)^2]."""
@@ -141,23 +114,23 @@ class ControllerParams:
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
     long_step_clearance: float = 0.05
     """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
-    leg_reserve: float = 0.04
+    leg_reserve: Positive = 0.04
     """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]. It lands with a bent knee:
     the impact along a straight leg would throw the pelvis up."""
-    crouch_rate: tuple[float, float] = (1.0, 6.0)
+    crouch_rate: _Gains = (1.0, 6.0)
     """Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]."""
-    rise_rate: tuple[float, float] = (0.2, 2.0)
+    rise_rate: _Gains = (0.2, 2.0)
     """Largest rate and acceleration with which it rises again [m/s], [m/s^2]: slow, because a foot that is far away
     still has to be lifted."""
     max_crouch: float = 0.25
     """Largest such lowering of the pelvis [m]."""
-    step_timing: float = 0.2
+    step_timing: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.2
     """Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time."""
     step_timing_tolerance: float = 0.02
     """Distance by which a foothold may be missed before the step is retimed [m]."""
     step_timing_weight: float = 0.005
     """Cost of a relative change of a step's duration by 1, compared with a squared missed distance [m^2]."""
-    swing_acceleration: float = 120.0
+    swing_acceleration: Positive = 120.0
     """Largest acceleration along the ground of a swing that is hurried [m/s^2]."""
     landing_height: float = -0.001
     """Height relative to the ground at which a swing ends [m]; a little below, so that the foot touches."""
@@ -209,11 +182,11 @@ class ControllerParams:
     pelvis moves the legs from their places."""
     flight_swing_weight: tuple[float, float, float, float, float] = (40.0, 40.0, 40.0, 2.0, 10.0)
     """Weights of a foot's x, y, z, pitch and yaw in flight, where no other foot has to bear the reaction."""
-    mpc_intervals: int = 6
+    mpc_intervals: Count = 6
     """Number of intervals of constant force in the rest of a stance."""
-    mpc_period: float = 0.01
+    mpc_period: Positive = 0.01
     """Time between two force plans [s]."""
-    mpc_shortest_stance: float = 0.03
+    mpc_shortest_stance: Positive = 0.03
     """Time to take-off below which the plan does not become shorter [s]."""
     mpc_velocity_weight: float = 100.0
     """Force plan: weight of the horizontal velocity at take-off [s^2/m^2]."""
@@ -242,7 +215,7 @@ class ControllerParams:
     """Share that is used of the distance between foot and centre of mass that would take out all excess momentum."""
     jump_calm: float = 0.04
     """Distance of the divergent component from the middle of the feet at which a series of jumps may start [m]."""
-    hop_shift_time: float = 0.5
+    hop_shift_time: Positive = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
     hop_shift_gain: float = 12.0
     """Rate at which the divergent component of motion moves to where the first hop needs it [1/s]."""
@@ -258,7 +231,7 @@ class ControllerParams:
     """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
     free_leg_weight: float = 2.0
     """Weight of the joints of the leg that does not hop."""
-    free_leg_gains: tuple[float, float] = (100.0, 20.0)
+    free_leg_gains: _Gains = (100.0, 20.0)
     """Gains of these joints [1/s^2], [1/s]."""
     leap_depth: float = -0.26
     """Lowest h at the bottom of the stance of a jump [m]."""
@@ -277,7 +250,7 @@ class ControllerParams:
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
     lowering_from: float = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
-    swing_torque: float = 0.63
+    swing_torque: Positive = 0.63
     """Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
     and folds the leg. It bounds the speed of a walk."""
     clearance_at_nominal: float = 0.31
@@ -288,7 +261,7 @@ class ControllerParams:
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     swing_reaction: float = 1.9
     """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
-    lift_torque: float = 0.85
+    lift_torque: Positive = 0.85
     """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
     that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
     swing_reaction_per_speed: float = 0.3
@@ -305,17 +278,17 @@ class ControllerParams:
     """Largest rates of v_x, v_y [m/s^2] and omega [rad/s^2]."""
     frequency_rate: float = 2.0
     """Largest rate of f [Hz/s]."""
-    height_rate: tuple[float, float] = (0.35, 2.0)
+    height_rate: _Gains = (0.35, 2.0)
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
-    pitch_rate: tuple[float, float] = (0.8, 4.0)
+    pitch_rate: _Gains = (0.8, 4.0)
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
-    waist_rate: tuple[float, float] = (2.0, 10.0)
+    waist_rate: _Gains = (2.0, 10.0)
     """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
 
     # --- forces on the hands
-    hand_force_rate: float = 10.0
+    hand_force_rate: Positive = 10.0
     """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
-    least_hand_force: float = 10.0
+    least_hand_force: Positive = 10.0
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
     measured_hand_force: bool = True
     """Whether the balance reckons with the forces on the hands that the state has, besides those that the targets tell.
@@ -331,23 +304,3 @@ class ControllerParams:
     hold_time: float = 0.06
     """Time for which the last good command is held when no new one can be found, before the joints are only damped
     [s]."""
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
-                raise ConfigError(f"ControllerParams.{field.name} is {value}; give finite numbers")
-        for name in _POSITIVE:
-            value = getattr(self, name)
-            several = isinstance(value, tuple)
-            if not all(number > 0 for number in (value if several else (value,))):
-                raise ConfigError(
-                    f"ControllerParams.{name} is {value}; give {'numbers' if several else 'a number'} above 0"
-                )
-        if self.speed_fraction > 1.0:
-            raise ConfigError(
-                f"ControllerParams.speed_fraction is {self.speed_fraction}; give a share above 0, up to 1: the joints "
-                "have no torque beyond their highest speed"
-            )
-        if not 0.0 <= self.step_timing < 1.0:
-            raise ConfigError(f"ControllerParams.step_timing is {self.step_timing}; give a share from 0 to below 1")

@@ -9,16 +9,15 @@ and likewise downwards. Braking torque, against the motion, is available in full
 of its drives has the same form (`UnitreeActuator` in unitree_rl_lab), but limits braking as well.
 """
 
-import dataclasses
-import math
+from typing import Annotated
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
-from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
+from hugwbc.settings import NotNegative, settings
 
-_FACTORS = ("friction", "armature")
 _LONGEST_DELAY = 0.1  # [s]
 # MuJoCo's Coulomb friction is a soft constraint. As soft as its defaults make it, a joint at rest creeps by 0.03 rad/s
 # under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s
@@ -28,7 +27,7 @@ _STICK_STEPS = 2.0
 _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Actuators:
     """What the drives of the joints do besides the PD law; the defaults are those of a real robot.
 
@@ -41,16 +40,9 @@ class Actuators:
     """
 
     torque_speed: bool = True
-    friction: float = 1.0
-    armature: float = 1.0
-    delay: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in _FACTORS:
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ConfigError(f"{name} factor of the actuators is {getattr(self, name)}; give a number from 0")
-        if self.delay is not None and not 0.0 <= self.delay <= _LONGEST_DELAY:
-            raise ConfigError(f"delay of the actuators is {self.delay} s; give 0 to {_LONGEST_DELAY:g} s, or None")
+    friction: NotNegative = 1.0
+    armature: NotNegative = 1.0
+    delay: Annotated[float, Field(ge=0.0, le=_LONGEST_DELAY)] | None = None
 
     @classmethod
     def ideal(cls) -> "Actuators":

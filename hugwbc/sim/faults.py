@@ -8,12 +8,15 @@ for 200 ms from 4 s on.
 import dataclasses
 import math
 import re
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
+from hugwbc.settings import NotNegative, one_of, settings
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
 
@@ -36,7 +39,7 @@ _DISORDER = 0.02  # [s], largest error of a time stamp that is out of order
 _PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<what>[\w.]+))?@(?P<start>[^:]+)(:(?P<duration>.+))?")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Fault:
     """One fault.
 
@@ -53,21 +56,17 @@ class Fault:
         share: of readings that are dropped, within 0 and 1; None for other faults.
     """
 
-    kind: str
-    start: float
-    duration: float = math.inf
+    kind: Annotated[str, one_of("fault", lambda: FAULTS)]
+    start: NotNegative
+    duration: Annotated[float, Field(ge=0.0, allow_inf_nan=True)] = math.inf
     joint: str | None = None
-    share: float | None = None
+    share: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in FAULTS:
-            raise UnknownNameError("fault", self.kind, FAULTS)
-        if not 0.0 <= self.start < math.inf or not self.duration >= 0.0:
-            raise ConfigError(f"fault {self.kind} starts at {self.start} s for {self.duration} s; give 0 s or more")
         if (self.joint is None) == (self.kind in _OF_A_JOINT):
             wanted = "needs a joint: write it as" if self.joint is None else "has no joint: leave out"
             raise ConfigError(f"fault {self.kind} {wanted} =JOINT")
-        if (self.share is None) == (self.kind == DROPPED) or not 0.0 <= (self.share or 0.0) < 1.0:
+        if (self.share is None) == (self.kind == DROPPED):
             raise ConfigError(f"fault {self.kind} has share {self.share}; write dropped=SHARE with 0 to less than 1")
 
     @classmethod

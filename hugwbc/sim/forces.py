@@ -1,19 +1,18 @@
 """Planned forces on the robot: vector, link and time."""
 
-import dataclasses
-import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
+from hugwbc.settings import NotNegative, Positive, settings
 
-FRAMES = ("world", "heading")
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Force:
     """A force that acts at the centre of mass of a link and is constant while it acts.
 
@@ -26,20 +25,10 @@ class Force:
     """
 
     vector: tuple[float, float, float]
-    start: float = 0.0
-    duration: float | None = None
+    start: NotNegative = 0.0
+    duration: Positive | None = None
     link: str = "torso_link"
-    frame: str = "world"
-
-    def __post_init__(self) -> None:
-        if len(self.vector) != 3 or not all(math.isfinite(value) for value in self.vector):
-            raise ConfigError(f"a force is {self.vector}; give three finite numbers in N")
-        if not 0.0 <= self.start < math.inf:
-            raise ConfigError(f"a force sets in at {self.start} s; give a finite time from 0 s on")
-        if self.duration is not None and not 0.0 < self.duration < math.inf:
-            raise ConfigError(f"a force lasts {self.duration} s; give a finite time above 0 s, or None for no end")
-        if self.frame not in FRAMES:
-            raise UnknownNameError("frame of a force", self.frame, FRAMES)
+    frame: Literal["world", "heading"] = "world"
 
     def acts_at(self, t: float) -> bool:
         """Return whether it acts in the physics step that begins at time t [s]."""

@@ -1,18 +1,18 @@
 """Contact settings of the ground and of objects."""
 
-import dataclasses
-import math
+from typing import Literal
 
 import mujoco
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
+from hugwbc.settings import Count, Positive, settings
 
 _USUAL_TIME_CONSTANT = 0.02  # [s], MuJoCo's default
 GROUNDS = ("firm", "soft")
 CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Ground:
     """How firmly the robot stands: MuJoCo's settings of contacts, and of the solver that computes their forces.
 
@@ -24,20 +24,10 @@ class Ground:
         iterations: largest number of iterations of the solver.
     """
 
-    time_constant: float = 0.005
-    cone: str = "pyramidal"
-    impratio: float = 1.0
-    iterations: int = 20
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.time_constant < math.inf:
-            raise ConfigError(f"time constant of the ground is {self.time_constant} s; give a finite time above 0 s")
-        if self.cone not in CONES:
-            raise UnknownNameError("friction cone", self.cone, tuple(CONES))
-        if not 0.0 < self.impratio < math.inf:
-            raise ConfigError(f"impratio of the ground is {self.impratio}; give a finite number above 0")
-        if self.iterations < 1:
-            raise ConfigError(f"the ground's solver has {self.iterations} iterations; give at least 1")
+    time_constant: Positive = 0.005
+    cone: Literal["pyramidal", "elliptic"] = "pyramidal"
+    impratio: Positive = 1.0
+    iterations: Count = 20
 
     @classmethod
     def named(cls, name: str) -> "Ground":

@@ -2,18 +2,22 @@
 
 import dataclasses
 import math
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
 from hugwbc.robot import Robot, load_robot
+from hugwbc.settings import NotNegative, settings
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 LONGEST_LATENCY = 1.0  # [s]
+_Latency = Annotated[float, Field(ge=0.0, le=LONGEST_LATENCY)]
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class SensorProfile:
     """Which sensors a robot has, and how good they are.
 
@@ -48,32 +52,23 @@ class SensorProfile:
     position: bool = False
     foot_force: bool = False
     hand_force: bool = False
-    latency: float = 0.0
-    encoder: float = 0.0
-    encoder_offset: float = 0.0
-    joint_velocity: float = 0.0
-    torque: float = 0.0
-    torque_scale: float = 0.0
-    gyro: float = 0.0
-    gyro_bias: float = 0.0
-    gyro_walk: float = 0.0
-    accelerometer: float = 0.0
-    accelerometer_bias: float = 0.0
-    accelerometer_walk: float = 0.0
-    attitude: float = 0.0
-    attitude_bias: float = 0.0
-    object_position: float = 0.0
-    object_attitude: float = 0.0
-    object_latency: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not 0.0 <= value < math.inf:
-                raise ConfigError(f"sensing: {field.name} is {value}; give a finite number from 0")
-        for name in ("latency", "object_latency"):
-            if getattr(self, name) > LONGEST_LATENCY:
-                raise ConfigError(f"sensing: {name} is {getattr(self, name)} s; give 0 to {LONGEST_LATENCY:g} s")
+    latency: _Latency = 0.0
+    encoder: NotNegative = 0.0
+    encoder_offset: NotNegative = 0.0
+    joint_velocity: NotNegative = 0.0
+    torque: NotNegative = 0.0
+    torque_scale: NotNegative = 0.0
+    gyro: NotNegative = 0.0
+    gyro_bias: NotNegative = 0.0
+    gyro_walk: NotNegative = 0.0
+    accelerometer: NotNegative = 0.0
+    accelerometer_bias: NotNegative = 0.0
+    accelerometer_walk: NotNegative = 0.0
+    attitude: NotNegative = 0.0
+    attitude_bias: NotNegative = 0.0
+    object_position: NotNegative = 0.0
+    object_attitude: NotNegative = 0.0
+    object_latency: _Latency = 0.0
 
 
 # Perfect sensors, and some that no H1 has: for tests, and for what is said to use them.

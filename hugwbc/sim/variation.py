@@ -1,18 +1,18 @@
 """Differences of a robot from its description: payloads, friction, joint gains, motor strength."""
 
-import dataclasses
-import math
+from typing import Annotated
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
+from hugwbc.settings import Positive, settings
 from hugwbc.sim.footing import PLANE_NAME
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Variation:
     """Differences of one robot from its description; by default there are none.
 
@@ -24,22 +24,11 @@ class Variation:
         hand_payload: mass in each hand, at the tip of the forearm [kg].
     """
 
-    payload: float = 0.0
-    friction: float | None = None
-    gain: float = 1.0
-    strength: float = 1.0
-    hand_payload: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not -10.0 <= self.payload <= 50.0:
-            raise ConfigError(f"payload is {self.payload} kg; give -10 to 50 kg")
-        if not 0.0 <= self.hand_payload <= 20.0:
-            raise ConfigError(f"payload of each hand is {self.hand_payload} kg; give 0 to 20 kg")
-        if self.friction is not None and not 0.0 < self.friction < math.inf:
-            raise ConfigError(f"friction is {self.friction}; give a finite coefficient above 0, or None")
-        for name in ("gain", "strength"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"{name} factor is {getattr(self, name)}; give a finite factor above 0")
+    payload: Annotated[float, Field(ge=-10.0, le=50.0)] = 0.0
+    friction: Positive | None = None
+    gain: Positive = 1.0
+    strength: Positive = 1.0
+    hand_payload: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
     def apply_to(self, model: mujoco.MjModel) -> None:
         """Change a newly compiled model.

@@ -1,13 +1,14 @@
 """A task: a scene, a behaviour that is meant to do something in it, and a judge of whether it was done."""
 
-import dataclasses
 import pathlib
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
-from hugwbc.errors import ConfigError
+from pydantic import Field
+
 from hugwbc.scripts.behaviours import Behaviour
+from hugwbc.settings import Positive, settings
 from hugwbc.sim import Scene, load_scene
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.verdict import Milestone, Verdict, judged
@@ -30,7 +31,7 @@ def shapes_of(scene: Scene) -> Shapes:
     )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings(kw_only=True)
 class Task:
     """A task of loco-manipulation.
 
@@ -49,15 +50,9 @@ class Task:
     about: str
     scene: Scene
     behaviour: Callable[[Shapes], Behaviour]
-    limit: float
-    milestones: tuple[Milestone, ...]
+    limit: Positive
+    milestones: Annotated[tuple[Milestone, ...], Field(min_length=1)]
     idealised: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not self.milestones:
-            raise ConfigError(f"task '{self.name}' has no milestones; give at least one, or nothing can be a success")
-        if not 0.0 < self.limit < float("inf"):
-            raise ConfigError(f"the time limit of task '{self.name}' is {self.limit} s; give a finite time above 0 s")
 
     def judge(self, record: TaskRecord) -> Verdict:
         """Return success, or the reason why not, from the true states of robot and objects."""

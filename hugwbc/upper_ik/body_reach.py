@@ -7,8 +7,8 @@ import placo
 
 from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
-from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.settings import Positive, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
@@ -18,7 +18,7 @@ BODY_NAMES = ("h", "p", "w")
 _BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class BodyReachConfig:
     """Settings of the whole-body reach.
 
@@ -29,15 +29,9 @@ class BodyReachConfig:
         arm: settings of the arms.
     """
 
-    speed: tuple[float, float, float] = (0.15, 0.3, 0.6)
-    body_weight: float = 1e-3
+    speed: tuple[Positive, Positive, Positive] = (0.15, 0.3, 0.6)
+    body_weight: Positive = 1e-3
     arm: ArmIKConfig = dataclasses.field(default_factory=ArmIKConfig)
-
-    def __post_init__(self) -> None:
-        if len(self.speed) != 3 or not all(0.0 < speed < np.inf for speed in self.speed):
-            raise ConfigError(f"BodyReachConfig.speed is {self.speed}; give three finite numbers above 0 for h, p, w")
-        if not 0.0 < self.body_weight < np.inf:
-            raise ConfigError(f"BodyReachConfig.body_weight is {self.body_weight}; give a finite number above 0")
 
 
 class BodyReach:

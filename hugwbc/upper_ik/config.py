@@ -1,13 +1,9 @@
 """Settings of the inverse kinematics."""
 
-import dataclasses
-
-import numpy as np
-
-from hugwbc.errors import ConfigError
+from hugwbc.settings import Positive, PositiveShare, settings
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class ArmIKConfig:
     """Settings of the inverse kinematics.
 
@@ -34,28 +30,20 @@ class ArmIKConfig:
         detour_speed: highest joint speed on a detour [rad/s]; the hand is no faster than `hand_speed`.
     """
 
-    limit_margin: float = 0.02
-    speed_fraction: float = 0.5
-    acceleration: float = 60.0
-    hand_speed: float = 1.5
-    hand_deceleration: float = 6.0
-    posture_weight: float = 1e-5
-    pointing_weight: float = 1e-2
-    grip_weight: float = 100.0
-    collision_weight: float = 1e3
-    collision_margin: float = 0.01
-    collision_trigger: float = 0.05
-    collision_deceleration: float = 15.0
-    touch_speed: float = 0.4
-    damping: float = 1e-3
-    tolerance: float = 0.005
-    detour_gain: float = 0.02
-    detour_speed: float = 4.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 < value < np.inf:
-                raise ConfigError(f"ArmIKConfig.{field.name} is {value}; give a finite number above 0")
-        if self.speed_fraction > 1.0:
-            raise ConfigError(f"ArmIKConfig.speed_fraction is {self.speed_fraction}; give a fraction up to 1")
+    limit_margin: Positive = 0.02
+    speed_fraction: PositiveShare = 0.5
+    acceleration: Positive = 60.0
+    hand_speed: Positive = 1.5
+    hand_deceleration: Positive = 6.0
+    posture_weight: Positive = 1e-5
+    pointing_weight: Positive = 1e-2
+    grip_weight: Positive = 100.0
+    collision_weight: Positive = 1e3
+    collision_margin: Positive = 0.01
+    collision_trigger: Positive = 0.05
+    collision_deceleration: Positive = 15.0
+    touch_speed: Positive = 0.4
+    damping: Positive = 1e-3
+    tolerance: Positive = 0.005
+    detour_gain: Positive = 0.02
+    detour_speed: Positive = 4.0

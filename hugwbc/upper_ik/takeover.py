@@ -1,18 +1,17 @@
 """Takeover of the arms by external targets, and hand-back, without a jump."""
 
-import dataclasses
 import enum
 
 import numpy as np
 
 from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
-from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot, load_robot
+from hugwbc.settings import Positive, PositiveShare, settings
 from hugwbc.upper_ik.limiter import JointLimiter
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class TakeoverConfig:
     """Settings of the hand-over.
 
@@ -24,20 +23,11 @@ class TakeoverConfig:
         stale_time: how long the last target is held without a new one, before the arms go back [s].
     """
 
-    take_time: float = 0.5
-    return_time: float = 1.0
-    speed_fraction: float = 0.5
-    acceleration: float = 100.0
-    stale_time: float = 0.5
-
-    def __post_init__(self) -> None:
-        for name in ("take_time", "return_time", "stale_time", "acceleration"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"TakeoverConfig.{name} is {getattr(self, name)}; give a finite number above 0")
-        if not 0.0 < self.speed_fraction <= 1.0:
-            raise ConfigError(
-                f"TakeoverConfig.speed_fraction is {self.speed_fraction}; give a fraction above 0, up to 1"
-            )
+    take_time: Positive = 0.5
+    return_time: Positive = 1.0
+    speed_fraction: PositiveShare = 0.5
+    acceleration: Positive = 100.0
+    stale_time: Positive = 0.5
 
 
 class Phase(enum.Enum):

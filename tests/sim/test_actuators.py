@@ -36,9 +36,9 @@ def floating(actuators: Actuators) -> Simulation:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"friction": -1.0}, "friction factor of the actuators is -1.0; give a number from 0"),
-        ({"armature": math.nan}, "armature factor of the actuators is nan"),
-        ({"delay": 0.2}, "delay of the actuators is 0.2 s; give 0 to 0.1 s, or None"),
+        ({"friction": -1.0}, "friction is -1"),
+        ({"armature": math.nan}, "armature is nan"),
+        ({"delay": 0.2}, "delay is 0.2"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
@@ -225,10 +225,10 @@ def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"time_constant": 0.0}, "time constant of the ground is 0.0 s"),
-        ({"cone": "round"}, "unknown friction cone 'round'"),
-        ({"impratio": -1.0}, "impratio of the ground is -1.0"),
-        ({"iterations": 0}, "the ground's solver has 0 iterations"),
+        ({"time_constant": 0.0}, "time_constant"),
+        ({"cone": "round"}, "cone 'round'"),
+        ({"impratio": -1.0}, "impratio"),
+        ({"iterations": 0}, "iterations"),
     ],
 )
 def test_grounds_out_of_range_are_refused(settings: dict, message: str) -> None:

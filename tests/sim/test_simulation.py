@@ -23,7 +23,7 @@ def plane() -> Simulation:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"latency": -0.01}, "sensing: latency is -0.01; give a finite number from 0"),
+        ({"latency": -0.01}, "latency is -0.01"),
         ({"latency": float("nan")}, "latency is nan"),
         ({"latency": float("inf")}, "latency is inf"),
         ({"seed": -1}, "seed is -1; give 0 or more"),

@@ -83,5 +83,5 @@ def test_a_payload_in_the_hands_is_a_mass_at_each_of_them():
 
 
 def test_a_payload_in_the_hands_is_checked():
-    with pytest.raises(ConfigError, match="payload of each hand is -1"):
+    with pytest.raises(ConfigError, match="hand_payload is -1"):
         Variation(hand_payload=-1.0)
