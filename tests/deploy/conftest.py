@@ -14,7 +14,7 @@ from hugwbc.runtime import Simulation
 from hugwbc.sim.arena import ARENAS
 from hugwbc.state import RobotState
 
-_NOISE = [f.name for f in dataclasses.fields(ARENAS[2].profile) if f.type in ("float", float)]
+_NOISE = [name for name, value in vars(ARENAS[2].profile).items() if isinstance(value, float)]
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,7 @@ from hugwbc.sim.arena import ARENAS
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
 EXACT = dataclasses.replace(
-    ARENAS[2].profile, **{f.name: 0.0 for f in dataclasses.fields(ARENAS[2].profile) if f.type in ("float", float)}
+    ARENAS[2].profile, **{name: 0.0 for name, value in vars(ARENAS[2].profile).items() if isinstance(value, float)}
 )
 
 
