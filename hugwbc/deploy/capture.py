@@ -75,7 +75,7 @@ class Capture:
 
 
 class CapturedWorld:
-    """What a behaviour may see of robot, objects and grippers, from the last capture."""
+    """View of robot, objects and grippers for a behaviour, from the last capture."""
 
     def __init__(self) -> None:
         self._last: Capture | None = None

@@ -103,7 +103,7 @@ class DdsEndpoint:
         return topic
 
     def send(self, message: bytes) -> None:
-        """Send a message; an error of the network is not told, as a lost message is not."""
+        """Send a message; network errors are silent, like lost messages."""
         with contextlib.suppress(self._error):
             self._writer.write(_Raw(to_cdr(self._sends, message)))
 

@@ -165,7 +165,7 @@ class Messages:
 
         Args:
             message: the bytes of the structure.
-            age: how long ago the reading was taken, as far as is known [s].
+            age: assumed age of the reading [s].
         """
         content, slots = record(STATE, message), self._motors.slots
         imu, motors = content["imu_state"], content["motor_state"][slots]

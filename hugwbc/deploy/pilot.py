@@ -111,7 +111,7 @@ class Pilot:
         return float(self.estimator.foot_force[:, 2].sum()) / self._weight
 
     def see(self, capture: Capture) -> None:
-        """Take what a motion capture sees of robot and objects, for a source that decides by it."""
+        """Take a motion capture of robot and objects, for a source that uses it."""
         self._world.take(capture)
 
     def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
@@ -149,7 +149,7 @@ class Pilot:
             self.estimate = self.estimator.update(state, planned)
 
     def _fault(self, message: StateMessage) -> str | None:
-        """Return what is wrong with the body or with the time between two states; None if nothing is."""
+        """Return the fault of the body or of the time between two states; None if there is none."""
         fault = self._watch.fault(message)
         gap = 0.0 if self._last_time is None else message.state.time - self._last_time
         if fault is None and gap > self.limits.silence + _ROUNDING:
@@ -210,7 +210,7 @@ class Pilot:
         return Decision(time, self._last, new=True)
 
     def _look(self, source: SeeingSource, estimate: RobotState, time: float) -> RobotState:
-        """Show the source what is known now; return the state in the world that it sees."""
+        """Update the source's view; return the state in the world that it sees."""
         self._world.advance(time)
         view = dataclasses.replace(self._sight.look(time, estimate), time=time - self._run_start)
         source.see(view)
@@ -230,5 +230,5 @@ class Pilot:
         return self._last
 
     def damped(self) -> JointCommand:
-        """Return the command for joints whose robot must only be slowed down."""
+        """Return the command that only damps the joints."""
         return damping(self._robot)

@@ -67,7 +67,7 @@ class ButtonWatch:
         self._before: frozenset[str] | None = None
 
     def update(self, pressed: frozenset[str]) -> list[Request]:
-        """Return what is newly asked for; a button that was held from the very beginning asks for nothing."""
+        """Return new requests; a button that was held from the beginning counts as none."""
         new = frozenset() if self._before is None else pressed - self._before
         self._before = pressed
         return [request for name, request in _OF_BUTTON.items() if name in new]

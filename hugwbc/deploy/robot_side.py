@@ -42,7 +42,7 @@ _SWITCH = 0.0005  # [s] for which one thread may keep the interpreter; the defau
 
 
 class Outlet:
-    """What the publisher sends: the pilot's last command, or damping after a fault.
+    """The published command: the pilot's last one, or damping after a fault.
 
     Attributes:
         fault: what has failed, for the pilot to note; None if nothing has.
@@ -112,7 +112,7 @@ class Settings:
         lockstep: whether each state is answered at once, for a simulated robot that waits.
         slower: how many times slower than the wall clock the robot's clock is; 1 for a real robot.
         dry_run: do everything but send.
-        age: how old a reading is when it arrives, as far as is known [s].
+        age: assumed age of a reading at its arrival [s].
         duration: how long to go on after the first state [s of the robot's clock]; None until the operator's end.
     """
 
@@ -294,7 +294,7 @@ class RobotSide:
             thread.join()
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Run a thread's work; a defect ends the deployment, and is raised in the main thread."""
+        """Run a thread's work; an exception ends the deployment and is raised in the main thread."""
         try:
             work()
         except BaseException as error:
@@ -368,7 +368,7 @@ class RobotSide:
 
 @contextlib.contextmanager
 def _quick_threads() -> Iterator[None]:
-    """Let threads take turns quickly, and keep the garbage collector from looking at what was made before."""
+    """Shorten the interpreter's switch interval, and freeze existing objects for the garbage collector."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH)
     gc.collect()

@@ -46,7 +46,7 @@ class Schedule:
         return cls([_happening(item.strip()) for item in text.split(",") if item.strip()])
 
     def update(self, now: float) -> list[str]:
-        """Return the words for the hoist that are due at a time [s], and set the remote control."""
+        """Return the hoist commands due at a time [s], and set the remote control."""
         words = []
         while self._next and self._next[0].time <= now + 1e-9:
             one = self._next.pop(0)

@@ -129,7 +129,7 @@ class SimulatedRobot:
 
     @property
     def scheduled(self) -> float:
-        """Time since the first sound command, on which the schedule runs [s]; below 0 before it."""
+        """Time of the schedule since the first valid command [s]; negative before it."""
         return -1.0 if self._first is None else self.time - self._first
 
     def send(self) -> int:
@@ -168,7 +168,7 @@ class SimulatedRobot:
                 self._refuse("grips", str(error), "grips")
 
     def take(self, timeout: float = 0.0) -> int | None:
-        """Take the commands that have arrived within `timeout` [s]; return what the last sound one answers, if any."""
+        """Take commands that arrive within `timeout` [s]; return which state the last valid one answers, if any."""
         answers = None
         for message in self._endpoint.receive(timeout):
             self.received += 1
@@ -230,7 +230,7 @@ class SimulatedRobot:
         Args:
             duration: how long [s]; infinite for until Ctrl-C.
             slower: how many times slower than the wall clock; it may still be slower if the computer is.
-            lockstep: wait for the answer to each state, as long as there is somebody who answers.
+            lockstep: wait for the answer to each state while a robot side is connected.
         """
         pace = self.simulation.timestep * slower
         slot, answered = time.perf_counter(), False

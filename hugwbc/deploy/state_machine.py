@@ -72,7 +72,7 @@ class StateMachine:
         self._from, self._since = robot.nominal, 0.0
 
     def enter(self, mode: Mode, reason: str, state: RobotState) -> None:
-        """Change to a mode at a state, whose posture a start pose begins with."""
+        """Change the mode; a start pose begins with the posture of the state."""
         event = Event(state.time, self.mode, mode, reason)
         self.mode, self._since = mode, state.time
         if np.isfinite(state.q).all():
@@ -80,7 +80,7 @@ class StateMachine:
         self._note(event)
 
     def refuse(self, reason: str, time: float) -> None:
-        """Note that a request was refused at a time [s]; a repetition of the last refusal is not noted again."""
+        """Log a refused request at a time [s]; a repetition of the last refusal is not logged."""
         event = Event(time, self.mode, self.mode, reason, refused=True)
         if not self.events or (self.events[-1].reason, self.events[-1].refused) != (reason, True):
             self._note(event)

@@ -60,7 +60,7 @@ class Intake:
         Args:
             messages: unpacks them.
             limits: when silence is too long.
-            age: how old a reading is when it arrives, as far as is known [s].
+            age: assumed age of a reading at its arrival [s].
         """
         self._messages, self._limits, self._age = messages, limits, age
         self.size = layout("LowState_").itemsize
@@ -72,7 +72,7 @@ class Intake:
         self._last_refusal = ""
 
     def accept(self, message: bytes, now: float) -> StateMessage | None:
-        """Return a fresh, sound state, whose time goes on where the count of ticks starts again; else None.
+        """Return a fresh, valid state with continuous time across a restart of the ticks; else None.
 
         Args:
             message: as it arrived.
@@ -101,7 +101,7 @@ class Intake:
         self._last_refusal = f", but {what}"
 
     def fault(self, now: float) -> str | None:
-        """Return what is wrong with the connection at time `now` [s]; None if a fresh state has come in time."""
+        """Return the fault of the connection at time `now` [s]; None if a fresh state arrived in time."""
         silence = now - self._fresh_at
         if silence <= self._limits.silence:
             return None
@@ -122,7 +122,7 @@ class BodyWatch:
         self._since: dict[str, float] = {}
 
     def fault(self, message: StateMessage) -> str | None:
-        """Return which limit a reading exceeds, for long enough; None if none. What is not a number exceeds none."""
+        """Return the limit that a reading exceeds for long enough, or None. NaN exceeds none."""
         state, limits = message.state, self._limits
         names = self._robot.joint_names
         hottest = int(np.argmax(message.temperature))

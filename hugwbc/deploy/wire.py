@@ -63,7 +63,7 @@ def _fields(message: type) -> Iterator[tuple[str, str, int | None]]:
 
 
 def _meaning(annotation: Any) -> Any:  # noqa: ANN401  cyclonedds mixes names, classes and annotated numbers
-    """Return what a field's annotation stands for: a class, its name, a number's name, or an array."""
+    """Resolve a field's annotation: a class, its name, a number's name, or an array."""
     return annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else annotation
 
 

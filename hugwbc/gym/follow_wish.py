@@ -44,7 +44,7 @@ class FollowWish(Behaviour):
             view = yield Action(self.wish.command, self._targets(), self._grips(view, took))
 
     def _move(self, view: View, dt: float) -> None:
-        """Bring the targets nearer to where they are wanted; a hand that had none starts from where it is."""
+        """Move the targets towards the wish; a hand without a target starts from its position."""
         measured = points_in(view, view.hands, "heading")
         start = np.where(np.isnan(self.points), measured, self.points)
         way = self.wish.points - start
@@ -65,7 +65,7 @@ class FollowWish(Behaviour):
         return HandTargets(left, right, "heading", together=True, left_force=inwards, right_force=-inwards)
 
     def _grips(self, view: View, took: list[bool]) -> tuple[Grip, ...]:
-        """Return the requests to the grippers. One whose grip broke has to be opened before it takes hold again."""
+        """Return the requests to the grippers. After a grip broke, the gripper must be opened first."""
         requests = []
         for hand, side in enumerate(SIDES):
             held = view.held[hand]

@@ -26,7 +26,7 @@ ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.flo
 
 
 def observation_space(config: EnvConfig) -> spaces.Box:
-    """Return the space of a robot's observations, which terms of other packages make larger."""
+    """Return the observation space of a robot, including terms of other packages."""
     size = _SIZE + obs.size_of(own_terms(config.observations))
     return spaces.Box(-_LARGEST, _LARGEST, (size,), np.float32)
 

@@ -127,7 +127,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Do what an action asks for, for 0.1 s.
 
         Args:
-            action: `actions.names`, each from -1 to 1. NaN stands for the last value, and what is beyond is clamped;
+            action: `actions.names`, each from -1 to 1. NaN repeats the last value, and values beyond are clamped;
                 `info` counts both.
 
         Returns:
@@ -152,7 +152,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def view(self) -> View:
-        """What behaviours would be shown now: the observation in words, for those who imitate them.
+        """The present view of a behaviour, for imitation.
 
         Raises:
             ConfigError: if there was no `reset`.
@@ -217,7 +217,7 @@ def _scene_of(task: Task, scene: Scene | str | pathlib.Path | None) -> Scene:
 
 
 def _grip_of(task: Task, scene: Scene) -> str | None:
-    """Return how hands grip in a task: idealised if it says so, by friction if there are boxes."""
+    """Return how hands grip in a task: idealised if it says so, by friction with boxes."""
     if "attach" in task.idealised:
         return "attach"
     return "squeeze" if any(isinstance(thing, Box) for thing in scene.objects) else None

@@ -158,7 +158,7 @@ class Ground:
             points += offset
 
     def rise(self, start: np.ndarray, end: np.ndarray) -> float:
-        """Return by how much the plane rises from one point to another [m]; only their world x and y count."""
+        """Return the rise of the plane from one point to another [m]; only their world x and y count."""
         return float(self.gradient.dot(end[:2] - start[:2]))
 
     def slope_along(self, yaw: float) -> float:

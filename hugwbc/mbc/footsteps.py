@@ -257,7 +257,7 @@ def time_step(
 
 
 def _short(params: ControllerParams, step: StepPlan, swing: SwingTrajectory, left: float) -> float:
-    """Return by how much a swing foot at its largest acceleration ends short of the foothold [m].
+    """Return the distance from the foothold at which a swing foot ends at its largest acceleration [m].
 
     A quintic from rest to rest over a distance D in a time t accelerates by at most 5.77 D / t^2. The speed that the
     foot already has takes it half as far as it would without braking.

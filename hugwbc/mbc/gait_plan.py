@@ -29,7 +29,7 @@ class GaitPlan:
 
     Attributes:
         mode: what the plan is doing.
-        gait: gait that the mode belongs to; standing where it belongs to none.
+        gait: gait of the mode; standing if it has none.
         phase: common phase of `hugwbc.gait`, in [0, 1); steps end at 0 and 0.5.
         frequency: stride frequency [Hz].
         swing: foot in the air of a walk, 0 for left, 1 for right, or None.

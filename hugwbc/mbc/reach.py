@@ -162,7 +162,7 @@ def _leg(robot: Robot) -> _Leg:
 
 
 def leap_rise(f: float) -> float:
-    """Return by how much the body rises in the flight of a leap and sinks in its stance [m].
+    """Return the rise of the body in the flight of a leap and its sinking in the stance [m].
 
     A flight of duration T = 1 / (2 f) rises by g T^2 / 8.
 

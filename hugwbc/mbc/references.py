@@ -145,7 +145,7 @@ class Crouch:
         self._needed = 0.0
 
     def advance(self, dt: float) -> None:
-        """Go down as far as `prepare` asked for since the last call, or else rise again, more slowly."""
+        """Lower to the depth requested by `prepare` since the last call, otherwise rise slowly."""
         params = self._params
         limits = params.crouch_rate if self._needed > self.depth else params.rise_rate
         if self._needed or self.depth or self.rate:

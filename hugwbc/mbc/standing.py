@@ -78,7 +78,7 @@ class Standing:
 
     @staticmethod
     def _lean(shift: np.ndarray, distance: float) -> np.ndarray:
-        """Return by how much the centre of mass leans against forces on the hands, heading frame [m], shape (2,).
+        """Return the shift of the centre of mass against hand forces, heading frame [m], shape (2,).
 
         A leg without ankle roll that leans sideways stands on the edge of its sole, so that the feet take as much as
         they can.

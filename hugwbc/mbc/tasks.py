@@ -348,7 +348,7 @@ class StanceContactTask:
 
 
 class SwingFootTask:
-    r"""Sole of a lifted foot on a trajectory, with a pitch and a yaw; the leg has no joint for the roll.
+    r"""Trajectory of a lifted sole in position, pitch and yaw; the leg has no roll joint at the ankle.
 
     .. math::
         \ddot p^* = \ddot p_d + k_p (p_d - p) + k_d (\dot p_d - \dot p), \qquad

@@ -330,7 +330,7 @@ class WholeBodyController:
         return arms._replace(acceleration=np.linalg.solve(inertia, allowed - bias))
 
     def _free_arms(self) -> None:
-        """Let the arms hold the nominal pose, as far as the rest of the body allows."""
+        """Let the arms hold the nominal pose, with low priority."""
         arms, params = self._arms, self.params
         arms.target[:] = self._nominal_arms
         arms.rate[:] = 0.0
@@ -349,7 +349,7 @@ class WholeBodyController:
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
         friction = self._robot.friction_torque(dq)
-        # A waist that sticks has no speed whose friction could be made up for: the speed that it should have counts.
+        # A sticking waist has no speed to compensate friction for, so the desired speed counts.
         waist = self._robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
         friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)

@@ -29,7 +29,7 @@ _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops
 
 @settings
 class Actuators:
-    """What the drives of the joints do besides the PD law; the defaults are those of a real robot.
+    """Properties of the joint drives beyond the PD law; the defaults are those of a real robot.
 
     Attributes:
         torque_speed: whether the torque is limited by the joint's speed.
@@ -50,7 +50,7 @@ class Actuators:
         return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
 
     def known_robot(self, robot: Robot) -> Robot:
-        """Return what a controller or an estimator that is told these drives knows of a robot."""
+        """Return the robot as known to a controller or estimator that is told these drives."""
         return robot if self.friction > 0.0 else robot.with_ideal_drives()
 
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:

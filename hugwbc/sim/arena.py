@@ -35,7 +35,7 @@ EngineT = TypeVar("EngineT", bound=Engine)
 
 
 def known_robot(robot: str = DEFAULT_ROBOT, drives: str = DEFAULT_DRIVES) -> Robot:
-    """Return what a controller or an estimator knows of a robot and its drives, by their names.
+    """Return the robot with its drives, by their names, as known to a controller or estimator.
 
     Raises:
         UnknownNameError: if there is no such robot, or are no such drives.
@@ -101,7 +101,7 @@ class Arena:
 
     @property
     def known_robot(self) -> Robot:
-        """What a controller or an estimator knows of the robot, if it is told the arena's."""
+        """The robot as known to a controller or estimator that is told the arena's."""
         return known_robot(self.robot, self.drives)
 
     @property

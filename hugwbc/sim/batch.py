@@ -23,7 +23,7 @@ WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warning
 
 
 class _Block(NamedTuple):
-    """Robots that step by themselves: rows, torque-speed limit, and live views of joint speeds and torque ranges."""
+    """A block of robots: rows, torque-speed limit, and live views of joint speeds and torque ranges."""
 
     rows: slice
     ids: np.ndarray

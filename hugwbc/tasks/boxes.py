@@ -138,7 +138,7 @@ class BoxMoves(Moves):
         return view
 
     def to_chest(self, view: View, goal: np.ndarray) -> Course:
-        """Bring the box to the chest and stand upright; from then on it goes with the robot."""
+        """Bring the box to the chest and stand upright; from then on it moves with the robot."""
         self.doing = "bring the box to the chest"
         points = self.sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         return (yield from self._glide_with_box(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5))

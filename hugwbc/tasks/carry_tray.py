@@ -27,7 +27,7 @@ def way(record: TaskRecord) -> float:
 
 
 def turn(record: TaskRecord) -> float:
-    """Return by how much the robot's heading differs at most from that at the start [rad]."""
+    """Return the largest change of the robot's heading since the start [rad]."""
     yaw = np.unwrap(np.asarray(rotations.yaw_of(record.pelvis[:, 3:])))
     return float(np.abs(yaw - yaw[0]).max())
 

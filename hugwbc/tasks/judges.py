@@ -18,7 +18,7 @@ LIFTED = 0.05  # [m]
 
 
 def touched(body: str, missed: str) -> Milestone:
-    """Return the milestone that a hand touches or grips a body; short of it, the progress is how near a hand came."""
+    """Return the milestone that a hand touches or grips a body; its progress is the hand's approach."""
 
     def progress(record: TaskRecord) -> float:
         if record.touches(HANDS, body) or body in record.gripped:

@@ -245,7 +245,7 @@ class DatasetWriter:
 
 @contextlib.contextmanager
 def _ctrl_c_waits() -> Iterator[None]:
-    """Keep a Ctrl-C back until the files are written; outside of the main thread there is none.
+    """Delay a Ctrl-C until the files are written; other threads get none.
 
     Raises:
         KeyboardInterrupt: at the end, if it came meanwhile and nothing else went wrong.

@@ -37,7 +37,7 @@ class Task:
 
     Attributes:
         name: name on the command line and in tables.
-        about: what is to be done, a sentence.
+        about: the task in a sentence.
         scene: the objects around the robot, with what varies from episode to episode.
         behaviour: makes the behaviour of one episode from the dimensions of the objects. It is the same for every
             controller.

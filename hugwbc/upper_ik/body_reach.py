@@ -35,7 +35,7 @@ class BodyReachConfig:
 
 
 class BodyReach:
-    """A virtual robot on a column, whose pelvis moves up and down and pitches, whose waist turns and whose arms reach.
+    """A virtual robot on a column: pelvis height, pelvis pitch, waist and both arms move.
 
     In every tick it takes one step of the arms' inverse kinematics (see `Descent`) with h, p and w as three more
     joints, within the ranges of the gait. Their pull towards the commanded values is much stronger than the arms' pull
@@ -93,7 +93,7 @@ class BodyReach:
         collisions.configure("collisions", "soft", arm.collision_weight)
 
     def reset(self) -> None:
-        """Start the next step from the nominal posture, with the body where the command has it."""
+        """Start the next step from the nominal posture, with the body at the commanded h, p and w."""
         self._active = False
         self.values = np.zeros(3)
         self._place_arms(self._robot.nominal[self._robot.arms])

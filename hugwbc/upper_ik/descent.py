@@ -138,7 +138,7 @@ class Descent:
         return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
-        """Return the positions of both hands [m], shape (2, 3), at arm positions (8,) and body (19,); loses its own."""
+        """Return both hands' positions [m], shape (2, 3), at arms (8,) and body (19,); overwrites the posture."""
         self._put(q, body)
         return self.hands
 
@@ -183,7 +183,7 @@ class Descent:
         self.stalled = (distance - self.residual < nearer) & (self.residual > self.config.tolerance)
 
     def _step(self, goal: Goal, error: np.ndarray, dt: float) -> list[float]:
-        """Take one step at the hands' errors (2, 3) and return the asked travel of each hand [m]."""
+        """Take one step from the hands' errors (2, 3) and return the requested travel of each hand [m]."""
         steps, parts = [], []
         for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
             brake = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), safe)
@@ -213,7 +213,7 @@ class Descent:
                 self._avoid()
 
     def _point(self, goal: Goal, dt: float) -> None:
-        """Send each elbow to where it is if the hand is at its target and the forearm points as asked."""
+        """Set each elbow's target: the hand at its target, the forearm in the desired direction."""
         for hand, direction in enumerate(goal.directions):
             wanted = bool(direction[0] == direction[0])  # false for NaN
             if wanted:

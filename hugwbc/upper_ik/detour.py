@@ -44,7 +44,7 @@ def seeds(robot: Robot) -> np.ndarray:
 
 
 def ways(postures: int) -> list[tuple[int, ...]]:
-    """Return the routes of a detour: direct, or via one of so many known postures."""
+    """Return the routes of a detour: direct, or via one of the known postures."""
     return [way for count in range(2) for way in itertools.permutations(range(postures), count)]
 
 
@@ -63,7 +63,7 @@ class PostureTable:
     mirror: np.ndarray
 
     def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
-        """Return postures from which to search for one with the hand at a point, the most promising first.
+        """Return starts of a search for a posture with the hand at a point, the most promising first.
 
         Args:
             arm: 0 for the left, 1 for the right arm.

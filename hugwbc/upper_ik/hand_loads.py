@@ -16,7 +16,7 @@ _NO_TIME = 0.0
 
 
 class HandLoads:
-    """Wanted forces, payloads and stiffness of the hands, in world axes, within their ranges and without jumps.
+    """Desired forces, payloads and stiffness of the hands, in world axes, within their ranges and without jumps.
 
     A payload that is not known stays unknown. A payload that was known and no longer is falls to zero first, so that
     the torque that carried it does not stop at once.
@@ -61,7 +61,7 @@ class HandLoads:
 
 
 def _wanted(hands: HandTargets | None, state: RobotState) -> np.ndarray:
-    """Return the wanted forces in world axes, at most `STRONGEST` [N], shape (2, 3)."""
+    """Return the desired forces in world axes, at most `STRONGEST` [N], shape (2, 3)."""
     if hands is None or (hands.left_force is None and hands.right_force is None):
         return np.zeros((2, 3))
     force = np.minimum(np.maximum(hands.forces(), -STRONGEST), STRONGEST)
@@ -73,7 +73,7 @@ def _wanted(hands: HandTargets | None, state: RobotState) -> np.ndarray:
 
 
 def _towards(now: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
-    """Return the value one step nearer to a goal; rows keep the direction of their difference."""
+    """Return the value one step closer to a goal; each row keeps the direction of its difference."""
     gap = goal - now
     if gap.ndim == 1:
         return now + np.minimum(np.maximum(gap, -step), step)

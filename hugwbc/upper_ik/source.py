@@ -158,7 +158,7 @@ class UpperBodySource:
         dt: float,
         commanded: np.ndarray | None = None,
     ) -> tuple[UpperBody, Command]:
-        """Return the external control of the arms for this tick, and the command as the hands need it.
+        """Return the external control of the arms for this tick, and the command adapted to the hands.
 
         Bad numbers never raise: the arms hold their position, and the event is counted. A stream of targets that ends,
         or that brings nothing usable any more, gives the arms back after `stale_time`.
@@ -213,7 +213,7 @@ class UpperBodySource:
         return self._steady.place(hands, measured, state, command, dt)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
-        """Return the command with h, p and w as hand targets need them that ask for the whole body.
+        """Return the command with h, p and w adapted to hand targets with `whole_body`.
 
         Targets that the arms do not follow, such as the last ones of a stream that has ended, ask for nothing.
         """
@@ -225,7 +225,7 @@ class UpperBodySource:
         return self._body_reach.update(followed, state, command, dt)
 
     def _start(self, commanded: np.ndarray | None) -> np.ndarray:
-        """Return where the arm command is before a takeover, and keep it for the hand-back if the caller knows it."""
+        """Return the arm command before a takeover, and keep it for the hand-back if the caller knows it."""
         known = commanded is not None and np.all(np.isfinite(commanded))
         self._own = np.array(commanded, dtype=float) if known else None
         return self.ik.q if self._own is None else self._own

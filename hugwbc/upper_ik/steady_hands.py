@@ -64,7 +64,7 @@ class SteadyHands:
 
     @property
     def correction(self) -> np.ndarray:
-        """What is added to the targets now, in the axes of the steady frame [m], shape (2, 3)."""
+        """Present correction of the targets, in the axes of the steady frame [m], shape (2, 3)."""
         waves = np.exp(1j * self._angle * self._order)
         return np.einsum("k,khi->hi", waves, self._series).real
 

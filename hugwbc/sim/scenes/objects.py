@@ -70,7 +70,7 @@ class Picture:
 
 
 class Objects(Mapping[str, ObjectState]):
-    """The objects around a robot, by the names of their bodies: `objects["parcel"]` is the true state. Here are none.
+    """The objects around a robot by body name (`objects["parcel"]` is the true state); this base has none.
 
     Attributes:
         names: names of the bodies, in the order of `poses`.
