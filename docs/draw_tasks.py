@@ -13,8 +13,7 @@ import numpy as np
 from PIL import Image
 
 from hugwbc.runtime import Trace, load_controller, read_trace, write_trace
-from hugwbc.runtime.estimation import estimator_for
-from hugwbc.sim import ARENAS
+from hugwbc.sim import Simulation
 from hugwbc.tasks import load_task, run_task
 from hugwbc.viz.marks import LAYERS
 from hugwbc.viz.video import write_video
@@ -43,9 +42,8 @@ def record(name: str) -> Trace:
     seed, _ = SHOTS[name]
     path = RECORDS / f"{name}-{seed}.npz"
     if not path.is_file():
-        task, arena = load_task(name), ARENAS[2]
-        simulation = arena.simulation(scene=task.scene, seed=seed)
-        run = run_task(task, load_controller("qp"), simulation, estimator_for(arena))
+        task = load_task(name)
+        run = run_task(task, load_controller("qp"), Simulation(scene=task.scene, seed=seed))
         print(f"{name}, seed {seed}: {'done' if run.verdict.success else run.verdict.reason}")
         RECORDS.mkdir(parents=True, exist_ok=True)
         write_trace(path, run.trace)

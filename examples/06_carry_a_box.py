@@ -11,8 +11,7 @@ import dataclasses
 import numpy as np
 
 from hugwbc.runtime import load_controller
-from hugwbc.runtime.estimation import estimator_for
-from hugwbc.sim import ARENAS
+from hugwbc.sim import Simulation
 from hugwbc.tasks import load_task, run_task
 from hugwbc.viz.show import at_real_time, fate, keep_replay, open_view, run_script
 
@@ -26,12 +25,12 @@ def main(controller: str = "qp", seed: int = 0, duration: float | None = None, s
         duration: longest duration [s]; the task's time limit by default.
         show: show the robot live in the browser.
     """
-    task, arena, robot = load_task("fetch_box"), ARENAS[2], load_controller(controller)
+    task, robot = load_task("fetch_box"), load_controller(controller)
     if duration is not None:
         task = dataclasses.replace(task, limit=duration)
-    simulation = arena.simulation(scene=task.scene, seed=seed)
+    simulation = Simulation(scene=task.scene, seed=seed)
     draw = at_real_time(open_view(robot.name, scene=simulation.scene), simulation) if show else None
-    run = run_task(task, robot, simulation, estimator_for(arena), on_moment=draw)
+    run = run_task(task, robot, simulation, on_moment=draw)
     keep_replay("out/06.html", [run.trace])
 
     record, box = run.record, run.record.thing("box")

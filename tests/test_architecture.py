@@ -73,7 +73,9 @@ def test_a_control_period_enters_each_room_once(controller: str, room: str) -> N
     """With hands that ask for the whole body: command source, arms, filter, and the controller inside the filter."""
     robot = load_controller(controller)
     low = HandTargets.of((0.45, 0.2, 0.6), (0.45, -0.2, 0.6), "world", whole_body=True)
-    loop = ControlLoop(robot, Constant(Command(v_x=0.3, gait=Gait.WALKING), low), Simulation(), UpperBodySource())
+    loop = ControlLoop(
+        robot, Constant(Command(v_x=0.3, gait=Gait.WALKING), low), Simulation(sensing="exact"), UpperBodySource()
+    )
     loop.reset()
     for tick in range(5):
         loop.step(loop.decide(tick * loop.period), loop.period)

@@ -38,7 +38,7 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
 
         hands = HandTargets.of((0.35, 0.2, 0.2), (0.35, -0.2, 0.2))
         source = Constant(Command(v_x=0.3, gait=Gait.WALKING), hands)
-        trace = rollout(load_controller("qp"), source, Simulation(), UpperBodySource(), duration=1.0)
+        trace = rollout(load_controller("qp"), source, Simulation(sensing="exact"), UpperBodySource(), duration=1.0)
         assert not trace.fell and not trace.safety.failures, trace.safety.messages
         print(len([load_task(name) for name in TASK_NAMES]), load_script("wave").duration > 0)
         """,

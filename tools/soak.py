@@ -17,9 +17,7 @@ import numpy as np
 from hugwbc import Command, Gait, Robot, RobotState, UpperBody, load_robot, rotations
 from hugwbc.commands import sample_all
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import Constant, load_controller, rollout
-from hugwbc.runtime.estimation import estimator_for
-from hugwbc.sim import ARENAS
+from hugwbc.runtime import Constant, Simulation, load_controller, rollout
 
 PERIOD_MS, STATES_PER_RESET, EPISODE_S = 2.0, 5, 20.0
 FIELDS = ("q", "dq", "orientation", "angular_velocity", "position", "velocity")
@@ -76,12 +74,11 @@ def strange_states(ticks: int, seed: int) -> None:
 def long_run(name: str, minutes: float, seed: int) -> None:
     """Run each gait for a simulated time, and print ticks, falls and growth of memory."""
     for gait in Gait:
-        rng, arena, controller = np.random.default_rng(seed), ARENAS[2], load_controller(name)
-        estimator, simulation = estimator_for(arena), arena.simulation(seed=seed)
+        rng, controller, simulation = np.random.default_rng(seed), load_controller(name), Simulation(seed=seed)
         seconds, ticks, falls, first = 0.0, 0, 0, 0
         while seconds < 60.0 * minutes:
             command = Command.from_array(sample_all(gait, rng, 1)[0], gait)
-            trace = rollout(controller, Constant(command), simulation, duration=EPISODE_S, estimator=estimator)
+            trace = rollout(controller, Constant(command), simulation, duration=EPISODE_S)
             seconds, ticks, falls = seconds + simulation.time, ticks + len(trace.time), falls + trace.fell
             first = first or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         growth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / first - 1.0

@@ -5,11 +5,13 @@ import pathlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
+import tyro
+
+from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, say_arena, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
 from hugwbc.seeds import REPORT_SEED
-from hugwbc.sim import ArenaChoice
+from hugwbc.sim import Arena
 
 if TYPE_CHECKING:
     from hugwbc.controller import Controller
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class CompareOptions(ArenaChoice):
+class CompareOptions:
     """Play one command script with each controller, hand targets solved by IK, and compare the results."""
 
     script: str = "loco_manipulation"
@@ -49,6 +51,8 @@ class CompareOptions(ArenaChoice):
     """Layers of marks to leave out of the video; replay.html has switches for them."""
     json: pathlib.Path | None = None
     """Write the summary to this file as well; without a path, to standard output."""
+    arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
+    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -60,9 +64,10 @@ def run(words: Sequence[str]) -> int:
 
     check_count(len(options.controllers), "controllers")
     play, script = (_task(options), None) if options.task is not None else _script(options)
-    controllers = [spec.told(options.chosen).build() for spec in _specs(options)]
+    controllers = [spec.told(options.arena).build() for spec in _specs(options)]
     check_names(controllers)
     check_writable(options.json)
+    say_arena(options.arena, options.json)
     with output_folder(options.out):
         with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
             traces, figures, summary = play(controllers, advance)
@@ -98,9 +103,9 @@ def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
     check_objects(script, () if scene is None else scene.body_names)
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        traces = compare(controllers, script, seed=options.seed, arena=options.chosen, scene=scene, on_progress=advance)
+        traces = compare(controllers, script, seed=options.seed, arena=options.arena, scene=scene, on_progress=advance)
         outcomes = {trace.name: summarise(trace) for trace in traces}
-        summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.chosen)
+        summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.arena)
         return traces, figure_table(outcomes), summary
 
     return play, script if isinstance(script, Script) else None
@@ -120,8 +125,8 @@ def _task(options: CompareOptions) -> "Play":
     task = load_task(str(options.task))
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        runs = compare_task(controllers, task, seed=options.seed, arena=options.chosen, on_progress=advance)
-        summary = task_summary(task, runs, seed=options.seed, arena=options.chosen)
+        runs = compare_task(controllers, task, seed=options.seed, arena=options.arena, on_progress=advance)
+        summary = task_summary(task, runs, seed=options.seed, arena=options.arena)
         return [run.trace for run in runs], task_table(runs), summary
 
     return play

@@ -11,12 +11,15 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TextIO, TypeVar
 
 import tyro
 
 from hugwbc.errors import ConfigError
 from hugwbc.files import finite_json, write_whole
+
+if TYPE_CHECKING:
+    from hugwbc.sim.arena import Arena
 
 STDOUT = pathlib.Path("-")
 HELP_ALL = "--help-all"
@@ -85,6 +88,12 @@ def _list_groups(groups: Mapping[str, dataclasses.Field[Any]], command: str) -> 
 def say(text: str, json_path: pathlib.Path | None = None) -> None:
     """Print text to standard output, or to standard error when standard output carries the JSON."""
     _print(text, sys.stderr if json_path == STDOUT else sys.stdout)
+
+
+def say_arena(arena: "Arena", json_path: pathlib.Path | None = None) -> None:
+    """Say in what an arena differs from the default; say nothing of the default."""
+    if arena.remark:
+        say(f"arena: {arena.remark}, which is not the default (docs/arena.md)", json_path)
 
 
 def _print(text: str, stream: TextIO) -> None:

@@ -8,14 +8,14 @@ import webbrowser
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import tyro
 
-from hugwbc.cli.output import output_folder, parse, say
+from hugwbc.cli.output import output_folder, parse, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import CommandError, ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
@@ -25,7 +25,7 @@ from hugwbc.scripts.motion import load_motion
 from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.scripts.whole_body_motion import MotionScore, WholeBodyMotion, load_whole_body_motion
-from hugwbc.sim import ArenaChoice, Scene, load_scene
+from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
@@ -40,7 +40,7 @@ _DRIVING = ("script", "listen", "headless", *_COMMANDING)
 
 
 @dataclasses.dataclass(frozen=True)
-class PlayOptions(ArenaChoice):
+class PlayOptions:
     """Drive a controller from a page in the browser (on this machine only); Ctrl-C stops.
 
     With a command, a script or hand targets, or if no live page is available, meshcat shows the robot instead.
@@ -106,6 +106,8 @@ class PlayOptions(ArenaChoice):
     """Port of the live page; 0 for any free port."""
     expose: bool = False
     """Allow a host that other machines can reach. They can then drive the robot."""
+    arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
+    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -113,6 +115,7 @@ def run(words: Sequence[str]) -> int:
     options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
+    say_arena(options.arena)
     if options.task is not None:
         return _run_task(options)
     if options.live and options.meshcat:
@@ -121,13 +124,12 @@ def run(words: Sequence[str]) -> int:
         return _run_live(options)
     _refuse_options_of_the_page(options)
     source, duration = _source(options)
-    controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
-    arena = options.chosen
-    estimator = estimator_for(arena)
+    controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
+    arena = options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     if isinstance(source, BehaviourSource):
         check_objects(source.behaviour, simulation.objects.names)
-    loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
+    loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=arena.known_robot))
     draw = None
     if not options.headless:
         draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
@@ -160,14 +162,14 @@ def _run_task(options: PlayOptions) -> int:
         "--task", "the task has its own", options, (*_COMMANDING, "script", "listen", "scene", "duration", "live")
     )
     _refuse_options_of_the_page(options)
-    task, arena = load_task(str(options.task)), options.chosen
+    task, arena = load_task(str(options.task)), options.arena
     controller = ControllerSpec(options.controller, options.policy).told(arena).build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
     draw = None
     if not options.headless:
         view = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
         draw = at_real_time(view, simulation)
-    verdict = run_task(task, controller, simulation, estimator_for(arena), on_moment=draw).verdict
+    verdict = run_task(task, controller, simulation, on_moment=draw).verdict
     words = _words(verdict)
     say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
     if verdict.detail:
@@ -245,14 +247,13 @@ def _run_live(options: PlayOptions) -> int:
         from hugwbc.viz.live import LivePage
     except ImportError as error:
         raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
-    controller = ControllerSpec(options.controller, options.policy).told(options.chosen).build()
-    arena = options.chosen
+    controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
+    arena = options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(
         simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose, tasks=TASK_NAMES
     )
-    estimator = estimator_for(arena)
-    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot), estimator)
+    loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot))
     say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
     if options.browser:
         webbrowser.open(page.address)
@@ -263,8 +264,7 @@ def _run_live(options: PlayOptions) -> int:
         its_own = arena.simulation(seed=options.seed, scene=task.scene)
         page.stage(its_own)
         draw = at_real_time(lambda _: page.show(its_own, name), its_own)
-        estimator = estimator_for(arena)
-        run = run_task(task, controller, its_own, estimator, on_moment=draw, stop=lambda: page.interrupted or stop())
+        run = run_task(task, controller, its_own, on_moment=draw, stop=lambda: page.interrupted or stop())
         words = "stopped" if page.interrupted else _words(run.verdict)
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 

@@ -4,7 +4,9 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from hugwbc.cli.output import parse, say
+import tyro
+
+from hugwbc.cli.output import parse, say, say_arena
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
@@ -13,7 +15,7 @@ from hugwbc.deploy.radio import Radio
 from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.errors import ConfigError
-from hugwbc.sim import ArenaChoice, Simulation, load_scene
+from hugwbc.sim import Arena, Simulation, load_scene
 from hugwbc.tasks import Ending, Task, load_task
 from hugwbc.tasks.running_judge import RunningJudge
 
@@ -21,7 +23,7 @@ STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
 
 @dataclasses.dataclass(frozen=True)
-class SimulateRobotOptions(ArenaChoice):
+class SimulateRobotOptions:
     """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
     net: str = LOOPBACK
@@ -55,11 +57,14 @@ class SimulateRobotOptions(ArenaChoice):
     """End after this time [s]; by default on Ctrl-C."""
     seed: int = 0
     """Seed of the sensors' errors, of the packets' fates and of the objects."""
+    arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
+    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse the options and simulate; return the exit code."""
     options = parse(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
+    say_arena(options.arena)
     if options.start not in STARTS:
         raise ConfigError(f"start is '{options.start}'; give one of {', '.join(STARTS)}")
     if options.net != LOOPBACK:
@@ -73,7 +78,7 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError("--task has a scene of its own; leave --scene out")
     task = None if options.task is None else load_task(options.task)
     scene = task.scene if task is not None else None if options.scene is None else load_scene(options.scene)
-    simulation = options.chosen.simulation(latency=0.0, seed=options.seed, scene=scene)
+    simulation = options.arena.simulation(latency=0.0, seed=options.seed, scene=scene)
     judge = None if task is None else Judge(task, simulation)
     endpoint = DdsEndpoint(robot=True, net=options.net, domain=options.domain)
     robot = SimulatedRobot(
@@ -83,7 +88,7 @@ def run(words: Sequence[str]) -> int:
         schedule=schedule,
         hoist=STARTS[options.start],
         mode=options.mode,
-        latency=options.chosen.profile.latency,
+        latency=options.arena.profile.latency,
         seed=options.seed,
         tell=say,
         watch=judge or (lambda command: None),

@@ -5,17 +5,18 @@ import dataclasses
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 
-from hugwbc.cli.output import output_folder, parse, progress, say
+import tyro
+
+from hugwbc.cli.output import output_folder, parse, progress, say, say_arena
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.estimation import estimator_for
-from hugwbc.sim import ArenaChoice
+from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
 
 
 @dataclasses.dataclass(frozen=True)
-class TasksOptions(ArenaChoice):
+class TasksOptions:
     """List the tasks of loco-manipulation; with `--record`, do them and write all episodes as demonstrations.
 
     `hugwbc play --task NAME` shows a task, `hugwbc evaluate tasks` gives success rates.
@@ -33,6 +34,8 @@ class TasksOptions(ArenaChoice):
     """With `--record`: number of episodes of each task."""
     seed: int = 0
     """With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on."""
+    arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
+    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -46,6 +49,7 @@ def run(words: Sequence[str]) -> int:
         return 0
     if options.episodes < 1:
         raise ConfigError(f"episodes is {options.episodes}; give at least 1")
+    say_arena(options.arena)
     _record(options, options.record)
     return 0
 
@@ -64,9 +68,10 @@ def _refuse_options_of_recordings(options: TasksOptions) -> None:
     Raises:
         ConfigError: if there are any; the message names them.
     """
-    default = TasksOptions()
-    names = [field.name for field in dataclasses.fields(options) if field.name not in ("task", "record")]
-    given = [f"--{name}" for name in names if getattr(options, name) != getattr(default, name)]
+    values, defaults = (
+        {**vars(chosen), **dataclasses.asdict(chosen.arena), "arena": None} for chosen in (options, TasksOptions())
+    )
+    given = [f"--{name}" for name in values if name not in ("task", "record") and values[name] != defaults[name]]
     if given:
         raise ConfigError(f"{', '.join(given)} is for recording; add --record FOLDER, or leave it out")
 
@@ -88,7 +93,7 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
     except ImportError as error:
         raise ConfigError(f"--record needs pyarrow ({error}); run `pip install 'hugwbc[record]'`") from error
-    tasks, arena = [load_task(name) for name in options.task], options.chosen
+    tasks, arena = [load_task(name) for name in options.task], options.arena
     total, done = options.episodes * len(tasks), 0
     with (
         _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
@@ -104,9 +109,7 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
         for task in tasks:
             for seed in range(options.seed, options.seed + options.episodes):
                 simulation = arena.simulation(seed=seed, scene=task.scene)
-                episode = demonstrate(
-                    task, controller, simulation, estimator_for(arena), seed=seed, on_progress=on_progress
-                )
+                episode = demonstrate(task, controller, simulation, seed=seed, on_progress=on_progress)
                 writer.add(episode)
                 done += 1
                 verdict = episode.verdict

@@ -9,14 +9,13 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table, hand_rows
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.behaviours.behaviour import Behaviour
 from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
-from hugwbc.sim import ARENAS, DEFAULT_ARENA, Arena, Scene
+from hugwbc.sim import Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
 
@@ -97,7 +96,7 @@ def compare(
         ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
-    arena = arena or ARENAS[DEFAULT_ARENA]
+    arena = arena or Arena()
     traces = []
     for index, controller in enumerate(controllers):
         simulation = arena.simulation(seed=seed, scene=scene)
@@ -114,7 +113,6 @@ def compare(
                 simulation,
                 UpperBodySource(robot=arena.known_robot),
                 duration=duration,
-                estimator=estimator_for(arena),
                 on_progress=advance,
                 until=until,
             )
@@ -151,7 +149,7 @@ def compare_task(
         ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
-    arena, runs = arena or ARENAS[DEFAULT_ARENA], []
+    arena, runs = arena or Arena(), []
     for index, controller in enumerate(controllers):
 
         def advance(fraction: float, done: int = index) -> None:
@@ -159,7 +157,7 @@ def compare_task(
                 on_progress((done + fraction) / len(controllers))
 
         simulation = arena.simulation(seed=seed, scene=task.scene)
-        runs.append(run_task(task, controller, simulation, estimator_for(arena), on_progress=advance))
+        runs.append(run_task(task, controller, simulation, on_progress=advance))
     return runs
 
 
@@ -181,7 +179,7 @@ def task_summary(task: Task, runs: Sequence[TaskRun], *, seed: int = 0, arena: A
         "task": task.name,
         "limit": task.limit,
         "seed": seed,
-        "arena": dataclasses.asdict(arena or ARENAS[DEFAULT_ARENA]),
+        "arena": dataclasses.asdict(arena or Arena()),
         "controllers": controllers,
     }
 
@@ -213,7 +211,7 @@ def comparison_summary(
         "script": script.name if isinstance(script, Script) else script.label,
         "duration": script.duration if isinstance(script, Script) else LONGEST,
         "seed": seed,
-        "arena": dataclasses.asdict(arena or ARENAS[DEFAULT_ARENA]),
+        "arena": dataclasses.asdict(arena or Arena()),
         "controllers": {name: dataclasses.asdict(outcome) for name, outcome in outcomes.items()},
     }
 

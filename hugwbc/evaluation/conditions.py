@@ -11,8 +11,8 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import file_digest
-from hugwbc.runtime.estimation import StateEstimator, estimator_for
-from hugwbc.sim import Arena, ArenaChoice, Engine, Simulation, Variation, rough_terrain
+from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.sim import Arena, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.physx import PhysxSimulation
@@ -32,10 +32,15 @@ _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and
 
 
 @dataclasses.dataclass(frozen=True)
-class Conditions(ArenaChoice):
-    """Physics, ground, robot, sensors and external control of the arms in an episode, in addition to `ArenaChoice`.
+class Conditions:
+    """Physics, ground, robot, sensors and external control of the arms in an episode.
 
     Attributes:
+        robot: Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
+        drives: Drives of the joints: real (torque-speed limit, friction and delay), or ideal.
+        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
+            exact (the true state).
+        ground: Ground: firm, or soft.
         engine: physics engine: mujoco, or physx (PhysX 5, on level ground only).
         timestep: time step of the physics [s].
         terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
@@ -59,6 +64,10 @@ class Conditions(ArenaChoice):
         UnknownNameError: if there is no such robot, drive, sensing or intervention.
     """
 
+    robot: str = Arena.robot
+    drives: str = Arena.drives
+    sensing: str = Arena.sensing
+    ground: str = Arena.ground
     engine: str = Simulation.engine
     timestep: float = SIMULATION_TIMESTEP
     terrain_roughness: float = 0.0
@@ -75,7 +84,7 @@ class Conditions(ArenaChoice):
     faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        _ = self.chosen
         check_timestep(self.timestep)
         if self.engine not in ENGINES:
             raise UnknownNameError("engine", self.engine, ENGINES)
@@ -83,7 +92,7 @@ class Conditions(ArenaChoice):
         if self.engine != Simulation.engine and not self.is_level:
             raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
         if self.engine != Simulation.engine and self.chosen.ground != "firm":
-            raise ConfigError(f"engine {self.engine} has firm ground only; use --arena 2, or --ground firm")
+            raise ConfigError(f"engine {self.engine} has firm ground only; use --ground firm")
         if self.engine != Simulation.engine and self.hand_payload:
             raise ConfigError(f"engine {self.engine} has no payload in the hands; leave out the hand payload")
         if self.intervention not in INTERVENTIONS:
@@ -96,6 +105,11 @@ class Conditions(ArenaChoice):
             raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
         _ = self.told_arena, self.declared_faults
+
+    @property
+    def chosen(self) -> Arena:
+        """Robot, drives, sensors and ground."""
+        return Arena(self.robot, self.drives, self.sensing, self.ground)
 
     @property
     def told_arena(self) -> Arena:
@@ -189,7 +203,7 @@ class Conditions(ArenaChoice):
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
-        return estimator_for(self.told_arena)
+        return StateEstimator(robot=self.told_arena.known_robot) if self.chosen.estimates else None
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode; None leaves them to the controller.

@@ -65,17 +65,14 @@ def check_versions() -> str:
 
 
 def check_arena() -> str:
-    """Check that a robot can be put into each arena, and name the arenas' versions, on which results depend."""
-    from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, ENGINES
+    """Check that a robot can be put into the arena, and name its version, on which results depend."""
+    from hugwbc.sim.arena import ENGINES, Arena
 
-    found = []
-    for number, arena in ARENAS.items():
-        arena.simulation()
-        default = ", the default" if number == DEFAULT_ARENA else ""
-        parts = f"{arena.robot}, {arena.drives} drives, sensors {arena.sensing}, {arena.ground} ground"
-        found.append(f"{number} ({parts}) version {arena.version}{default}")
+    arena = Arena()
+    arena.simulation()
     engines = [name for name, kind in ENGINES.items() if kind.is_available()]
-    return f"{'; '.join(found)}; engines {', '.join(engines)}"
+    parts = f"{arena.robot}, {arena.drives} drives, sensors {arena.sensing}, {arena.ground} ground"
+    return f"{parts}, version {arena.version}; engines {', '.join(engines)}"
 
 
 def check_masses() -> str:

@@ -120,7 +120,7 @@ class RecipeServices:
             episodes = EpisodeSettings(
                 seed=settings.seed,
                 duration=settings.duration,
-                conditions=Conditions(arena=settings.arena),
+                conditions=Conditions(),
                 execution=execution,
             )
             rows = run_episodes(ControllerSpec("learned", str(policy)).build, plans, _judge, episodes)

@@ -5,7 +5,6 @@ import dataclasses
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import FollowWish
-from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, world_targets
 from hugwbc.scripts.behaviours import BehaviourSource, View
 from hugwbc.sim import Simulation
@@ -27,14 +26,7 @@ class Episode:
         time: since the start [s].
     """
 
-    def __init__(
-        self,
-        task: Task,
-        simulation: Simulation,
-        controller: Controller,
-        arms: UpperBodySource,
-        estimator: StateEstimator | None,
-    ) -> None:
+    def __init__(self, task: Task, simulation: Simulation, controller: Controller, arms: UpperBodySource) -> None:
         """Begin.
 
         Args:
@@ -42,7 +34,6 @@ class Episode:
             simulation: a robot among the objects of the task's scene.
             controller: any object with the members of `Controller`.
             arms: turns hand targets into arm targets.
-            estimator: estimates the state from the sensors; None if the controller reads them itself.
 
         Raises:
             ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time
@@ -53,7 +44,7 @@ class Episode:
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
         self.behaviour = FollowWish(self._nearest)
         self._source = BehaviourSource(self.behaviour)
-        self._loop = ControlLoop(controller, self._source, simulation, arms, estimator)
+        self._loop = ControlLoop(controller, self._source, simulation, arms)
         self._loop.reset()
         names = [name for name in simulation.scene.body_names if simulation.model.body(name).jntnum[0] > 0]
         self._movable = {name: simulation.objects[name].travel is not None for name in names}

@@ -13,9 +13,8 @@ from hugwbc.gym.episode import Episode
 from hugwbc.gym.task_action import ActionFilter, ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.scripts.behaviours import View
-from hugwbc.sim import ArenaChoice, Scene, Simulation, load_scene
+from hugwbc.sim import Arena, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
 from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
 from hugwbc.upper_ik import UpperBodySource
@@ -47,11 +46,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         policy: str | None = None,
         scene: Scene | str | pathlib.Path | None = None,
         limit: float | None = None,
-        arena: int = 2,
-        robot: str | None = None,
-        drives: str | None = None,
-        sensing: str | None = None,
-        ground: str | None = None,
+        arena: Arena | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Build controller, arms and estimator; the scene is drawn by `reset`.
@@ -62,11 +57,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             policy: of the controller.
             scene: objects instead of the task's own, by the same names; a name or path of a scene is loaded.
             limit: duration after which an episode is truncated [s]; None for the task's.
-            arena: number of the arena (docs/arena.md).
-            robot: robot instead of the arena's.
-            drives: drives instead of the arena's.
-            sensing: sensors instead of the arena's.
-            ground: ground instead of the arena's.
+            arena: robot, drives, sensors and ground; None for the default (docs/arena.md).
             render_mode: None; there is nothing to render.
 
         Raises:
@@ -81,12 +72,11 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not PERIOD <= limit < math.inf:
             raise ConfigError(f"limit is {limit} s; give a finite time from {PERIOD} s")
         self.render_mode, self._limit = render_mode, limit
-        self._arena = ArenaChoice(arena, robot, drives, sensing, ground).chosen
+        self._arena = arena or Arena()
         self._scene = _scene_of(self.task, scene)
         self._controller = ControllerSpec(controller, policy).told(self._arena).build()
         self._ticks = _ticks_in(PERIOD, self._controller.period, controller)
         self._arms = UpperBodySource(robot=self._arena.known_robot)
-        self._estimator = estimator_for(self._arena)
         self._simulation: Simulation | None = None
         self._episode: Episode | None = None
         self.actions = ActionLayout(_grip_of(self.task, self._scene))
@@ -117,7 +107,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         else:
             self._simulation.redraw(self._seed)
         self._filter.reset()
-        self._episode = Episode(self.task, self._simulation, self._controller, self._arms, self._estimator)
+        self._episode = Episode(self.task, self._simulation, self._controller, self._arms)
         self._since = math.inf  # when everything came to be as it should be
         verdict = self._episode.judge()
         self._score = verdict.score

@@ -12,7 +12,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import ContactObserver, ContactParams
 from hugwbc.runtime.reading_guard import ReadingGuard
-from hugwbc.sim.arena import Arena
+from hugwbc.sim.engine import Engine
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
@@ -411,6 +411,6 @@ _SKEW = np.concatenate([pin.skew(axis) for axis in _EYE]).reshape(3, 9)  # x @ _
 _GRAVITY_CROSS = pin.skew(_DOWN)
 
 
-def estimator_for(arena: Arena) -> StateEstimator | None:
-    """Return an estimator that knows the robot and the drives of an arena; None where the sensors tell the state."""
-    return StateEstimator(robot=arena.known_robot) if arena.estimates else None
+def estimator_for(simulation: Engine) -> StateEstimator | None:
+    """Return an estimator that knows the simulated robot and its drives; None where the sensors tell the state."""
+    return None if simulation.sensing.position else StateEstimator(robot=simulation.known_robot)

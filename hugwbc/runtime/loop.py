@@ -10,7 +10,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment, PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.runtime.sight import Sight, SimulatedWorld, carry_out
@@ -85,7 +85,7 @@ class ControlLoop:
         simulation: the robot.
         period: the controller's period [s].
         substeps: physics steps in a period.
-        estimator: gives the controller the state from noisy sensors; None if it reads `Engine.sense` itself.
+        estimator: gives the controller the state from noisy sensors; None where the sensors tell it.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
     """
@@ -106,7 +106,8 @@ class ControlLoop:
             source: gives commands and hand targets over time.
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
-            estimator: estimates the state from the sensors; None if the controller reads them itself.
+            estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
+                where the sensors tell the state.
             robot: robot whose limits the safety filter keeps, and whose weight and friction the servo of the arms makes
                 up for; None for the simulated one with its drives. What the controller, the hand IK and the estimator
                 are told is up to them.
@@ -114,14 +115,14 @@ class ControlLoop:
         Raises:
             ConfigError: if the controller's period is not a multiple of the physics time step.
         """
-        self.safe = SafetyFilter(controller, robot=robot or simulation.actuators.known_robot(simulation.robot))
+        self.safe = SafetyFilter(controller, robot=robot or simulation.known_robot)
         self.source = source
         self._following = source if isinstance(source, FollowingSource) else None
         self._seeing = source if isinstance(source, SeeingSource) else None
         self._plan = PlanView(controller)
         self.simulation = simulation
         self.upper_body = upper_body
-        self.estimator = estimator
+        self.estimator = estimator or estimator_for(simulation)
         self.period = self.safe.period
         self.substeps = substeps_of(self.period, simulation.timestep, controller.name)
         self.hands: HandTargets | None = None

@@ -36,7 +36,7 @@ def rollout(
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
     The loop runs at the controller's period and the physics at its own time step; a sample is recorded every
-    `RECORD_PERIOD`. The controller reads `Engine.sense` or an estimator; the record holds the true state.
+    `RECORD_PERIOD`. The controller reads the estimated state; the record holds the true one.
 
     Args:
         controller: any object with the members of `Controller`.
@@ -44,7 +44,8 @@ def rollout(
         simulation: the robot; it is reset to the nominal stand at the origin.
         upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.
         duration: length of the run [s].
-        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none where
+            the sensors tell the state.
         forces: external forces on the robot.
         on_progress: called with the fraction done, about fifty times per simulated second.
         on_moment: called at each sample of the record, with what a picture shows.

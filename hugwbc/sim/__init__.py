@@ -1,7 +1,7 @@
 """Simulation of the H1 in MuJoCo, on a plane or a height field."""
 
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA, Arena, ArenaChoice
+from hugwbc.sim.arena import Arena
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
 from hugwbc.sim.ground import Ground
@@ -12,11 +12,8 @@ from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_te
 from hugwbc.sim.variation import Variation
 
 __all__ = [
-    "ARENAS",
-    "DEFAULT_ARENA",
     "Actuators",
     "Arena",
-    "ArenaChoice",
     "Disturber",
     "Engine",
     "Force",

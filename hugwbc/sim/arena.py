@@ -1,10 +1,6 @@
 """The arena: robot, drives, sensors and ground of an evaluation.
 
-Results carry the arena in their identity, so results of different arenas never mix. There are two (docs/arena.md):
-
-1. The maker's earlier description of the H1 (51.65 kg), ideal drives, soft ground, the true state.
-2. The corrected description (59.34 kg), drives with a torque-speed limit, friction and delay, firm ground, and only the
-   sensors that an H1 has.
+There is one default (docs/arena.md). Results carry the arena in their identity, so those of different arenas never mix.
 """
 
 import dataclasses
@@ -14,15 +10,15 @@ import json
 from collections.abc import Mapping
 from typing import TypedDict, TypeVar, Unpack
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.faults import Fault
-from hugwbc.sim.ground import Ground
+from hugwbc.sim.ground import GROUNDS, Ground
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.sensors import SensorProfile, sensor_profile
+from hugwbc.sim.sensors import ROBOT, SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -59,7 +55,7 @@ class EpisodeOptions(TypedDict, total=False):
 
 @dataclasses.dataclass(frozen=True)
 class Arena:
-    """Robot, drives, sensors and ground of a simulation, by name.
+    """Robot, drives, sensors and ground of a simulation, by name; the default is an H1 as it is.
 
     Attributes:
         robot: robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
@@ -69,13 +65,13 @@ class Arena:
         ground: firm (soles sink by millimetres), or soft (by centimetres).
 
     Raises:
-        UnknownNameError: if there is no robot, are no drives, sensors or ground of that name.
+        UnknownNameError: if there is no such robot, drives, sensors or ground.
     """
 
-    robot: str
-    drives: str
-    sensing: str
-    ground: str
+    robot: str = DEFAULT_ROBOT
+    drives: str = DEFAULT_DRIVES
+    sensing: str = ROBOT.name
+    ground: str = GROUNDS[0]
 
     def __post_init__(self) -> None:
         known_robot(self.robot, self.drives)
@@ -88,6 +84,12 @@ class Arena:
         parts = [robot_table(self.robot)]
         parts += [dataclasses.asdict(part) for part in (self, self.actuators, self.profile, Ground.named(self.ground))]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
+    def remark(self) -> str:
+        """What differs from the default, such as "drives ideal, sensing exact"; empty for the default."""
+        values = {field.name: (getattr(self, field.name), field.default) for field in dataclasses.fields(self)}
+        return ", ".join(f"{name} {value}" for name, (value, default) in values.items() if value != default)
 
     @property
     def profile(self) -> SensorProfile:
@@ -132,45 +134,3 @@ class Arena:
             ground=Ground.named(self.ground),
             **episode,
         )
-
-
-ARENAS = {1: Arena("h1-2023", "ideal", "exact", "soft"), 2: Arena("h1", "real", "robot", "firm")}
-DEFAULT_ARENA = 2
-
-
-@dataclasses.dataclass(frozen=True)
-class ArenaChoice:
-    """An arena by its number, and what differs from it.
-
-    Attributes:
-        arena: Arena (docs/arena.md): 1 (light robot, ideal drives, soft ground, true state), or 2 (an H1 as it is
-            weighed, with real drives, firm ground and only the sensors that it has).
-        robot: Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg); by default the arena's.
-        drives: Drives of the joints: real (torque-speed limit, friction and delay), or ideal; by default
-            the arena's.
-        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
-            exact (the true state); by default the arena's.
-        ground: Ground: firm, or soft; by default the arena's.
-
-    Raises:
-        ConfigError: if there is no arena of that number.
-        UnknownNameError: if one of the names is unknown.
-    """
-
-    arena: int = DEFAULT_ARENA
-    robot: str | None = None
-    drives: str | None = None
-    sensing: str | None = None
-    ground: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.arena not in ARENAS:
-            raise ConfigError(f"there is no arena {self.arena}; give one of {', '.join(map(str, ARENAS))}")
-        _ = self.chosen
-
-    @property
-    def chosen(self) -> Arena:
-        """The arena with the differences."""
-        names = [field.name for field in dataclasses.fields(Arena)]
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        return dataclasses.replace(ARENAS[self.arena], **given)

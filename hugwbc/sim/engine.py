@@ -20,7 +20,7 @@ from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.sensors import EXACT, Reading, SensorProfile, Sensors, sensor_profile
+from hugwbc.sim.sensors import ROBOT, Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
@@ -80,7 +80,7 @@ class Engine(abc.ABC):
         *,
         timestep: float = SIMULATION_TIMESTEP,
         terrain: HeightField | None = None,
-        sensing: SensorProfile | str = EXACT,
+        sensing: SensorProfile | str = ROBOT,
         latency: float | None = None,
         seed: int = 0,
         variation: Variation | None = None,
@@ -182,6 +182,11 @@ class Engine(abc.ABC):
             velocity: linear part in the world [m/s], shape (3,); or with the angular part in the pelvis [rad/s],
                 shape (6,).
         """
+
+    @property
+    def known_robot(self) -> Robot:
+        """What a controller or an estimator knows of the robot that is told this one and its drives."""
+        return self.actuators.known_robot(self.robot)
 
     @property
     @abc.abstractmethod

@@ -148,8 +148,8 @@ def demonstrate(
     Args:
         task: the task.
         controller: any object with the members of `Controller`.
-        simulation: a robot among the objects of the task's scene: `arena.simulation(scene=task.scene, seed=seed)`.
-        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
+        estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         seed: that of the simulation, to be noted.
         on_progress: called with the fraction of the time limit.
 

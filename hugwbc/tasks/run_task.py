@@ -50,8 +50,8 @@ def run_task(
     Args:
         task: the task.
         controller: any object with the members of `Controller`.
-        simulation: a robot among the objects of the task's scene: `arena.simulation(scene=task.scene, seed=seed)`.
-        estimator: estimates the state from the sensors; None if the controller reads them itself.
+        simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
+        estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         on_progress: called with the fraction of the time limit.
         on_moment: called at each sample, with what a picture shows.
         stop: whether to end the episode now.

@@ -46,7 +46,7 @@ BAD_INPUT = {
     "live page and command": (["play", "--live", "--h", "0"], "--live and h are both given"),
     "host": (["play", "--live", "--host", "no host"], "cannot serve on host 'no host'"),
     "port": (["play", "--live", "--port", "99999"], "give 1 to 65535, or 0 for any that is free"),
-    "seed of the noise": (["compare", "--controllers", "hold", "--arena", "2", "--seed", "-1"], "seed is -1; give 0"),
+    "seed of the noise": (["compare", "--controllers", "hold", "--seed", "-1"], "seed is -1; give 0"),
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
     "motions' folder": (["motions", "--out", "/dev/null/m"], "give a folder that can be written"),
     "training field": (["train", "--ppo.gamma", "2"], "ppo.gamma = 2.0; valid: above 0, up to 1"),

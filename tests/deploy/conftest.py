@@ -11,16 +11,16 @@ from hugwbc import JointCommand
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.runtime import Simulation
-from hugwbc.sim.arena import ARENAS
+from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
 
-_NOISE = [name for name, value in vars(ARENAS[2].profile).items() if isinstance(value, float)]
+_NOISE = [name for name, value in vars(ROBOT).items() if isinstance(value, float)]
 
 
 @pytest.fixture(scope="session")
 def still() -> RobotState:
     """A reading of a robot that stands still by its joints' stiffness."""
-    simulation = Simulation(sensing=dataclasses.replace(ARENAS[2].profile, **dict.fromkeys(_NOISE, 0.0)))
+    simulation = Simulation(sensing=dataclasses.replace(ROBOT, **dict.fromkeys(_NOISE, 0.0)))
     simulation.step(JointCommand.position(H1, H1.nominal), 0.4)
     return dataclasses.replace(simulation.sense(), dq=np.zeros(19))
 

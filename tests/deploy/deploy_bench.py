@@ -20,7 +20,8 @@ from hugwbc.deploy.transport import local_pair
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.runtime import Constant, HoldController
 from hugwbc.scripts.command_source import CommandSource
-from hugwbc.sim.arena import ARENAS
+from hugwbc.sim import Simulation
+from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
 
 H1 = load_robot()
@@ -107,8 +108,7 @@ class Pair:
         mode: str = "",
         hoist: float | None = 0.1,
     ) -> None:
-        arena = ARENAS[2]
-        simulation = arena.simulation(latency=0.0, seed=seed)
+        simulation = Simulation(latency=0.0, seed=seed)
         robot_end, self.endpoint = local_pair()
         self.told: list[str] = []
         self.robot = SimulatedRobot(
@@ -116,14 +116,14 @@ class Pair:
             robot_end,
             radio=radio,
             schedule=Schedule.parse(schedule),
-            latency=arena.profile.latency,
+            latency=ROBOT.latency,
             seed=seed,
             mode=mode,
             hoist=hoist,
             tell=self.told.append,
         )
         self.pilot = make_pilot(controller, source, limits)
-        settings = Settings(lockstep=True, age=arena.profile.latency)
+        settings = Settings(lockstep=True, age=ROBOT.latency)
         self.side = RobotSide(self.pilot, simulation.robot, self.endpoint, settings, recorder)
 
     def run(self, until: float, *, alive: Callable[[], bool] = lambda: True) -> None:

@@ -20,7 +20,7 @@ from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import CaptureError
 from hugwbc.runtime import Constant
 from hugwbc.scripts.behaviours import Grip, View
-from hugwbc.sim import ARENAS
+from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Scene
 
 H1 = load_robot()
@@ -108,7 +108,7 @@ def simulated() -> tuple[SimulatedRobot, object, list[str]]:
     robot_end, client = local_pair()
     client.texts(OBJECTS)
     box = Box(name="parcel", size=(0.2, 0.2, 0.2), mass=1.0, position=(1.0, 0.0, 0.1))
-    simulation = ARENAS[2].simulation(latency=0.0, seed=1, scene=Scene(objects=(box,)))
+    simulation = Simulation(latency=0.0, seed=1, scene=Scene(objects=(box,)))
     return SimulatedRobot(simulation, robot_end, hoist=None, tell=told.append), client, told
 
 

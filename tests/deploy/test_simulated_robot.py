@@ -20,13 +20,11 @@ from hugwbc.deploy.transport import LocalEndpoint, local_pair
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
-from hugwbc.sim.arena import ARENAS
+from hugwbc.sim.sensors import ROBOT
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
-EXACT = dataclasses.replace(
-    ARENAS[2].profile, **{name: 0.0 for name, value in vars(ARENAS[2].profile).items() if isinstance(value, float)}
-)
+EXACT = dataclasses.replace(ROBOT, **{name: 0.0 for name, value in vars(ROBOT).items() if isinstance(value, float)})
 
 
 def make(**options) -> tuple[SimulatedRobot, LocalEndpoint, list[str]]:

@@ -79,11 +79,11 @@ def test_robot_and_sensors_vary_as_told():
 
 
 def test_the_controller_may_be_told_another_robot_than_moves():
-    right, wrong = Conditions(arena=2), Conditions(arena=2, told="h1-2023")
+    right, wrong = Conditions(), Conditions(told="h1-2023")
     assert right.told_arena == right.chosen
     assert wrong.told_arena == dataclasses.replace(wrong.chosen, robot="h1-2023")
     assert wrong.simulation(1.0, (0,)).robot is load_robot("h1")
-    assert wrong.identity() != right.identity() == Conditions(arena=2, told="h1").identity()
+    assert wrong.identity() != right.identity() == Conditions(told="h1").identity()
     with pytest.raises(UnknownNameError, match="robot"):
         Conditions(told="h2")
 

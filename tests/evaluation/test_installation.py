@@ -1,7 +1,7 @@
 import pytest
 
 from hugwbc.evaluation import installation
-from hugwbc.sim.arena import ARENAS, DEFAULT_ARENA
+from hugwbc.sim.arena import Arena
 
 
 @pytest.mark.parametrize("name", installation.CHECKS)
@@ -9,11 +9,9 @@ def test_each_check_passes_here(name):
     assert installation.CHECKS[name]()
 
 
-def test_the_arenas_and_their_versions_are_named():
+def test_the_arena_and_its_version_are_named():
     text = installation.check_arena()
-    for number, arena in ARENAS.items():
-        assert f"{number} ({arena.robot}, {arena.drives} drives" in text and f"version {arena.version}" in text
-    assert f"version {ARENAS[DEFAULT_ARENA].version}, the default" in text
+    assert f"h1, real drives, sensors robot, firm ground, version {Arena().version}" in text
     assert "engines mujoco" in text
 
 

@@ -18,7 +18,7 @@ def noise(seed: int = 0) -> ArmIntervention:
 
 
 def updates(source: ArmIntervention, dt: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    state = Simulation().state()
+    state = Simulation(sensing="exact").state()
     bodies = [source.update(state, None, Command(), dt)[0] for _ in range(count)]
     assert all(body.mask.all() for body in bodies)
     return np.array([body.q for body in bodies]), np.array([body.dq for body in bodies])
@@ -48,7 +48,9 @@ def test_the_arm_error_is_the_distance_of_the_joints_to_their_targets():
     goal = nominal + 0.3 * np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
     motion = ArmMotion("still", 50.0, np.tile(goal, (200, 1)))
     arms = ArmIntervention(MotionTargets(1, [motion], torch.Generator().manual_seed(0)))
-    trace = rollout(HoldController(), Constant(Command(gait=Gait.STANDING)), Simulation(), arms, duration=1.6)
+    trace = rollout(
+        HoldController(), Constant(Command(gait=Gait.STANDING)), Simulation(sensing="exact"), arms, duration=1.6
+    )
     final = np.abs(trace.qpos[-1, 7:][ARMS] - goal).mean()
     assert 0.0 < final < 0.15
     assert arms.error(trace, settle=1.2) == pytest.approx(final, abs=0.03)

@@ -19,9 +19,9 @@ WALK = {"protocol": "single-command", "gait": "walking", "episodes": 8}
 
 
 def test_a_table_is_the_settings_of_its_protocol() -> None:
-    settings = settings_of({**WALK, "duration": 3.0, "arena": 2, "intervention": "noise"}, 1007)
+    settings = settings_of({**WALK, "duration": 3.0, "intervention": "noise"}, 1007)
     assert (settings.episodes, settings.duration, settings.seed, settings.gait) == (8, 3.0, 1007, Gait.WALKING)
-    assert settings.conditions == Conditions(arena=2, intervention="noise")
+    assert settings.conditions == Conditions(intervention="noise")
     both = settings_of({"protocol": "single-command", "gait": "hopping"}, 1000)
     assert both.both_legs and both.gait is Gait.HOPPING_LEFT
 
@@ -40,7 +40,6 @@ def test_a_table_is_the_settings_of_its_protocol() -> None:
         ({"episodes": 2}, ConfigError, "episodes is 2; give 8 or more"),
         ({"episodes": "many"}, ConfigError, "episodes is 'many'; give a value of type int"),
         ({"episodes": 8.5}, ConfigError, "give a value of type int"),
-        ({"arena": 7}, ConfigError, "arena"),
         ({"strength": -1.0}, ConfigError, "strength"),
     ],
 )
@@ -73,7 +72,7 @@ def test_a_table_is_run_and_its_episodes_are_kept(tmp_path: pathlib.Path) -> Non
 
 
 def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
-    settings = CalibrationSettings(arena=1, duration=4.0)
+    settings = CalibrationSettings(duration=4.0)
     commands = [{"gait": "walking", "v_x": 0.5}, {"gait": "standing", "h": -0.2}]
     walk, stand = RecipeServices().executed(policy_file("h1"), commands, settings, 1)
     assert walk["v_x"] == pytest.approx(0.5, abs=0.1) and walk["l"] == pytest.approx(0.15, abs=0.06)

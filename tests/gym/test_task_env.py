@@ -10,7 +10,7 @@ from hugwbc.gym import TASK_ENVIRONMENTS
 from hugwbc.gym.task_action import Wish
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.robot import load_robot
-from hugwbc.sim import Scene
+from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
 from hugwbc.tasks import load_task, shapes_of
 
@@ -90,7 +90,7 @@ def test_the_time_limit_truncates():
 
 
 def test_an_observation_is_what_a_robot_has():
-    env = press("learned", sensing="exact", drives="ideal")
+    env = press("learned", arena=Arena(sensing="exact", drives="ideal"))
     observation, _ = env.reset(seed=3)
     assert env.observation_space.contains(observation)
     simulation = env._simulation
@@ -143,8 +143,6 @@ def test_a_scene_and_a_task_of_ones_own(tmp_path):
         ({"controller": "none"}, UnknownNameError, "unknown controller"),
         ({"limit": 0.0}, ConfigError, "limit is 0.0 s"),
         ({"limit": float("nan")}, ConfigError, "limit is nan s"),
-        ({"arena": 7}, ConfigError, "no arena 7"),
-        ({"sensing": "perfect"}, UnknownNameError, "perfect"),
         ({"scene": Scene((Wall(name="wall", position=(2.0, 0.0)),))}, ConfigError, "the scene has no button"),
     ],
 )

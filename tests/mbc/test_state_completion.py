@@ -72,7 +72,7 @@ def test_of_two_feet_the_one_that_slides_tells_nothing(standing_state):
 
 def _run_blind(gait, seconds):
     """Forward speeds after two seconds of a command of 0.4 m/s."""
-    simulation, controller = Simulation(), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController()
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
 
     def blind(true):
@@ -160,7 +160,7 @@ def test_late_readings_cost_nothing_where_the_plan_foresees_the_motion():
     """Walking on exact sensors that are 10 ms late: the yaw is as steady as without latency."""
     wobble = {}
     for latency in (0.0, 0.01):
-        simulation, controller = Simulation(latency=latency), WholeBodyController()
+        simulation, controller = Simulation(sensing="exact", latency=latency), WholeBodyController()
         simulation.reset()
         controller.reset(simulation.sense())
         rates = []

@@ -41,7 +41,7 @@ def _slippery(simulation):
 
 def _walk(change=None, *, period=0.002, latency=0.0, seconds=5.0):
     """Mean v_x after two seconds, and whether the robot stayed up; the controller is not told of the latency."""
-    simulation = Simulation(latency=latency)
+    simulation = Simulation(sensing="exact", latency=latency)
     if change is not None:
         change(simulation)
     simulation.reset()
@@ -81,7 +81,7 @@ def test_it_walks_at_lower_rates(period):
 
 
 def _stays_up(terrain, command, seconds):
-    simulation, controller = Simulation(terrain=terrain), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact", terrain=terrain), WholeBodyController()
     controller.reset(simulation.sense())
     for _ in range(round(seconds / controller.period)):
         simulation.step(controller.act(simulation.sense(), command, UpperBody.none()), controller.period)
@@ -118,7 +118,7 @@ def test_it_steps_down_to_ground_lower_than_it_knew():
 @pytest.mark.parametrize("gait", [Gait.WALKING, Gait.HOPPING_LEFT], ids=lambda gait: gait.label)
 def test_a_position_that_jumps_changes_nothing_of_what_it_does(gait):
     """As an estimator's may, with a foot in the air and stances in memory."""
-    simulation, command = Simulation(), Command(gait=gait)
+    simulation, command = Simulation(sensing="exact"), Command(gait=gait)
     controllers = WholeBodyController(), WholeBodyController()
     for controller in controllers:
         controller.reset(simulation.state())
@@ -227,7 +227,7 @@ def test_what_no_balanced_robot_does_is_refused_without_a_solve(values, why):
 @pytest.mark.slow
 def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""
-    simulation, controller = Simulation(), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController()
     controller.reset(simulation.reset())
     params = controller.params
     limit = params.torque_fraction * ROBOT.torque_limit
@@ -264,7 +264,7 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
 
 def _survives(push, params):
     """Whether a walk at 0.5 m/s outlasts a push after 1.6 s by 2 s."""
-    simulation, controller = Simulation(), WholeBodyController(params)
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController(params)
     controller.reset(simulation.reset())
     for tick in range(round(3.6 / controller.period)):
         if tick == round(1.6 / controller.period):

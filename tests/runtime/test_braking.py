@@ -6,9 +6,7 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.runtime import Simulation, load_controller
 from hugwbc.runtime.braking import DECELERATION, LONGEST, SLOW, Braking
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import ArenaChoice
 
 DT = 0.02
 WALK = Command(v_x=1.0, omega=0.5, f=2.5, gait=Gait.WALKING)
@@ -83,9 +81,8 @@ class WalkThenStand:
 
 def test_the_policy_survives_a_switch_to_standing_at_1_m_s():
     """Without the brake it falls within a second, whatever the seed."""
-    arena = ArenaChoice().chosen
-    simulation = arena.simulation(seed=3)
-    loop = ControlLoop(load_controller("learned"), WalkThenStand(), simulation, estimator=estimator_for(arena))
+    simulation = Simulation(seed=3)
+    loop = ControlLoop(load_controller("learned"), WalkThenStand(), simulation)
     loop.reset()
     for tick in range(round(4.5 / loop.period)):
         loop.step(loop.decide(tick * loop.period), loop.period)

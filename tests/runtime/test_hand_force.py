@@ -7,11 +7,10 @@ import pytest
 from hugwbc import Command, Gait, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.controllers import load_controller
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.hand_force import HandForceObserver
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
-from hugwbc.sim.arena import ARENAS
+from hugwbc.sim import Simulation
 from hugwbc.sim.variation import Variation
 from tests.upper_ik.conftest import make_state
 
@@ -75,14 +74,12 @@ def test_friction_of_a_still_joint_is_the_limit(kinematics):
 @pytest.mark.slow
 @pytest.mark.parametrize("payload", [0.0, 3.0])
 def test_the_weight_in_the_hands_of_a_walking_robot(payload):
-    arena = ARENAS[2]
-    simulation = arena.simulation(seed=3, variation=Variation(hand_payload=payload))
+    simulation = Simulation(seed=3, variation=Variation(hand_payload=payload))
     loop = ControlLoop(
         load_controller("learned"),
         Constant(Command(v_x=0.3, gait=Gait.WALKING)),
         simulation,
         None,
-        estimator_for(arena),
     )
     loop.reset()
     forces = []

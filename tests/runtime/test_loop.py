@@ -53,7 +53,7 @@ class _Swinging(HoldController):
 
 
 def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits():
-    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation(), _Taken())
+    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation(sensing="exact"), _Taken())
     loop.reset()
     commands = np.array([loop.decide(tick * loop.period).q[ROBOT.arms] for tick in range(40)])
     low, high = (limit[ROBOT.arms] for limit in target_limits(ROBOT))
@@ -66,7 +66,7 @@ def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits()
 
 
 def test_the_filter_is_not_asked_twice_where_nothing_fades():
-    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation())
+    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation(sensing="exact"))
     loop.reset()
     for tick in range(3):
         loop.decide(tick * loop.period)
@@ -81,7 +81,7 @@ def test_a_controller_reads_the_estimate_where_there_is_an_estimator():
             self.seen = state
             return super().act(state, command, upper_body)
 
-    controller, simulation = Seeing(), Simulation()
+    controller, simulation = Seeing(), Simulation(sensing="exact")
     loop = ControlLoop(controller, Constant(Command()), simulation, estimator=StateEstimator())
     loop.reset()
     for tick in range(5):
@@ -135,7 +135,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
             return lost if 0.7 < t < 0.8 else self.hands
 
     source = UpperBodySource()
-    loop = ControlLoop(HoldController(), Stream(), Simulation(), source)
+    loop = ControlLoop(HoldController(), Stream(), Simulation(sensing="exact"), source)
     loop.reset()
     heights = []
     for tick in range(round(4.0 / loop.period)):
@@ -159,7 +159,7 @@ def test_the_arms_of_every_controller_are_driven_alike():
 
     arms, commands = UpperBody.targets(np.full(8, 0.3), np.linspace(-1.0, 1.0, 8)), []
     for controller in (HoldController(), WholeBodyController(period=0.02), Deaf()):
-        safe, state = SafetyFilter(controller), Simulation().reset()
+        safe, state = SafetyFilter(controller), Simulation(sensing="exact").reset()
         safe.reset(state)
         commands.append(safe.act(state, Command(), arms))
     for name, first in vars(commands[0]).items():

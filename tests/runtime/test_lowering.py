@@ -9,7 +9,7 @@ from hugwbc.runtime.lowering import Lowering
 from hugwbc.sim import Simulation
 
 H1 = load_robot()
-STILL = Simulation().state()
+STILL = Simulation(sensing="exact").state()
 PERIOD = 0.002
 
 
@@ -30,7 +30,7 @@ def test_commands_are_continuous_within_the_ranges_and_end_in_damping():
 
 
 def test_a_standing_robot_comes_to_rest_near_the_ground():
-    simulation, lowering = Simulation(), Lowering(H1)
+    simulation, lowering = Simulation(sensing="exact"), Lowering(H1)
     state = simulation.state()
     for _ in range(round(4.0 / PERIOD)):
         state = simulation.step(lowering.command(simulation.sense(), PERIOD), PERIOD)

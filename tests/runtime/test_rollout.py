@@ -18,7 +18,7 @@ ROBOT = load_robot()
 
 @pytest.fixture(scope="module")
 def simulation():
-    return Simulation()
+    return Simulation(sensing="exact")
 
 
 class FixedArms:
@@ -146,7 +146,7 @@ def test_a_bad_duration_is_refused(simulation, duration):
 
 def test_a_time_step_that_does_not_divide_the_period_is_refused():
     with pytest.raises(ConfigError, match="not a multiple of the physics time step"):
-        rollout(HoldController(), Constant(Command()), Simulation(timestep=0.003), duration=0.1)
+        rollout(HoldController(), Constant(Command()), Simulation(sensing="exact", timestep=0.003), duration=0.1)
 
 
 def test_controllers_by_name():
@@ -157,14 +157,14 @@ def test_controllers_by_name():
 
 
 def test_a_run_shorter_than_a_control_period_has_one_step():
-    trace = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.005)
+    trace = rollout(HoldController(), Constant(Command()), Simulation(sensing="exact"), duration=0.005)
     assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.002, 0.005])
 def test_touch_downs_have_the_speed_before_and_the_peak_after(timestep):
     """A robot dropped from 5 cm lands at 1 m/s or a little less, and with the same impact at any time step."""
-    simulation = Simulation(timestep=timestep, ground=Ground.named("soft"))
+    simulation = Simulation(sensing="exact", timestep=timestep, ground=Ground.named("soft"))
 
     class Dropped(HoldController):
         def reset(self, state):
@@ -180,18 +180,18 @@ def test_touch_downs_have_the_speed_before_and_the_peak_after(timestep):
 
 def test_a_record_holds_objects_and_hand_forces_of_a_scene_alone():
     scene = Scene((Box(name="parcel", position=(2.0, Uniform(-1.0, 1.0), 0.3), size=(0.2, 0.2, 0.2)),))
-    simulation = Simulation(scene=scene, seed=3)
+    simulation = Simulation(sensing="exact", scene=scene, seed=3)
     trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.3)
     assert trace.object_pose.shape == (15, 1, 7) and trace.hand_force.shape == (15, 2, 3)
     assert trace.object_pose[0, 0, 2] == pytest.approx(0.4) and trace.object_pose[-1, 0, 2] < 0.2  # it fell
     assert trace.scene == scene.draw(3) and trace.problems == ()
-    alone = rollout(HoldController(), Constant(Command()), Simulation(), duration=0.1)
+    alone = rollout(HoldController(), Constant(Command()), Simulation(sensing="exact"), duration=0.1)
     assert alone.object_pose.size == alone.hand_force.size == 0 and alone.scene is None
 
 
 def test_a_record_says_that_an_object_left_the_world():
     scene = Scene((Box(name="parcel", position=(2.0, 0.0, 9.0), size=(0.2, 0.2, 0.2)),))
-    simulation = Simulation(scene=scene)
+    simulation = Simulation(sensing="exact", scene=scene)
     simulation.model.opt.gravity[2] = 200.0  # everything falls upwards
     trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.5)
     assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")

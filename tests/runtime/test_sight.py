@@ -9,11 +9,10 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.sight import SeenRobot, carry_out
 from hugwbc.scripts.behaviours import Grip, View
-from hugwbc.sim import ARENAS, Simulation
+from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Scene
 from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
@@ -88,10 +87,10 @@ def _scene(**place: object) -> Scene:
     return Scene((Box(name="cube", size=(0.1, 0.1, 0.1), mass=0.5, **place),))  # type: ignore[arg-type]
 
 
-def test_a_view_is_near_the_truth_in_a_scene_of_arena_2() -> None:
-    arena, watcher = ARENAS[2], Watcher()
-    simulation = arena.simulation(scene=_scene(position=(1.0, 0.5)), seed=4)
-    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource(), estimator_for(arena))
+def test_a_view_is_near_the_truth_in_a_scene() -> None:
+    watcher = Watcher()
+    simulation = Simulation(scene=_scene(position=(1.0, 0.5)), seed=4)
+    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource())
     loop.reset()
     truth = simulation.state()
     for tick in range(50):
@@ -111,7 +110,7 @@ def test_a_view_is_near_the_truth_in_a_scene_of_arena_2() -> None:
 
 
 def test_with_exact_sensors_a_view_is_the_truth() -> None:
-    watcher, simulation = Watcher(), Simulation(scene=_scene(position=(1.0, 0.5)))
+    watcher, simulation = Watcher(), Simulation(sensing="exact", scene=_scene(position=(1.0, 0.5)))
     loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
     loop.reset()
     loop.decide(0.0)
@@ -123,7 +122,7 @@ def test_with_exact_sensors_a_view_is_the_truth() -> None:
 
 def test_grips_are_carried_out_and_seen() -> None:
     watcher = Watcher(Grip("left", "cube"))
-    simulation = Simulation(scene=_scene(position=(0.41, 0.21, 1.0)))
+    simulation = Simulation(sensing="exact", scene=_scene(position=(0.41, 0.21, 1.0)))
     loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
     loop.reset()
     for tick in range(2):
@@ -137,10 +136,10 @@ def test_grips_are_carried_out_and_seen() -> None:
 
 
 def test_a_grip_that_cannot_be_raises_nothing_and_is_noted() -> None:
-    simulation = Simulation(scene=_scene(position=(1.0, 0.5)))
+    simulation = Simulation(sensing="exact", scene=_scene(position=(1.0, 0.5)))
     carry_out([Grip("left", "cube")], simulation)
     assert simulation.objects.problems == []  # out of reach
     for _ in range(2):
         carry_out([Grip("left", "crate")], simulation)
     assert len(simulation.objects.problems) == 1 and "crate" in simulation.objects.problems[0]
-    carry_out([Grip("left", "cube")], Simulation())
+    carry_out([Grip("left", "cube")], Simulation(sensing="exact"))

@@ -55,7 +55,7 @@ def test_unknown_kinds_and_joints_are_refused():
     with pytest.raises(UnknownNameError, match="imu-gone"):
         Fault.parse("imu-lost@1")
     with pytest.raises(UnknownNameError, match="left_knee_joint"):
-        Simulation(faults=(Fault("wild-speed", 1.0, 0.0, "knee"),))
+        Simulation(sensing="exact", faults=(Fault("wild-speed", 1.0, 0.0, "knee"),))
 
 
 def test_each_fault_spoils_what_it_says_and_only_in_its_time():
@@ -100,7 +100,7 @@ def test_encoders_can_be_noisier():
 
 
 def test_a_dead_motor_has_no_torque():
-    simulation = Simulation(faults=(Fault.parse("motor-dead=left_knee_joint@0.1:0.1"),))
+    simulation = Simulation(sensing="exact", faults=(Fault.parse("motor-dead=left_knee_joint@0.1:0.1"),))
     torques = []
     for _ in range(150):
         simulation.step(HOLD, simulation.timestep)

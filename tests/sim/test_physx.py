@@ -46,7 +46,7 @@ def in_physx(simulation: PhysxSimulation, position: np.ndarray, q: np.ndarray, v
 
 def hung(q: np.ndarray, **settings) -> tuple[Simulation, PhysxSimulation]:
     """Return robots with the pelvis held in the air: in MuJoCo by an enormous inertia."""
-    one, other = Simulation(ground=FIRM, **settings), HungPhysx(**settings)
+    one, other = Simulation(sensing="exact", ground=FIRM, **settings), HungPhysx(**settings)
     one.model.dof_armature[:6] = 1e6
     in_mujoco(one, np.array([0.0, 0.0, HEIGHT]), q, np.zeros(25))
     in_physx(other, np.array([0.0, 0.0, HEIGHT]), q, np.zeros(25))
@@ -55,13 +55,13 @@ def hung(q: np.ndarray, **settings) -> tuple[Simulation, PhysxSimulation]:
 
 @pytest.fixture(scope="module")
 def plane() -> PhysxSimulation:
-    return PhysxSimulation()
+    return PhysxSimulation(sensing="exact")
 
 
 def test_every_link_is_where_it_is_in_mujoco_and_weighs_the_same() -> None:
     for name in ("h1", "h1-2023"):
         robot = load_robot(name)
-        one, other = Simulation(robot=robot), PhysxSimulation(robot=robot)
+        one, other = Simulation(sensing="exact", robot=robot), PhysxSimulation(sensing="exact", robot=robot)
         q = np.random.default_rng(0).uniform(robot.lower, robot.upper)
         first, second = one.reset(q=q, xy=(1.0, -2.0), yaw=0.7), other.reset(q=q, xy=(1.0, -2.0), yaw=0.7)
         np.testing.assert_allclose(second.position, first.position, atol=1e-6)
@@ -77,7 +77,7 @@ def test_every_link_is_where_it_is_in_mujoco_and_weighs_the_same() -> None:
 
 def test_a_limp_robot_falls_and_tumbles_alike() -> None:
     """Thrown with every joint in motion: the whole mass matrix and all velocity terms take part."""
-    one, other = Simulation(timestep=0.001), PhysxSimulation(timestep=0.001)
+    one, other = Simulation(sensing="exact", timestep=0.001), PhysxSimulation(sensing="exact", timestep=0.001)
     velocity = np.random.default_rng(1).uniform(-1.0, 1.0, 25)
     start = np.array([0.0, 0.0, HEIGHT])
     in_mujoco(one, start, ROBOT.nominal, velocity)
@@ -142,7 +142,7 @@ def test_coulomb_friction_holds_a_joint() -> None:
 
 
 def test_standing_torques_agree(plane: PhysxSimulation) -> None:
-    one = Simulation(ground=FIRM)
+    one = Simulation(sensing="exact", ground=FIRM)
     one.reset(), plane.reset()
     for _ in range(6):  # later it tips over backwards
         first, second = one.step(HOLD, 0.1), plane.step(HOLD, 0.1)
@@ -157,7 +157,7 @@ def test_standing_torques_agree(plane: PhysxSimulation) -> None:
 def test_a_rigid_stance_gives_way_to_a_push_alike(plane: PhysxSimulation, direction: tuple[float, ...]) -> None:
     """Stiff joints on firm ground: what remains is the contact of the soles."""
     paths = []
-    for simulation in (Simulation(ground=FIRM), plane):
+    for simulation in (Simulation(sensing="exact", ground=FIRM), plane):
         simulation.reset()
         simulation.step(STIFF, 0.3)
         simulation.push(np.array(direction))
@@ -172,8 +172,8 @@ def test_soles_slide_alike_on_slippery_ground() -> None:
     slippery, pull = Variation(friction=0.1), np.array([0.0, 0.05 * WEIGHT, 0.0])
     shifts = []
     for simulation in (
-        Simulation(variation=slippery, ground=Ground(0.005, "elliptic")),
-        PhysxSimulation(variation=slippery),
+        Simulation(sensing="exact", variation=slippery, ground=Ground(0.005, "elliptic")),
+        PhysxSimulation(sensing="exact", variation=slippery),
     ):
         simulation.step(HOLD, 0.2)
         before = simulation.qpos[:2]
@@ -269,7 +269,7 @@ def test_a_limp_robot_falls_down(plane: PhysxSimulation) -> None:
 def test_runs_repeat_to_the_last_bit() -> None:
     ends = []
     for _ in range(2):
-        simulation = PhysxSimulation()
+        simulation = PhysxSimulation(sensing="exact")
         simulation.push(np.array([0.3, 0.2, 0.0]))
         ends.append(simulation.step(HOLD, 0.3).q)
     np.testing.assert_array_equal(*ends)
@@ -278,15 +278,15 @@ def test_runs_repeat_to_the_last_bit() -> None:
 def test_a_used_robot_runs_as_a_new_one(plane: PhysxSimulation) -> None:
     plane.step(LIMP, 0.2)
     plane.reset()
-    fresh = PhysxSimulation()
+    fresh = PhysxSimulation(sensing="exact")
     np.testing.assert_array_equal(plane.step(HOLD, 0.2).q, fresh.step(HOLD, 0.2).q)
 
 
 def test_ground_that_is_not_level_and_firm_is_refused() -> None:
     with pytest.raises(ConfigError, match="level ground only; use --engine mujoco"):
-        PhysxSimulation(terrain=HeightField(np.zeros((3, 3)), (4.0, 4.0)))
+        PhysxSimulation(sensing="exact", terrain=HeightField(np.zeros((3, 3)), (4.0, 4.0)))
     with pytest.raises(ConfigError, match="firm ground only; use --ground firm"):
-        PhysxSimulation(ground=Ground.named("soft"))
+        PhysxSimulation(sensing="exact", ground=Ground.named("soft"))
 
 
 def test_both_engines_have_one_interface() -> None:
@@ -300,7 +300,7 @@ def test_both_engines_have_one_interface() -> None:
 @pytest.mark.parametrize("controller", ["qp", "learned"])
 def test_a_controller_walks_in_both_engines_alike(controller: str) -> None:
     speeds = []
-    for simulation in (Simulation(ground=FIRM), PhysxSimulation()):
+    for simulation in (Simulation(sensing="exact", ground=FIRM), PhysxSimulation(sensing="exact")):
         source = Constant(Command(v_x=0.5, gait=Gait.WALKING))
         trace = rollout(ControllerSpec(controller).build(), source, simulation, duration=3.0)
         assert not trace.fell

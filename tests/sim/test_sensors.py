@@ -26,11 +26,11 @@ def test_unknown_profiles_and_long_latencies_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="robot"):
         Simulation(sensing="robbot")
     with pytest.raises(ConfigError, match="latency is 2"):
-        Simulation(latency=2.0)
+        Simulation(sensing="exact", latency=2.0)
 
 
 def test_exact_sensors_tell_the_truth() -> None:
-    rng, simulation = np.random.default_rng(1), Simulation()
+    rng, simulation = np.random.default_rng(1), Simulation(sensing="exact")
     simulation.reset(yaw=1.0)
     simulation.push(np.array([0.3, 0.2, 0.0, 0.2, 0.4, -0.3]))
     simulation.step(dataclasses.replace(HOLD, q=H1.nominal + rng.uniform(-0.2, 0.2, 19)), 0.1)
@@ -43,7 +43,7 @@ def test_exact_sensors_tell_the_truth() -> None:
 
 def test_the_accelerometer_integrates_to_the_velocity_of_the_imu() -> None:
     """Through falls, impacts and a push, which moves the pelvis at once."""
-    rng, simulation = np.random.default_rng(2), Simulation()
+    rng, simulation = np.random.default_rng(2), Simulation(sensing="exact")
     kinematics, gravity = Kinematics(), np.array([0.0, 0.0, -9.81])
     kinematics.update(simulation.reset(yaw=0.5))
     integral, turn = kinematics.velocity("imu")[:3], kinematics.rotation("imu")

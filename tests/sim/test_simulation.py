@@ -17,7 +17,7 @@ HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 
 @pytest.fixture(scope="module")
 def plane() -> Simulation:
-    return Simulation()
+    return Simulation(sensing="exact")
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def plane() -> Simulation:
 )
 def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Simulation(**settings)
+        Simulation(sensing="exact", **settings)
 
 
 def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:
@@ -53,7 +53,7 @@ def test_reset_to_given_joints(plane: Simulation) -> None:
 @pytest.mark.parametrize("xy", [(0.0, 0.0), (2.3, -1.1)])
 def test_reset_on_terrain_stands_on_the_ground_below(xy: tuple[float, float]) -> None:
     terrain = rough_terrain(0.02, np.random.default_rng(0))
-    simulation = Simulation(terrain=terrain)
+    simulation = Simulation(sensing="exact", terrain=terrain)
     state = simulation.reset(xy=xy)
     assert state.position[2] == pytest.approx(0.982 + float(terrain.height_at(np.array(xy))), abs=1e-9)
     for _ in range(10):
@@ -64,7 +64,7 @@ def test_reset_on_terrain_stands_on_the_ground_below(xy: tuple[float, float]) ->
 
 
 def test_raised_flat_ground_behaves_as_the_plane_does(plane: Simulation) -> None:
-    raised = Simulation(terrain=HeightField(np.full((11, 11), 0.5), (4.0, 4.0)))
+    raised = Simulation(sensing="exact", terrain=HeightField(np.full((11, 11), 0.5), (4.0, 4.0)))
     low, high = plane.reset(), raised.reset()
     for _ in range(25):
         low, high = plane.step(HOLD, 0.02), raised.step(HOLD, 0.02)
@@ -118,7 +118,7 @@ def test_time_advances_by_whole_physics_steps(plane: Simulation) -> None:
 
 
 def test_torque_of_ideal_drives_is_the_pd_law_within_the_limits() -> None:
-    plane, rng = Simulation(actuators=Actuators.ideal()), np.random.default_rng(0)
+    plane, rng = Simulation(sensing="exact", actuators=Actuators.ideal()), np.random.default_rng(0)
     clamped = 0
     for scale in (0.02, 0.3, 2.0):
         for _ in range(5):
@@ -146,7 +146,7 @@ def test_pure_torque_command(plane: Simulation) -> None:
 
 def test_a_command_that_is_not_finite_is_held_off_and_counted() -> None:
     bad = dataclasses.replace(HOLD, q=np.where(np.arange(19) == 4, np.nan, ROBOT.nominal))
-    faulty, sound = Simulation(), Simulation()
+    faulty, sound = Simulation(sensing="exact"), Simulation(sensing="exact")
     good = dataclasses.replace(HOLD, q=ROBOT.nominal + 0.03)
     for simulation, second in ((faulty, bad), (sound, good)):
         simulation.reset()
@@ -169,7 +169,7 @@ def test_push_changes_the_velocity_at_once(plane: Simulation) -> None:
 
 
 def test_force_acts_for_its_duration_only() -> None:
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     simulation.reset()
     simulation.apply_force(np.array([100.0, 0.0, 0.0]), 0.1)
     torso = simulation.model.body("torso_link").id
@@ -184,7 +184,7 @@ def test_force_acts_for_its_duration_only() -> None:
 
 def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
     """In the air, 100 N for 0.1 s change the momentum by 10 Ns, and gravity takes 0.2 s of fall."""
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     simulation.reset()
     simulation.data.qpos[2] += 5.0
     simulation.apply_force(np.array([100.0, -50.0, 0.0]), 0.1, link="pelvis")
@@ -200,7 +200,7 @@ def test_force_on_an_unknown_link_is_refused(plane: Simulation) -> None:
 
 
 def test_reset_forgets_forces_and_bad_states() -> None:
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     simulation.apply_force(np.array([500.0, 0, 0]), 10.0)
     simulation.data.qpos[2] = np.nan
     simulation.step(HOLD, 0.002)
@@ -236,7 +236,7 @@ def test_fallen_by_inclination_and_height(
 
 
 def test_limp_robot_falls_and_its_trunk_is_noticed_on_the_ground() -> None:
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     simulation.reset()
     zero = np.zeros(19)
     limp = JointCommand(zero, zero, zero, zero, zero)
@@ -264,7 +264,7 @@ def test_trunk_against_a_wall_of_ground_counts_as_fallen() -> None:
     """Upright and high above the ground below it, but with the chest in a ridge."""
     heights = np.zeros((41, 61))
     heights[:, 50:] = 1.3  # a grid of 5 cm over 3 m: the ridge begins at x = 1.0 m
-    simulation = Simulation(terrain=HeightField(heights, (3.0, 2.0)))
+    simulation = Simulation(sensing="exact", terrain=HeightField(heights, (3.0, 2.0)))
     simulation.reset(xy=(0.5, 0.0))
     assert not simulation.fallen
     simulation.reset(xy=(0.94, 0.0))
@@ -274,7 +274,7 @@ def test_trunk_against_a_wall_of_ground_counts_as_fallen() -> None:
 
 def test_the_accelerometer_integrates_to_the_velocity() -> None:
     """Thrown up turning: specific force and gravity give the velocity of the IMU, in the world."""
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     simulation.reset()
     simulation.push(np.array([0.5, -0.3, 2.0, 0.4, -0.6, 0.5]))
     site = simulation.model.site("imu").id
@@ -295,7 +295,7 @@ def _site_velocity(simulation: Simulation, site: int) -> np.ndarray:
 
 
 def test_latency_returns_the_reading_of_that_time_ago() -> None:
-    simulation = Simulation(latency=0.01)
+    simulation = Simulation(sensing="exact", latency=0.01)
     start = simulation.reset()
     truths = [start, *(simulation.step(HOLD, 0.002) for _ in range(20))]
     sensed = simulation.sense()
@@ -309,7 +309,7 @@ def test_latency_returns_the_reading_of_that_time_ago() -> None:
 
 def test_a_reset_leaves_nothing_of_the_gains_before():
     """An accelerometer that still feels soft joints would mislead an estimator at the start of the next run."""
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     first, torque = simulation.sense(), simulation.torque
     soft = JointCommand(first.q, np.zeros(19), np.full(19, 5.0), np.ones(19), np.zeros(19))
     simulation.step(soft, 0.5)

@@ -1,6 +1,5 @@
 """Demonstrations: what is in a frame, and a data set that LeRobot's own reader of Parquet files reads."""
 
-import dataclasses
 import json
 import pathlib
 import signal
@@ -18,14 +17,14 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.behaviours import Action, Behaviour, Grip, Reach, Sequence, Stand
-from hugwbc.sim import ARENAS
+from hugwbc.sim import Arena
 from hugwbc.sim.scenes import Box, Scene, Table
 from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, demonstrate, state_names
 from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of
 
 ROBOT = load_robot("h1")
-EXACT = dataclasses.replace(ARENAS[2], sensing="exact")
+EXACT = Arena(sensing="exact")
 SCENE = Scene(
     (
         Table(name="desk", position=(0.6, 0.0), size=(0.4, 1.2), height=0.8),

@@ -7,7 +7,7 @@ import pytest
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
-from hugwbc.sim import ArenaChoice
+from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task, shapes_of
 from hugwbc.tasks.suite import modules_of
 from hugwbc.tasks.task import SCENES
@@ -46,7 +46,7 @@ def test_the_arms_are_those_of_the_robot_that_plays(robot, monkeypatch):
 
     # The package has a function of the module's name.
     monkeypatch.setattr(sys.modules["hugwbc.tasks.run_task"], "UpperBodySource", Noted)
-    task, arena = load_task("press_button"), ArenaChoice(robot=robot, sensing="exact").chosen
+    task, arena = load_task("press_button"), Arena(robot=robot, sensing="exact")
     run_task(
         dataclasses.replace(task, limit=0.1), HoldController(load_robot(robot)), arena.simulation(scene=task.scene)
     )

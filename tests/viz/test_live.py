@@ -43,7 +43,7 @@ def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
 
 
 def test_the_page_listens_on_this_machine_only_and_leaves_it_to_the_caller_to_say_where(capsys):
-    page = LivePage(Simulation(), name="test")
+    page = LivePage(Simulation(sensing="exact"), name="test")
     assert page.server.get_host() == "127.0.0.1"
     assert page.address == f"http://127.0.0.1:{page.server.get_port()}"
     page.close()
@@ -58,7 +58,7 @@ def test_the_address_is_one_that_a_browser_takes(host, written):
 
 
 def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     page = LivePage(simulation, name="test")
     forward, height = page._sliders["v_x"], page._sliders["h"]
     height.value = -0.1
@@ -75,7 +75,7 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
 
 
 def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     page = LivePage(simulation, name="test")
     forward = page._sliders["v_x"]
     forward.value = 0.4
@@ -89,7 +89,7 @@ def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
 
 
 def test_the_camera_follows_turns_along_and_lets_go():
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     page = LivePage(simulation, name="test")
     offsets = []
     for turn in range(4):  # follows, turns along, stays, follows
@@ -109,7 +109,7 @@ def test_the_camera_follows_turns_along_and_lets_go():
 
 
 def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
-    simulation, now = Simulation(), [100.0]
+    simulation, now = Simulation(sensing="exact"), [100.0]
     page = LivePage(simulation, name="test")
     page.link.clock = lambda: now[0]
     page.link._hear(1, '{"held": ["KeyW"]}')
@@ -144,7 +144,7 @@ def tray_on_a_table():
 
 
 def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(tmp_path):
-    own, staged = Simulation(), Simulation(scene=tray_on_a_table())
+    own, staged = Simulation(sensing="exact"), Simulation(sensing="exact", scene=tray_on_a_table())
     page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
@@ -171,7 +171,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(t
 
 
 def test_a_page_that_falls_silent_during_a_task_ends_it_within_half_a_second():
-    simulation, now = Simulation(scene=tray_on_a_table()), [100.0]
+    simulation, now = Simulation(sensing="exact", scene=tray_on_a_table()), [100.0]
     page = LivePage(simulation, name="test", tasks=("carry",))
     page.link.clock = lambda: now[0]
     page.link._hear(1, "{}")
@@ -189,7 +189,7 @@ def test_a_page_that_falls_silent_during_a_task_ends_it_within_half_a_second():
 
 
 def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
-    own = Simulation()
+    own = Simulation(sensing="exact")
     page, told = LivePage(own, name="test", tasks=("carry",)), []
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
@@ -206,7 +206,7 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
 
 
 def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
-    simulation = Simulation()
+    simulation = Simulation(sensing="exact")
     page = LivePage(simulation, name="test")
     words = ["deque mutated during iteration", "another thing"]
 
@@ -223,7 +223,7 @@ def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
 
 
 def test_meshes_have_the_size_of_the_shapes():
-    model = Simulation().model
+    model = Simulation(sensing="exact").model
     meshes = link_meshes(model, "left_elbow_link")
     low = np.min([mesh.bounds[0] for mesh in meshes.values()], axis=0)
     high = np.max([mesh.bounds[1] for mesh in meshes.values()], axis=0)
@@ -235,7 +235,7 @@ class Driven:
     """A robot that runs in real time in a thread, with its page."""
 
     def __init__(self, folder):
-        self.simulation = Simulation()
+        self.simulation = Simulation(sensing="exact")
         self.page = LivePage(self.simulation, name="qp", tasks=("press_button", "carry_tray"))
         self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
         self.told = []
@@ -361,7 +361,7 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
 
 @pytest.mark.slow
 def test_a_task_is_started_from_the_menu_and_stopped(driven, browser_page):
-    page, around = browser_page, Simulation(scene=tray_on_a_table())
+    page, around = browser_page, Simulation(sensing="exact", scene=tray_on_a_table())
 
     def perform(name, stop):
         driven.page.stage(around)
@@ -499,7 +499,7 @@ def test_a_server_that_the_guard_does_not_see_is_refused():
 
 @pytest.fixture(scope="module")
 def port():
-    page = LivePage(Simulation(), name="test")
+    page = LivePage(Simulation(sensing="exact"), name="test")
     yield page.server.get_port()
     page.close()
 
@@ -536,7 +536,7 @@ def test_the_running_server_refuses_other_names_and_other_pages(port):
 
 def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
     scene = Scene((Table(name="desk", position=(2.0, 0.0)), Tray(name="tray", on="desk")))
-    simulation = Simulation(scene=scene)
+    simulation = Simulation(sensing="exact", scene=scene)
     page = LivePage(simulation, name="test")
     try:
         page.show(simulation)

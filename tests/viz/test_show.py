@@ -29,7 +29,7 @@ def test_the_clock_keeps_real_time_and_gives_up_lost_time(monkeypatch):
 
 
 def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
-    told, drawn, simulation = [], [], Simulation()
+    told, drawn, simulation = [], [], Simulation(sensing="exact")
     page = tmp_path / "out" / "hold.html"
     trace = show.watch(
         HoldController(),
@@ -76,7 +76,7 @@ def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):
                 raise RuntimeError("stumbled")
             return super().act(state, command, upper_body)
 
-    show.run_live(ControlLoop(Stumbling(), Constant(Command()), Simulation()), 1.7)
+    show.run_live(ControlLoop(Stumbling(), Constant(Command()), Simulation(sensing="exact")), 1.7)
     text = capsys.readouterr().out
     assert "standing up again" in text and "hold: 1.7 s simulated, 1 falls" in text
     assert "safety: hold raised RuntimeError: stumbled" in text

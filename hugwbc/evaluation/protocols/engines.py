@@ -133,7 +133,7 @@ class EnginesProtocol(PlannedProtocol[EnginesConfig, EnginesEpisode, EnginesResu
     result = EnginesResult
     report_title = "Both engines"
     report_text = (
-        "The same commands in MuJoCo and in PhysX 5 on arena 2, each episode with one light push. What holds in one of "
+        "The same commands in MuJoCo and in PhysX 5, each episode with one light push. What holds in one of "
         "them only is a property of that engine, not of the controller. Ratio: PhysX divided by MuJoCo."
     )
 
@@ -197,13 +197,11 @@ class EnginesProtocol(PlannedProtocol[EnginesConfig, EnginesEpisode, EnginesResu
 
     def quick(self) -> list[EnginesConfig]:
         """Return one short episode of three commands."""
-        return [
-            EnginesConfig(episodes=1, commands=("walk", "turn", "stand"), duration=4.0, conditions=Conditions(arena=2))
-        ]
+        return [EnginesConfig(episodes=1, commands=("walk", "turn", "stand"), duration=4.0, conditions=Conditions())]
 
     def full(self) -> list[EnginesConfig]:
         """Return ten episodes of every command."""
-        return [EnginesConfig(conditions=Conditions(arena=2))]
+        return [EnginesConfig(conditions=Conditions())]
 
     def figures(self, controller: str, result: Mapping[str, Any]) -> list[Figure]:
         """Return errors in both engines, their ratio and the falls, a table for each command."""

@@ -74,7 +74,7 @@ class EstimationConfig(CountedSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.conditions.chosen.estimates:
-            raise ConfigError("sensors of this arena tell the whole state; give --arena 2, or --sensing robot")
+            raise ConfigError("these sensors tell the whole state; give --sensing robot")
         if self.speed is not None:
             dataclasses.replace(default_command(self.gait), v_x=self.speed).validate()
 
@@ -245,7 +245,7 @@ class EstimationProtocol(PlannedProtocol[EstimationConfig, EstimationEpisode, Es
     result = EstimationResult
     report_title = "State estimation"
     report_text = (
-        "What the controllers read on arena 2: a state estimated from IMU, encoders and joint torques. Walks at random "
+        "What the controllers read: a state estimated from IMU, encoders and joint torques. Walks at random "
         "velocities; RMS errors in the heading frame over walks. NEES: the errors, squared, relative to what the "
         "estimator believes; 1 if it is consistent. Drifts are scaled to a way of 20 m."
     )
@@ -283,11 +283,11 @@ class EstimationProtocol(PlannedProtocol[EstimationConfig, EstimationEpisode, Es
 
     def quick(self) -> list[EstimationConfig]:
         """Return two short walks."""
-        return [EstimationConfig(episodes=2, duration=5.0, conditions=Conditions(arena=2))]
+        return [EstimationConfig(episodes=2, duration=5.0, conditions=Conditions())]
 
     def full(self) -> list[EstimationConfig]:
         """Return 50 walks at random, and 8 of 20 m straight ahead."""
-        arena = Conditions(arena=2)
+        arena = Conditions()
         return [
             EstimationConfig(conditions=arena),
             EstimationConfig(episodes=8, speed=0.5, duration=41.0, conditions=arena),

@@ -27,7 +27,6 @@ from hugwbc.evaluation.protocols.episodes import (
 from hugwbc.evaluation.protocols.protocol import Protocol, failure_lines
 from hugwbc.evaluation.tables import format_table
 from hugwbc.files import file_digest
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.tasks.run_task import TaskRun, run_task
 from hugwbc.tasks.suite import TASK_NAMES, file_of, load_task, modules_of
@@ -154,7 +153,7 @@ class TaskStage:
             variation=conditions.variation(),
             scene=task.scene,
         )
-        run = run_task(task, controller, simulation, estimator_for(conditions.told_arena))
+        run = run_task(task, controller, simulation, conditions.estimator())
         return run.trace, run
 
 

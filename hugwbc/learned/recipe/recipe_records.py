@@ -40,8 +40,6 @@ class CalibrationSettings:
     """Fraction of the measured error that is corrected in a round."""
     duration: float = 6.0
     """Length of an episode [s]; the first second does not count."""
-    arena: int = 2
-    """Arena of the episodes (docs/arena.md)."""
     seed: int = SELECTION_SEED
     """Seed of the episodes: one of selection."""
 

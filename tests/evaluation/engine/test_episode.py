@@ -187,21 +187,22 @@ def test_stored_results_count_for_the_same_question_only(tmp_path, counted):
     assert len(counted) == 6, "a fresh store runs it once more"
 
 
-def _in_arena(number: int, folder: pathlib.Path) -> EpisodeSettings:
+def _in_arena(drives: str, folder: pathlib.Path) -> EpisodeSettings:
     return dataclasses.replace(
-        _settings(ResultStore(folder)), conditions=Conditions(arena=number, sensing="exact", timestep=0.005)
+        _settings(ResultStore(folder)), conditions=Conditions(drives=drives, sensing="exact", timestep=0.005)
     )
 
 
 def test_stored_results_never_mix_arenas(tmp_path, counted, monkeypatch):
-    rows = [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(number, tmp_path)) for number in (1, 2)]
+    rows = [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(drives, tmp_path)) for drives in ("ideal", "real")]
     assert len(counted) == 2 and rows[0] != rows[1]
     assert len(list(tmp_path.glob("*.jsonl"))) == 2, "a file for each arena"
-    assert [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(number, tmp_path)) for number in (1, 2)] == rows
+    again = [run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(drives, tmp_path)) for drives in ("ideal", "real")]
+    assert again == rows
     assert len(counted) == 2
     # The same name for other sensors is another arena, too.
     monkeypatch.setitem(PROFILES, "exact", dataclasses.replace(EXACT, gyro=0.001))
-    run_episodes(FACTORY, PLANS[:1], _ending, _in_arena(2, tmp_path))
+    run_episodes(FACTORY, PLANS[:1], _ending, _in_arena("real", tmp_path))
     assert len(counted) == 3
 
 

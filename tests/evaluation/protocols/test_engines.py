@@ -39,7 +39,7 @@ def test_ratios_are_of_the_episodes_without_a_fall(standing, lines):
 
 def test_both_engines_get_the_same_pushes_and_the_same_errors_of_the_sensors(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
-    config = EnginesConfig(episodes=3, conditions=Conditions(arena=2))
+    config = EnginesConfig(episodes=3, conditions=Conditions())
     plans = PROTOCOL.plans(config)
     assert PROTOCOL.total(config) == len(plans) == 2 * 3 * len(COMMANDS)
     for one, other in zip(plans[::2], plans[1::2], strict=True):
@@ -47,7 +47,7 @@ def test_both_engines_get_the_same_pushes_and_the_same_errors_of_the_sensors(mon
         assert (one.conditions.engine, other.conditions.engine) == ("mujoco", "physx")
     assert len({plan.forces for plan in plans}) == 3, "one for each number"
     with pytest.raises(ConfigError, match="firm ground only"):
-        PROTOCOL.plans(EnginesConfig(conditions=Conditions(arena=1)))
+        PROTOCOL.plans(EnginesConfig(conditions=Conditions(ground="soft")))
     with pytest.raises(UnknownNameError, match="'walk'"):
         EnginesConfig(commands=("wlk",))
 
@@ -67,7 +67,7 @@ def test_without_physx_the_report_says_what_is_missing(monkeypatch):
 
 def test_a_push_moves_a_stand_alike_in_both_engines():
     pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
-    conditions = Conditions(arena=2, sensing="exact")
+    conditions = Conditions(sensing="exact")
     # Long enough for the push. The errors before it are below 1 mm/s, and their ratio is the contacts' business.
     config = EnginesConfig(episodes=1, commands=("stand",), duration=3.0, conditions=conditions)
     result = PROTOCOL.run(ControllerSpec("qp").told(conditions.told_arena).build, config)

@@ -19,7 +19,7 @@ from hugwbc.evaluation.protocols.estimation import (
 )
 from hugwbc.runtime.controllers import ControllerSpec
 
-ARENA = Conditions(arena=2)
+ARENA = Conditions()
 
 
 def test_bounds_of_a_mean_square_are_those_of_the_chi_square_distribution():
@@ -52,8 +52,8 @@ def test_walks_are_drawn_from_seed_and_number_or_all_go_straight_ahead():
     assert walk_command(config, 1) != walk_command(dataclasses.replace(config, seed=5), 1)
     straight = walk_command(dataclasses.replace(config, speed=0.5), 3)
     assert (straight.v_x, straight.v_y, straight.omega) == (0.5, 0.0, 0.0)
-    with pytest.raises(ConfigError, match="give --arena 2"):
-        EstimationConfig(conditions=Conditions(arena=1))
+    with pytest.raises(ConfigError, match="give --sensing robot"):
+        EstimationConfig(conditions=Conditions(sensing="exact"))
 
 
 def test_a_stand_is_known_and_a_wrong_robot_is_noticed():

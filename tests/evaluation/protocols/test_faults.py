@@ -65,10 +65,10 @@ def test_what_counts_is_a_fall_or_the_speed_at_the_ground():
 def test_the_watch_notes_the_highest_speed_at_which_a_link_touches_first():
     simulation = types.SimpleNamespace(
         links_on_ground=("left_ankle_link",),
-        link_names=Simulation().link_names,
+        link_names=Simulation(sensing="exact").link_names,
         trunk_velocity=np.array([0.0, -3.0, -4.0]) / 2.0,
     )
-    state = dataclasses.replace(Simulation().state(), time=1.0)
+    state = dataclasses.replace(Simulation(sensing="exact").state(), time=1.0)
 
     def watch_at(watch, speed, height):
         state.velocity[:], state.position[2] = (speed, 0.0, 0.0), height
@@ -92,7 +92,7 @@ def test_the_watch_notes_the_highest_speed_at_which_a_link_touches_first():
 
 def test_settings_without_the_sensors_of_an_h1_are_refused():
     with pytest.raises(ConfigError, match="sensors of an H1"):
-        FaultsConfig(conditions=Conditions(arena=1))
+        FaultsConfig(conditions=Conditions(sensing="exact"))
     with pytest.raises(ConfigError, match="duration"):
         FaultsConfig(duration=5.0)
     with pytest.raises(UnknownNameError, match="imu-gone"):

@@ -44,7 +44,7 @@ def test_a_tour_has_twelve_waypoints_and_a_blow_on_each_leg():
 
 def test_every_link_that_may_be_struck_exists():
     blows = tuple(dataclasses.replace(tour_plan(CONFIG, 0).forces[0], link=link) for link in STRUCK)
-    Disturber(Simulation().link_names, blows)
+    Disturber(Simulation(sensing="exact").link_names, blows)
 
 
 def test_prescribed_errors_come_out(synthetic_trace):

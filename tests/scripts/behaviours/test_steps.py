@@ -1,4 +1,4 @@
-"""Steps in the physics of arena 2, with sensors of a robot: short runs of the learned controller."""
+"""Steps in the default arena, with sensors of a robot: short runs of the learned controller."""
 
 import math
 
@@ -9,7 +9,6 @@ from behaviour_helpers import objects, view
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import UpperBodySource, load_controller, rollout
-from hugwbc.runtime.estimation import estimator_for
 from hugwbc.scripts.behaviours import (
     Action,
     Attach,
@@ -28,7 +27,7 @@ from hugwbc.scripts.behaviours import (
     WalkTo,
     load_behaviour,
 )
-from hugwbc.sim import ARENAS, Simulation
+from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Button, Scene, Table, load_scene
 from hugwbc.targets import HandTargets
 
@@ -36,15 +35,13 @@ from hugwbc.targets import HandTargets
 def _play(
     behaviour: Behaviour, scene: Scene, seed: int, seconds: float, controller: str = "learned"
 ) -> tuple[BehaviourSource, Simulation]:
-    arena = ARENAS[2]
-    source, simulation = BehaviourSource(behaviour), arena.simulation(scene=scene, seed=seed)
+    source, simulation = BehaviourSource(behaviour), Simulation(scene=scene, seed=seed)
     trace = rollout(
         load_controller(controller),
         source,
         simulation,
         UpperBodySource(),
         duration=seconds,
-        estimator=estimator_for(arena),
         until=lambda: source.done,
     )
     assert not trace.fell and trace.problems == ()

@@ -10,7 +10,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, HugwbcError, SceneError
-from hugwbc.sim import ARENAS, Ground, Scene, Simulation, Variation, load_scene
+from hugwbc.sim import Arena, Ground, Scene, Simulation, Variation, load_scene
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scenes import (
     SCENE_NAMES,
@@ -110,7 +110,7 @@ def test_what_stands_on_something_follows_its_height_and_heading() -> None:
         Table(name="desk", position=(1.0, 2.0), yaw=np.pi / 2, height=0.7),
         Box(name="parcel", on="desk", position=(0.1, 0.2, 0.05), yaw=0.3, **BOX),
     ))  # fmt: skip
-    state = Simulation(scene=scene).objects["parcel"]
+    state = Simulation(sensing="exact", scene=scene).objects["parcel"]
     assert state.position == pytest.approx([1.0 - 0.2, 2.0 + 0.1, 0.7 + 0.05 + 0.1])
     assert 2.0 * np.arctan2(state.orientation[3], state.orientation[0]) == pytest.approx(np.pi / 2 + 0.3)
 
@@ -125,20 +125,18 @@ def roll(simulation: Simulation, steps: int = 60) -> np.ndarray:
 
 
 def test_a_seed_is_an_episode_bit_for_bit_and_so_is_a_redraw() -> None:
-    first, again = (ARENAS[2].simulation(scene=VARIED, seed=4) for _ in range(2))
+    first, again = (Simulation(scene=VARIED, seed=4) for _ in range(2))
     np.testing.assert_array_equal(roll(first), roll(again))
-    other = ARENAS[2].simulation(scene=VARIED, seed=5)
+    other = Simulation(scene=VARIED, seed=5)
     roll(other)
     other.redraw(4)
-    np.testing.assert_array_equal(roll(other), roll(ARENAS[2].simulation(scene=VARIED, seed=4)))
+    np.testing.assert_array_equal(roll(other), roll(Simulation(scene=VARIED, seed=4)))
     assert other.scene == VARIED.draw(4)
-    assert (
-        roll(ARENAS[2].simulation(scene=VARIED, seed=5))[-1] != roll(ARENAS[2].simulation(scene=VARIED, seed=4))[-1]
-    ).any()
+    assert (roll(Simulation(scene=VARIED, seed=5))[-1] != roll(Simulation(scene=VARIED, seed=4))[-1]).any()
 
 
 def test_a_reset_keeps_the_objects_that_were_drawn() -> None:
-    simulation = Simulation(scene=VARIED, seed=4)
+    simulation = Simulation(sensing="exact", scene=VARIED, seed=4)
     before = simulation.objects.poses
     roll(simulation)
     simulation.reset()
@@ -147,7 +145,7 @@ def test_a_reset_keeps_the_objects_that_were_drawn() -> None:
 
 def test_the_robot_is_the_same_among_objects() -> None:
     """What a controller reads does not change by objects that the robot does not touch."""
-    alone, among = Simulation(), Simulation(scene=VARIED)
+    alone, among = Simulation(sensing="exact"), Simulation(sensing="exact", scene=VARIED)
     for _ in range(40):
         alone.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
         among.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
@@ -158,8 +156,8 @@ def test_the_robot_is_the_same_among_objects() -> None:
 
 def test_variations_of_the_robot_leave_the_objects_alone() -> None:
     door = Scene((Door(name="exit", hinge="left", position=(3.0, 0.0)), Box(name="parcel", position=(2.0, 2.0), **BOX)))
-    usual = Simulation(scene=door).model
-    varied = Simulation(scene=door, variation=Variation(friction=0.3, strength=0.5)).model
+    usual = Simulation(sensing="exact", scene=door).model
+    varied = Simulation(sensing="exact", scene=door, variation=Variation(friction=0.3, strength=0.5)).model
     for name, field in (("exit", "geom_friction"), ("parcel", "geom_friction")):
         mine = usual.geom_bodyid == usual.body(name).id
         np.testing.assert_array_equal(getattr(varied, field)[mine], getattr(usual, field)[mine])
@@ -169,30 +167,30 @@ def test_variations_of_the_robot_leave_the_objects_alone() -> None:
 
 def test_a_scene_may_ask_for_robot_and_ground() -> None:
     scene = Scene((Box(name="parcel", position=(2.0, 0.0), **BOX),), robot="h1-2023", ground="soft")
-    simulation = Simulation(scene=scene)
+    simulation = Simulation(sensing="exact", scene=scene)
     assert simulation.robot.name == "h1-2023" and simulation.ground == Ground.named("soft")
-    assert ARENAS[1].simulation(scene=scene).robot.name == "h1-2023"
+    assert Arena("h1-2023", ground="soft").simulation(scene=scene).robot.name == "h1-2023"
     with pytest.raises(ConfigError, match="the scene is made for robot h1-2023, not h1"):
-        ARENAS[2].simulation(scene=scene)
+        Arena().simulation(scene=scene)
     with pytest.raises(ConfigError, match="the scene is made for soft ground"):
-        Simulation(scene=scene, ground=Ground())
+        Simulation(sensing="exact", scene=scene, ground=Ground())
 
 
 def test_another_engine_has_no_objects() -> None:
     with pytest.raises(ConfigError, match="engine physx has no objects; run a scene with mujoco"):
-        ARENAS[2].simulation_in(PhysxSimulation, scene=VARIED)
+        Arena().simulation_in(PhysxSimulation, scene=VARIED)
 
 
 def test_an_overlap_that_is_drawn_names_the_seed() -> None:
     scene = Scene((Box(name="a", position=(2.0, 0.0), **BOX), Box(name="b", position=(Uniform(2.1, 2.15), 0.0), **BOX)))
     with pytest.raises(SceneError, match=r"box 'a' and box 'b' overlap .*\(as drawn with seed 3\)"):
-        Simulation(scene=scene, seed=3)
+        Simulation(sensing="exact", scene=scene, seed=3)
 
 
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_shipped_scenes_are_valid_and_lie_still(name: str) -> None:
     for seed in range(3):
-        simulation = Simulation(scene=load_scene(name), seed=seed)
+        simulation = Simulation(sensing="exact", scene=load_scene(name), seed=seed)
         before = simulation.objects.poses
         for _ in range(50):
             simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.01)
@@ -230,7 +228,7 @@ def test_an_mjcf_file_comes_with_a_prefix(tmp_path: pathlib.Path) -> None:
             Box(name="parcel", **BOX, position=(4.0, 0.0)),
         )
     )
-    simulation = Simulation(scene=scene)
+    simulation = Simulation(sensing="exact", scene=scene)
     assert scene.body_names == ("kitchen/counter", "kitchen/body_2", "kitchen/lid", "parcel")
     assert simulation.objects["kitchen/counter"].position == pytest.approx([2.0, 1.0, 0.4])
     assert simulation.objects["kitchen/lid"].position == pytest.approx([2.0 - 0.3, 1.0, 0.9])
@@ -260,6 +258,6 @@ def test_a_bad_mjcf_file_is_refused(tmp_path: pathlib.Path, text: str, message: 
 
 
 def test_the_solver_has_time_for_a_grasp() -> None:
-    assert Simulation().model.opt.iterations == 20
-    model = Simulation(scene=VARIED).model
+    assert Simulation(sensing="exact").model.opt.iterations == 20
+    model = Simulation(sensing="exact", scene=VARIED).model
     assert model.opt.iterations == 50 and model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
