@@ -24,18 +24,19 @@ def document_names() -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: ("/" in name, name)))
 
 
-def document(name: str) -> str:
+def document(name: str, besides: tuple[str, ...] = ()) -> str:
     """Return a document as Markdown.
 
     Args:
         name: one of `document_names()`. The last part is enough ("add-a-task"), and a path as other texts write it
             ("docs/tasks.md") is taken as well.
+        besides: other names to suggest for an unknown one.
     """
     names = document_names()
     wanted = name.removeprefix("docs/").removesuffix(".md")
     found = wanted if wanted in names else next((full for full in names if full.split("/")[-1] == wanted), None)
     if found is None:
-        raise UnknownNameError("document", name, names)
+        raise UnknownNameError("document", name, (*names, *besides))
     return (document_folder() / f"{found}.md").read_text(encoding="utf-8")
 
 

@@ -84,7 +84,7 @@ def test_a_controller_of_a_package_is_found_by_name_and_runs(install, capsys):
     assert "mine" in controller_names()
     assert ControllerSpec("mine", "a word").build().policy == "a word"
     assert ControllerSpec("mine").identity()["package"] == "own_hold 1.0"
-    assert main(["play", "--controller", "mine", "--headless", "--duration", "0.1"]) == 0
+    assert main(["play", "--controller", "mine", "--viewer", "none", "--duration", "0.1"]) == 0
 
 
 def test_a_controller_is_a_class_in_a_file(tmp_path, capsys):
@@ -96,7 +96,7 @@ def test_a_controller_is_a_class_in_a_file(tmp_path, capsys):
     assert isinstance(controller, HoldController) and spec.takes_robot and spec.training is None
     assert ControllerSpec.parse(f"{path}:Mine=weights") == ControllerSpec(f"{path}:Mine", "weights")
     assert type(spec.build()) is type(controller), "the file runs once"
-    assert main(["play", "--controller", f"{path}:Mine", "--headless", "--duration", "0.1"]) == 0
+    assert main(["play", "--controller", f"{path}:Mine", "--viewer", "none", "--duration", "0.1"]) == 0
     out = tmp_path / "out"
     words = ["--script", "stand", "--controllers", f"{path}:Mine", "hold", "--out", str(out), "--no-video"]
     script = tmp_path / "short.yaml"

@@ -197,7 +197,7 @@ def test_a_behaviour_names_objects_of_the_scene(tmp_path: pathlib.Path, capsys: 
     path = tmp_path / "f.yaml"
     path.write_text(text)
     for more in ((), ("--scene", "parcel")):
-        words = ["play", "--controller", "hold", "--headless", "--duration", "0.1", "--script", str(path), *more]
+        words = ["play", "--controller", "hold", "--viewer", "none", "--duration", "0.1", "--script", str(path), *more]
         assert main(words) == 2
         assert re.search(r"f\.yaml:4:26: .*'parcl'", capsys.readouterr().err)
 

@@ -48,7 +48,7 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
     assert done.stdout.split() == ["10", "True"]
 
 
-@pytest.mark.parametrize("words", [["play", "--headless"], ["compare"], ["train"]])
+@pytest.mark.parametrize("words", [["play", "--viewer", "none"], ["compare"], ["train"]])
 def test_what_needs_torch_says_what_to_install(tmp_path, words):
     done = run(f"from hugwbc.cli import main\nsys.exit(main({words!r}))", tmp_path)
     assert done.returncode == 2 and not list(tmp_path.iterdir()), done.stderr
@@ -60,7 +60,7 @@ def test_the_command_line_works_with_the_qp(tmp_path):
     done = run(
         """
         from hugwbc.cli import main
-        sys.exit(main(["play", "--controller", "qp", "--headless", "--duration", "0.3"]) or main(["check"]))
+        sys.exit(main(["play", "--controller", "qp", "--viewer", "none", "--duration", "0.3"]) or main(["check"]))
         """,
         tmp_path,
     )
@@ -74,6 +74,6 @@ def test_an_exported_policy_runs(tmp_path):
     from hugwbc.learned.policy.onnx_export import export_onnx
 
     export_onnx(load_policy(), tmp_path / "h1.onnx")
-    words = ["play", "--controller", "h1.onnx", "--headless", "--duration", "0.5", "--v-x", "0.3"]
+    words = ["play", "--controller", "h1.onnx", "--viewer", "none", "--duration", "0.5", "--v-x", "0.3"]
     done = run(f"from hugwbc.cli import main\nsys.exit(main({words!r}))", tmp_path)
     assert done.returncode == 0, done.stderr

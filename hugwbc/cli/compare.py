@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, say_arena, write_json
+from hugwbc.cli.output import check_writable, output_folder, parse_settings, progress, say, say_arena, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.tables import format_table
 from hugwbc.seeds import REPORT_SEED
@@ -52,12 +52,11 @@ class CompareOptions:
     json: pathlib.Path | None = None
     """Write the summary to this file as well; without a path, to standard output."""
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
-    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
-    options = parse(CompareOptions, words, "compare", CompareOptions.__doc__)
+    options = parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
     from hugwbc.evaluation.comparison import check_names
     from hugwbc.report.comparison_page import write_comparison
     from hugwbc.viz.framing import check_count

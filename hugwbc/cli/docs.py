@@ -1,4 +1,4 @@
-"""`hugwbc docs`: list the documents that come with the package, or print one."""
+"""`hugwbc docs`: list the documents and scripts that come with the package, or print one."""
 
 import dataclasses
 import sys
@@ -12,26 +12,43 @@ from hugwbc.documents import document, document_names, document_title
 
 @dataclasses.dataclass(frozen=True)
 class DocsOptions:
-    """List the documents and how-tos that come with the package, or print one of them."""
+    """List the documents, how-tos and scripts that come with the package, or print one of them."""
 
     name: tyro.conf.Positional[str | None] = None
-    """Document to print, such as tasks, how-to/add-a-task or docs/tasks.md; without one, all are listed."""
+    """Document or script to print, such as tasks, add-a-task or walk; without one, all are listed."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse, then list or print: formatted on a terminal, as Markdown elsewhere."""
-    name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
-    if name is None:
-        names = document_names()
-        width = max(map(len, names))
-        for each in names:
-            say(f"{each:<{width}}  {document_title(each)}")
-        say("\n`hugwbc docs NAME` prints one.")
-    elif sys.stdout.isatty():
-        from rich.console import Console
-        from rich.markdown import Markdown
+    from hugwbc.scripts.behaviours import behaviour_file
+    from hugwbc.scripts.script_file import FOLDER, SCRIPT_NAMES, load_script
 
-        Console().print(Markdown(document(name)))
+    name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
+    scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
+    scripts |= {each: behaviour_file.FOLDER / f"{each}.yaml" for each in behaviour_file.BEHAVIOUR_NAMES}
+    if name in scripts:
+        say(scripts[name].read_text(encoding="utf-8").rstrip())
+    elif name is not None:
+        _print(document(name, besides=tuple(scripts)))
     else:
-        say(document(name).rstrip())
+        listed = {each: document_title(each) for each in document_names()}
+        listed |= {
+            each: f"script, {load_script(each).duration:.1f} s: {load_script(each).about}" for each in SCRIPT_NAMES
+        }
+        for each in behaviour_file.BEHAVIOUR_NAMES:
+            listed[each] = f"script, as long as needed: {behaviour_file.load_behaviour(each).about}"
+        width = max(map(len, listed))
+        for each, about in listed.items():
+            say(f"{each:<{width}}  {about}")
+        say("\n`hugwbc docs NAME` prints one, `hugwbc play --script NAME` plays a script.")
     return 0
+
+
+def _print(text: str) -> None:
+    if not sys.stdout.isatty():
+        say(text.rstrip())
+        return
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console().print(Markdown(text))

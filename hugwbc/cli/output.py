@@ -10,7 +10,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+import typing
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TextIO, TypeVar
 
 import tyro
@@ -43,10 +44,14 @@ def parse_settings(settings: type[Options], words: Sequence[str], verb: str, des
         return parse(settings, ["--help"], verb, description)
     if not {"-h", "--help"} & set(words):
         return parse(settings, words, verb, description)
-    groups = {field.name: field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)}
+    groups = [field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)]
     folded = [
-        (name, Annotated[field.type, tyro.conf.Suppress], dataclasses.field(default_factory=field.default_factory))
-        for name, field in groups.items()
+        (
+            field.name,
+            Annotated[field.type, tyro.conf.Suppress],
+            dataclasses.field(default_factory=field.default_factory),
+        )
+        for field in groups
     ]
     short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
     try:
@@ -63,25 +68,36 @@ def _dataclass(settings: type[Any]) -> type[Any]:
     return settings
 
 
+def _group(field: dataclasses.Field[Any]) -> type[Any]:
+    """Return the type of a field without its annotations, such as that its options have no prefix."""
+    kind: Any = field.type
+    return typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else kind
+
+
 def _is_group(field: dataclasses.Field[Any]) -> bool:
-    return dataclasses.is_dataclass(field.type)
+    return dataclasses.is_dataclass(_group(field))
 
 
-def _list_groups(groups: Mapping[str, dataclasses.Field[Any]], command: str) -> str:
-    """Return a line for each group of settings, those within groups included: prefix, number of options, what it is."""
-    rows: list[tuple[str, int, str]] = []
+def _list_groups(groups: Sequence[dataclasses.Field[Any]], command: str) -> str:
+    """Return a line for each group of settings, those within groups included: prefix or options, and what it is."""
+    rows: list[tuple[str, str]] = []
 
-    def visit(name: str, kind: Any) -> None:  # noqa: ANN401  a dataclass
-        fields = dataclasses.fields(kind)
+    def visit(name: str, field: dataclasses.Field[Any]) -> None:
+        kind = _group(field)
         about = (inspect.getdoc(kind) or "").partition(". ")[0].partition("\n")[0].rstrip(".")
-        rows.append((f"--{name}.*".replace("_", "-"), sum(not _is_group(field) for field in fields), about))
-        for field in filter(_is_group, fields):
-            visit(f"{name}.{field.name}", field.type)
+        fields = dataclasses.fields(kind)
+        own = [each.name for each in fields if not _is_group(each)]
+        if kind is field.type:
+            rows.append((f"--{name}.*".replace("_", "-"), f"{len(own):3} options  {about}"))
+        else:
+            rows.append((field.name, " ".join(f"--{each}".replace("_", "-") for each in own)))
+        for each in filter(_is_group, fields):
+            visit(f"{name}.{each.name}", each)
 
-    for name, field in groups.items():
-        visit(name, field.type)
-    width = max(len(row[0]) for row in rows)
-    lines = [f"  {name:<{width}}  {count:3} options  {about}" for name, count, about in rows]
+    for field in groups:
+        visit(field.name, field)
+    width = max(len(name) for name, _ in rows)
+    lines = [f"  {name:<{width}}  {about}" for name, about in rows]
     return "\n".join(["", "groups of options:", *lines, "", f"`{command}` explains every option."])
 
 

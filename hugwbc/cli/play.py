@@ -6,13 +6,14 @@ import pathlib
 import socket
 import webbrowser
 from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
-from hugwbc.cli.output import output_folder, parse, say, say_arena
+from hugwbc.cli.output import output_folder, parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.errors import CommandError, ConfigError, TargetError
+from hugwbc.errors import ConfigError, TargetError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
@@ -29,40 +30,19 @@ from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
+from hugwbc.viz.page_guard import HOST
 from hugwbc.viz.show import at_real_time, open_view, run_live
 
-HEADLESS_DURATION = 10.0  # [s]
+UNWATCHED_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
 WHOLE_BODY = ".bvh"  # ending of the motion files that command more than the arms
-_COMMANDING = ("gait", "motion", "left_hand", "right_hand", *COMMAND_NAMES)
-# What says what the robot does in place of a person at a page.
-_DRIVING = ("script", "listen", "headless", *_COMMANDING)
+NO_BROWSER = "this machine has no browser; open the address in one that reaches this machine's own network"
 
 
 @dataclasses.dataclass(frozen=True)
-class PlayOptions:
-    """Drive a controller from a page in the browser (on this machine only); Ctrl-C stops.
+class CommandOptions:
+    """One command, and targets of the hands."""
 
-    With a command, a script or hand targets, or if no live page is available, meshcat shows the robot instead.
-    """
-
-    controller: str = "learned"
-    """learned, qp, hold (a baseline that only holds its pose), a plug-in's name, FILE.py:NAME, or the path of a policy
-    or of a contract for a foreign policy (docs/evaluation.md)."""
-    policy: str | None = None
-    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
-    script: str | None = None
-    """Play this script or behaviour instead of one command: name of a shipped one, or a file (.yaml);
-    docs/how-to/add-a-behaviour.md."""
-    motion: pathlib.Path | None = None
-    """Move the arms by this file (.npz, or .csv with the joints' names; docs/upper_ik.md), while the rest of the body
-    follows the command; or dance a person's clip (.bvh) with the whole body. It ends with the file."""
-    task: str | None = None
-    """Do this task of the suite, in its scene, instead of a script (docs/tasks.md), such as press_button."""
-    scene: str | None = None
-    """Objects around the robot: name of a shipped scene, or a file (.yaml); docs/how-to/add-an-object.md."""
-    seed: int = 0
-    """Seed of the sensors' errors, and of what varies in the scene."""
     gait: str | None = None
     """Gait; by default walking if a velocity is given, otherwise standing."""
     v_x: float | None = None
@@ -85,54 +65,81 @@ class PlayOptions:
     """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
     right_hand: tuple[float, float, float] | None = None
     """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
-    listen: int | None = None
-    """Follow the messages of another program on this UDP port of this machine (docs/how-to/teleoperate.md);
-    0 for any free port."""
-    duration: float | None = None
-    """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
-    headless: bool = False
-    """Run without a browser and as fast as possible, for 10 s unless `--duration` says otherwise."""
-    browser: bool = True
-    """Open the page in the browser; otherwise only print its address."""
-    live: bool = False
-    """Insist on the live page: keys, gamepad, sliders, a push, draggable hands. Needs the extra [live]."""
-    meshcat: bool = False
-    """Watch in meshcat, without driving."""
-    out: pathlib.Path = pathlib.Path("out/play")
-    """Folder for what is recorded on the live page: a script and a replay of each record."""
-    host: str = "127.0.0.1"
-    """Host on which to serve the live page."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that are given, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@dataclasses.dataclass(frozen=True)
+class PageOptions:
+    """The live page."""
+
+    host: str = HOST
+    """Host on which to serve it."""
     port: int = 0
-    """Port of the live page; 0 for any free port."""
+    """Its port; 0 for any free port."""
     expose: bool = False
     """Allow a host that other machines can reach. They can then drive the robot."""
+    out: pathlib.Path = pathlib.Path("out/play")
+    """Folder for what is recorded on it: a script and a replay of each record."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayOptions:
+    """Drive a robot from a page in the browser, or watch a command, script, task or motion; Ctrl-C stops."""
+
+    controller: str = "learned"
+    """learned, qp, hold, a plug-in's name, FILE.py:NAME, or a policy's or contract's path."""
+    policy: str | None = None
+    """Shipped policy or path of one, for learned; path of a network, for a contract."""
+    script: str | None = None
+    """Play a script or behaviour: name of a shipped one, or a file (.yaml)."""
+    task: str | None = None
+    """Do a task of the suite, in its scene, such as press_button (docs/tasks.md)."""
+    motion: pathlib.Path | None = None
+    """Move the arms by a file (.npz, .csv), or the whole body by a clip (.bvh)."""
+    listen: int | None = None
+    """Follow another program's messages on this UDP port of this machine; 0 for any."""
+    scene: str | None = None
+    """Objects around the robot: name of a shipped scene, or a file (.yaml)."""
+    seed: int = 0
+    """Seed of the sensors' errors, and of what varies in the scene."""
+    duration: float | None = None
+    """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
+    viewer: Literal["auto", "live", "meshcat", "none"] = "auto"
+    """live: drive from the live page (extra [live]); meshcat: watch; none: run as fast as possible. auto: live if
+    nothing else commands the robot, otherwise meshcat."""
+    command: tyro.conf.OmitArgPrefixes[CommandOptions] = dataclasses.field(default_factory=CommandOptions)
+    page: tyro.conf.OmitArgPrefixes[PageOptions] = dataclasses.field(default_factory=PageOptions)
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
-    """Robot, drives, sensors and ground (docs/arena.md)."""
+
+    @property
+    def commanding(self) -> list[str]:
+        """Names of the options that say what the robot does in place of a person at a page."""
+        names = [name for name in ("script", "task", "motion", "listen") if getattr(self, name) is not None]
+        return [*names, *self.command.given]
 
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, open the viewer and run the loop; return the exit code."""
-    options = parse(PlayOptions, words, "play", PlayOptions.__doc__)
+    options = parse_settings(PlayOptions, words, "play", PlayOptions.__doc__)
     if options.duration is not None and not options.duration > 0.0:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
+    viewer = _viewer(options)
     say_arena(options.arena)
+    if viewer == "live":
+        return _drive(options)
     if options.task is not None:
-        return _run_task(options)
-    if options.live and options.meshcat:
-        raise ConfigError("--live and --meshcat are both given; give one of them")
-    if options.live or _drives(options):
-        return _run_live(options)
-    _refuse_options_of_the_page(options)
-    source, duration = _source(options)
+        return _do_task(options, viewer)
+    source, duration = _source(options, viewer)
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
-    arena = options.arena
-    simulation = arena.simulation(seed=options.seed, scene=_scene(options))
+    simulation = options.arena.simulation(seed=options.seed, scene=_scene(options))
     if isinstance(source, BehaviourSource):
         check_objects(source.behaviour, simulation.objects.names)
-    loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=arena.known_robot))
-    draw = None
-    if not options.headless:
-        draw = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
+    loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
+    draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
 
@@ -152,23 +159,41 @@ def run(words: Sequence[str]) -> int:
     return 0
 
 
-def _run_task(options: PlayOptions) -> int:
+def _viewer(options: PlayOptions) -> str:
+    """Return how to show the robot: live, meshcat or none.
+
+    Raises:
+        ConfigError: if the live page is asked for beside what commands the robot, or its options without it.
+    """
+    viewer, commanding = options.viewer, options.commanding
+    if viewer == "auto":
+        viewer = "meshcat" if commanding else "live"
+        if viewer == "live" and importlib.util.find_spec("viser") is None:
+            say("driving needs the live page: run `pip install 'hugwbc[live]'`; until then you watch the robot stand")
+            viewer = "meshcat"
+    if viewer == "live":
+        _refuse_beside("--viewer live", "the live page is driven by its own sliders", commanding)
+    elif options.page != PageOptions():
+        given = [name for name, value in vars(options.page).items() if value != getattr(PageOptions(), name)]
+        names = ", ".join(f"--{name}" for name in given)
+        raise ConfigError(f"{names} is for the live page; add --viewer live, or leave it out")
+    return viewer
+
+
+def _do_task(options: PlayOptions, viewer: str) -> int:
     """Do one episode of a task, and say how it went.
 
     Raises:
-        ConfigError: if other options give commands or a scene as well, which the task has of its own.
+        ConfigError: if other options give commands, a scene or a duration as well, which the task has of its own.
     """
-    _refuse_beside(
-        "--task", "the task has its own", options, (*_COMMANDING, "script", "listen", "scene", "duration", "live")
-    )
-    _refuse_options_of_the_page(options)
+    others = [name for name in ("scene", "duration") if getattr(options, name) is not None]
+    _refuse_beside("--task", "the task has its own", [*(n for n in options.commanding if n != "task"), *others])
     task, arena = load_task(str(options.task)), options.arena
     controller = ControllerSpec(options.controller, options.policy).told(arena).build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
     draw = None
-    if not options.headless:
-        view = open_view(controller.name, scene=simulation.scene, browser=options.browser, tell=say)
-        draw = at_real_time(view, simulation)
+    if viewer != "none":
+        draw = at_real_time(open_view(controller.name, scene=simulation.scene, tell=say), simulation)
     verdict = run_task(task, controller, simulation, on_moment=draw).verdict
     words = _words(verdict)
     say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
@@ -182,81 +207,45 @@ def _words(verdict: Verdict) -> str:
     return "done" if verdict.success else f"not done: {verdict.reason}"
 
 
-def _refuse_beside(option: str, why: str, options: PlayOptions, others: Sequence[str]) -> None:
+def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
     """Refuse options that mean nothing beside another one.
 
     Raises:
         ConfigError: if there are any; the message names them.
     """
-    given = _given(options, others)
-    if given:
-        raise ConfigError(f"{option} and {', '.join(given)} are both given; {why}")
+    if others:
+        raise ConfigError(f"{option} and {', '.join(others)} are both given; {why}")
 
 
 def _scene(options: PlayOptions) -> Scene | None:
     return None if options.scene is None else load_scene(options.scene)
 
 
-def _given(options: PlayOptions, names: Sequence[str]) -> list[str]:
-    # `is not False`, because a command of 0 is given too, and 0 == False.
-    return [name for name in names if getattr(options, name) is not None and getattr(options, name) is not False]
-
-
-def _drives(options: PlayOptions) -> bool:
-    """Return whether to open the live page unasked: somebody must drive, and a page and a browser must be available."""
-    if options.meshcat or not options.browser or _given(options, _DRIVING) or _options_of_the_page(options):
-        return False
-    if importlib.util.find_spec("viser") is None:
-        return False
-    try:
-        webbrowser.get()
-    except webbrowser.Error:
-        return False
-    return True
-
-
-def _options_of_the_page(options: PlayOptions) -> list[str]:
-    names = ("host", "port", "expose", "out")
-    return [name for name in names if getattr(options, name) != getattr(PlayOptions(), name)]
-
-
-def _refuse_options_of_the_page(options: PlayOptions) -> None:
-    """Refuse options of the live page without `--live`, because they would do nothing.
-
-    Raises:
-        ConfigError: if there are any; the message names them.
-    """
-    given = _options_of_the_page(options)
-    if given:
-        names = ", ".join(f"--{name}" for name in given)
-        raise ConfigError(f"{names} is for the live page; add --live, or leave it out")
-
-
-def _run_live(options: PlayOptions) -> int:
+def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C.
 
     Raises:
-        ConfigError: if viser is not installed, the host or port is not allowed, or other options give commands as well.
+        ConfigError: if viser is not installed, or the host or port is not allowed.
     """
-    _refuse_beside("--live", "the live page is driven by its own sliders", options, _DRIVING)
-    if not 0 <= options.port <= LAST_PORT:
-        raise ConfigError(f"port is {options.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
-    _check_address(options.host, options.port)
+    serve = options.page
+    if not 0 <= serve.port <= LAST_PORT:
+        raise ConfigError(f"port is {serve.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
+    _check_address(serve.host, serve.port)
     try:
         from hugwbc.viz.drive import Drive
         from hugwbc.viz.live import LivePage
     except ImportError as error:
-        raise ConfigError(f"--live needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
+        raise ConfigError(f"the live page needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     arena = options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(
-        simulation, name=controller.name, host=options.host, port=options.port, expose=options.expose, tasks=TASK_NAMES
+        simulation, name=controller.name, host=serve.host, port=serve.port, expose=serve.expose, tasks=TASK_NAMES
     )
     loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot))
     say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
-    if options.browser:
-        webbrowser.open(page.address)
+    if not webbrowser.open(page.address):
+        say(NO_BROWSER)
 
     def perform(name: str, stop: Callable[[], bool]) -> str:
         """Do a task of the suite on the page; the person may stop it."""
@@ -269,8 +258,8 @@ def _run_live(options: PlayOptions) -> int:
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:
-        with output_folder(options.out):
-            Drive(loop, page, folder=options.out, perform=perform, tell=say).run(options.duration or np.inf)
+        with output_folder(serve.out):
+            Drive(loop, page, folder=serve.out, perform=perform, tell=say).run(options.duration or np.inf)
     finally:
         page.close()
     return 0
@@ -297,37 +286,36 @@ def _check_address(host: str, port: int) -> None:
         ) from error
 
 
-def _source(options: PlayOptions) -> tuple[CommandSource, float]:
+def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, float]:
     """Return what to command, and for how long [s].
 
     Raises:
-        ConfigError: if commands and a port to listen on are both given, or the port cannot be used.
-        CommandError: if a value is out of range, or if values and a script are both given.
+        ConfigError: if two things command the robot, or the port to listen on cannot be used.
+        CommandError: if a value is out of range.
         TargetError: if only one hand has a target, or a target is not finite.
         MotionFileError: if the motion file cannot be used.
     """
+    commands, forever = options.command, UNWATCHED_DURATION if viewer == "none" else np.inf
     if options.listen is not None:
-        _refuse_beside("--listen", "the other program gives the commands", options, (*_COMMANDING, "script"))
+        others = [name for name in options.commanding if name != "listen"]
+        _refuse_beside("--listen", "the other program gives the commands", others)
         listening = SocketSource(options.listen)
         say(f"listening on UDP port {listening.port} of this machine")
-        return listening, options.duration or (HEADLESS_DURATION if options.headless else np.inf)
-    values = {name: getattr(options, name) for name in COMMAND_NAMES if getattr(options, name) is not None}
+        return listening, options.duration or forever
     if options.script is not None:
-        others = [
-            *values,
-            *(name for name in ("gait", "motion", "left_hand", "right_hand") if getattr(options, name) is not None),
-        ]
-        if others:
-            raise CommandError(f"a script and {', '.join(others)} are both given; give one or the other")
+        others = [name for name in options.commanding if name != "script"]
+        _refuse_beside("--script", "give one or the other", others)
         plan = load_plan(options.script)
         if isinstance(plan, Behaviour):
             return BehaviourSource(plan), options.duration or LONGEST
         return plan, options.duration or plan.duration
+    values = {name: value for name, value in commands.given.items() if name in COMMAND_NAMES}
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
-    gait = Gait.parse(options.gait) if options.gait else Gait.WALKING if moving else Gait.STANDING
+    gait = Gait.parse(commands.gait) if commands.gait else Gait.WALKING if moving else Gait.STANDING
     command = Command.from_mapping(values, gait).validate()
     if options.motion is not None:
-        _refuse_beside("--motion", "a motion moves both arms", options, ("left_hand", "right_hand"))
+        hands = [name for name in ("left_hand", "right_hand") if name in commands.given]
+        _refuse_beside("--motion", "a motion moves both arms", hands)
         if options.motion.suffix.lower() == WHOLE_BODY:
             return _whole_body(options, options.motion)
         motion = load_motion(options.motion)
@@ -335,7 +323,7 @@ def _source(options: PlayOptions) -> tuple[CommandSource, float]:
             motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
         )
         return Script(motion.name, (segment,)), options.duration or motion.duration
-    return Constant(command, _hands(options)), options.duration or (HEADLESS_DURATION if options.headless else np.inf)
+    return Constant(command, _hands(commands)), options.duration or forever
 
 
 def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource, float]:
@@ -345,7 +333,7 @@ def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource
         ConfigError: if commands are given as well, or the library that reads the file is not installed.
         MotionFileError: if the file cannot be used.
     """
-    _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", options, ("gait", *COMMAND_NAMES))
+    _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", list(options.command.given))
     motion = load_whole_body_motion(path)
     say("no command follows the roll of the trunk, the steps of the feet and the directions of hands and head")
     if motion.unused:
@@ -353,7 +341,7 @@ def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource
     return motion, options.duration or motion.duration
 
 
-def _hands(options: PlayOptions) -> HandTargets | None:
+def _hands(options: CommandOptions) -> HandTargets | None:
     if options.left_hand is None and options.right_hand is None:
         return None
     if options.left_hand is None or options.right_hand is None:

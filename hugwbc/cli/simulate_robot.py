@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import tyro
 
-from hugwbc.cli.output import parse, say, say_arena
+from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
@@ -58,12 +58,11 @@ class SimulateRobotOptions:
     seed: int = 0
     """Seed of the sensors' errors, of the packets' fates and of the objects."""
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
-    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse the options and simulate; return the exit code."""
-    options = parse(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
+    options = parse_settings(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
     say_arena(options.arena)
     if options.start not in STARTS:
         raise ConfigError(f"start is '{options.start}'; give one of {', '.join(STARTS)}")

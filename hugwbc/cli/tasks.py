@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import tyro
 
-from hugwbc.cli.output import output_folder, parse, progress, say, say_arena
+from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
@@ -35,12 +35,11 @@ class TasksOptions:
     seed: int = 0
     """With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on."""
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
-    """Robot, drives, sensors and ground (docs/arena.md)."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse, then list or record."""
-    options = parse(TasksOptions, words, "tasks", TasksOptions.__doc__)
+    options = parse_settings(TasksOptions, words, "tasks", TasksOptions.__doc__)
     if not options.task or len(set(options.task)) < len(options.task):
         raise ConfigError(f"tasks are {', '.join(options.task) or 'none'}; give at least one, each once")
     if options.record is None:

@@ -52,13 +52,12 @@ class RealTime:
         self._begin += duration
 
 
-def open_view(name: str, *, scene: Scene | None = None, browser: bool = True, tell: Tell = print) -> Draw:
+def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
     """Open a live meshcat page with one robot, which only this machine can reach.
 
     Args:
         name: name of the controller.
         scene: objects around the robot, as drawn; None for none.
-        browser: whether to open the page in the browser.
         tell: receives the address of the page.
 
     Returns:
@@ -70,7 +69,7 @@ def open_view(name: str, *, scene: Scene | None = None, browser: bool = True, te
     visualizer, address = open_visualizer()
     picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
     tell(f"watch at {address}; Ctrl-C stops")
-    if browser and webbrowser.open(address):
+    if webbrowser.open(address):
         time.sleep(PAGE_LOAD_TIME)
 
     def draw(moment: Moment) -> None:

@@ -1,4 +1,4 @@
-"""`hugwbc docs` and `hugwbc scripts`: what comes with the package can be listed and read."""
+"""`hugwbc docs`: what comes with the package can be listed and read."""
 
 import pathlib
 
@@ -52,14 +52,14 @@ def test_an_installation_without_documents_says_so(monkeypatch, tmp_path):
 
 
 def test_scripts_are_listed_and_printed(capsys):
-    assert main(["scripts"]) == 0
+    assert main(["docs"]) == 0
     printed = capsys.readouterr().out
     assert all(f"{name} " in printed for name in SCRIPT_NAMES) and "Stand still." in printed
-    assert main(["scripts", "wave"]) == 0
+    assert main(["docs", "wave"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["segments"]
-    assert "cup" in printed and main(["scripts", "fetch_cup"]) == 0
+    assert "cup" in printed and main(["docs", "fetch_cup"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["steps"]
-    assert main(["scripts", "wav"]) == 2
+    assert main(["docs", "wav"]) == 2
     assert "Did you mean 'wave'?" in capsys.readouterr().err
 
 

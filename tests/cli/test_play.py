@@ -14,7 +14,7 @@ from hugwbc.scripts.script import Script
 
 
 def test_play_stands_up_again_after_a_fall(capsys):
-    assert main(["play", "--controller", "hold", "--headless", "--duration", "4"]) == 0
+    assert main(["play", "--controller", "hold", "--viewer", "none", "--duration", "4"]) == 0
     text = capsys.readouterr().out
     assert text.count("standing up again") >= 2
     assert "hold: 4.0 s simulated" in text
@@ -31,7 +31,7 @@ def test_play_stands_up_again_after_a_fall(capsys):
     ],
 )
 def test_a_velocity_means_walking_unless_a_gait_is_given(options, gait):
-    source, duration = play._source(play.PlayOptions(**options, duration=3.0))
+    source, duration = play._source(play.PlayOptions(command=play.CommandOptions(**options), duration=3.0))
     assert isinstance(source, Constant)
     assert source.command.gait is gait and duration == 3.0
     for name in options.keys() - {"gait"}:
@@ -44,28 +44,40 @@ def test_a_script_plays_for_its_duration_with_its_hands():
 
 
 def test_hands_are_held_where_they_are_told_to():
-    source, _ = play._source(play.PlayOptions(left_hand=(0.3, 0.2, 0.1), right_hand=(0.3, -0.2, 0.1)))
+    source, _ = play._source(
+        play.PlayOptions(command=play.CommandOptions(left_hand=(0.3, 0.2, 0.1), right_hand=(0.3, -0.2, 0.1)))
+    )
     hands = source.hands_at(1.0)
     assert hands is not None and hands.frame == "pelvis"
     assert hands.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
 
 
 def test_play_on_the_estimate_of_noisy_sensors(capsys):
-    options = ["play", "--controller", "qp", "--v-x", "0.4", "--headless", "--duration", "2", "--sensing", "robot"]
+    options = [
+        "play",
+        "--controller",
+        "qp",
+        "--v-x",
+        "0.4",
+        "--viewer",
+        "none",
+        "--duration",
+        "2",
+        "--sensing",
+        "robot",
+    ]
     assert main(options) == 0
     assert "2.0 s simulated, 0 falls" in capsys.readouterr().out
 
 
 def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
-    assert (
-        main(["play", "--controller", "hold", "--headless", "--duration", "0.2", "--scene", "parcel", "--seed", "4"])
-        == 0
-    )
+    unwatched = ["play", "--controller", "hold", "--viewer", "none", "--scene"]
+    assert main([*unwatched, "parcel", "--seed", "4", "--duration", "0.2"]) == 0
     assert "hold: 0.2 s simulated, 0 falls" in capsys.readouterr().out
     path = tmp_path / "mine.yaml"
     path.write_text("objects:\n  - {kind: door, name: exit}\n")
-    assert main(["play", "--controller", "hold", "--headless", "--scene", str(path)]) == 2
-    assert "mine.yaml:2:5: door field 'hinge' is missing" in capsys.readouterr().err
+    assert main([*unwatched, str(path)]) == 2
+    assert "mine.yaml:2:5: Scene.objects.0.hinge is missing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -77,13 +89,13 @@ def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
     ],
 )
 def test_a_task_beside_something_else_is_refused(words, message, capsys):
-    assert main(["play", "--headless", *words]) == 2
+    assert main(["play", "--viewer", "none", *words]) == 2
     assert message in capsys.readouterr().err
 
 
 def test_a_task_is_played(capsys, standing_task):
     path = standing_task("Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0))")
-    assert main(["play", "--task", str(path), "--controller", "hold", "--headless", "--sensing", "exact"]) == 0
+    assert main(["play", "--task", str(path), "--controller", "hold", "--viewer", "none", "--sensing", "exact"]) == 0
     out = capsys.readouterr().out
     assert "stand with hold, seed 0: not done: the robot did not fly" in out and "score: 0.00" in out
 
@@ -91,34 +103,36 @@ def test_a_task_is_played(capsys, standing_task):
 def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
     (motion,) = generate_motions(seed=3, count=1, duration=1.0)
     motion.save(tmp_path / "wave.npz")
-    source, duration = play._source(play.PlayOptions(motion=tmp_path / "wave.npz", v_x=0.3))
+    source, duration = play._source(
+        play.PlayOptions(motion=tmp_path / "wave.npz", command=play.CommandOptions(v_x=0.3))
+    )
     assert duration == 1.0 and source.command_at(1.0).v_x == pytest.approx(0.3)
     hands = source.hands_at(0.5)
     assert hands is not None and hands.joints is not None
     np.testing.assert_allclose(hands.joints, motion.at(0.5)[0])
     for words in (["--motion", str(tmp_path / "none.npz")], ["--motion", str(tmp_path)]):
-        assert main(["play", "--headless", *words]) == 2
+        assert main(["play", "--viewer", "none", *words]) == 2
         assert str(tmp_path) in capsys.readouterr().err
-    assert main(["play", "--headless", "--motion", "wave.npz", "--script", "walk"]) == 2
+    assert main(["play", "--viewer", "none", "--motion", "wave.npz", "--script", "walk"]) == 2
     assert "motion" in capsys.readouterr().err
 
 
 def test_a_whole_body_clip_is_danced_and_its_error_told(tmp_path, capsys, monkeypatch):
     path = write_bvh(tmp_path / "twist.bvh", lambda t: {"Spine": (0, 0, 70.0)})
-    assert main(["play", "--headless", "--controller", "hold", "--motion", str(path), "--duration", "1.5"]) == 0
+    assert main(["play", "--viewer", "none", "--controller", "hold", "--motion", str(path), "--duration", "1.5"]) == 0
     out = capsys.readouterr().out
     assert "not used of twist.bvh: Hips, Spine, Head" in out
     assert re.search(r"^w +12\.70 deg +\d", out, re.MULTILINE), "70 degrees of the 57.3 that the range allows"
     assert re.search(r"^hands +\d+\.\d\d cm +\d", out, re.MULTILINE)
-    assert main(["play", "--headless", "--motion", str(path), "--v-x", "0.3"]) == 2
+    assert main(["play", "--viewer", "none", "--motion", str(path), "--v-x", "0.3"]) == 2
     assert "--motion *.bvh and v_x are both given" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "pybvh", None)
-    assert main(["play", "--headless", "--motion", str(path)]) == 2
+    assert main(["play", "--viewer", "none", "--motion", str(path)]) == 2
     assert "run `pip install 'hugwbc[motion]'`" in capsys.readouterr().err
 
 
 def test_a_port_in_use_and_a_folder_that_cannot_be_written_are_refused(tmp_path, capsys):
-    common = ["play", "--live", "--no-browser", "--controller", "hold", "--duration", "0.1"]
+    common = ["play", "--viewer", "live", "--controller", "hold", "--duration", "0.1"]
     with socket.create_server(("127.0.0.1", 0)) as other:
         assert main([*common, "--port", str(other.getsockname()[1])]) == 2
     assert "give another one, or 0" in capsys.readouterr().err
@@ -127,3 +141,31 @@ def test_a_port_in_use_and_a_folder_that_cannot_be_written_are_refused(tmp_path,
     assert "give a folder that can be written" in capsys.readouterr().err
     assert main([*common, "--out", str(tmp_path / "new")]) == 0
     assert not (tmp_path / "new").exists(), "nothing was recorded"
+
+
+def test_the_live_page_is_for_a_person_and_meshcat_for_what_commands_the_robot(monkeypatch, capsys):
+    walk = play.CommandOptions(v_x=0.3)
+    assert play._viewer(play.PlayOptions()) == "live"
+    assert play._viewer(play.PlayOptions(command=walk)) == play._viewer(play.PlayOptions(task="fetch_box")) == "meshcat"
+    assert play._viewer(play.PlayOptions(viewer="none")) == "none"
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert play._viewer(play.PlayOptions()) == "meshcat"
+    assert "pip install 'hugwbc[live]'" in capsys.readouterr().out
+
+
+def test_without_a_browser_the_address_and_why_are_printed(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    assert main(["play", "--controller", "hold", "--duration", "0.1", "--out", str(tmp_path / "new")]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"drive at http://127\.0\.0\.1:\d+", printed) and "this machine has no browser" in printed
+
+
+def test_the_help_fits_one_screen_and_leaves_nothing_out(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    with pytest.raises(SystemExit):
+        main(["play", "--help"])
+    short = capsys.readouterr().out
+    assert len(short.splitlines()) <= 42 and "arena    --robot --drives --sensing --ground" in short
+    with pytest.raises(SystemExit):
+        main(["play", "--help-all"])
+    assert "Forward velocity [m/s]" in capsys.readouterr().out

@@ -11,7 +11,7 @@ from hugwbc.learned.policy import checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_contract import policy_contract
 
-PLAY = ["play", "--headless", "--duration", "0.1", "--policy"]
+PLAY = ["play", "--viewer", "none", "--duration", "0.1", "--policy"]
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert main(words) == 2
     assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
-    assert main(["play", "--headless", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
+    assert main(["play", "--viewer", "none", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
 
 
 def test_a_refused_training_leaves_no_folder(tmp_path, capsys):

@@ -383,7 +383,7 @@ def test_a_task_is_started_from_the_menu_and_stopped(driven, browser_page):
 
 @pytest.mark.slow
 def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_next_one(browser, tmp_path):
-    words = ["play", "--live", "--no-browser", "--controller", "qp", "--out", str(tmp_path)]
+    words = ["play", "--viewer", "live", "--controller", "qp", "--out", str(tmp_path)]
     command = [sys.executable, "-u", "-m", "hugwbc.cli", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as play:
         lines = iter(play.stdout)

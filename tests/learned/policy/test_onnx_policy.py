@@ -64,7 +64,7 @@ def test_it_is_a_controller_by_its_path(exported, capsys):
     spec = ControllerSpec(str(exported))
     assert spec.label == "mine" and spec.training == load_policy().metadata["training"]["config"]["env"]["intervention"]
     assert spec.build().name == "learned" and ControllerSpec("learned", str(exported)).build().period == 0.02
-    assert main(["play", "--controller", str(exported), "--headless", "--duration", "0.2", "--v-x", "0.3"]) == 0
+    assert main(["play", "--controller", str(exported), "--viewer", "none", "--duration", "0.2", "--v-x", "0.3"]) == 0
     with pytest.raises(ConfigError, match="takes no policy because it is one"):
         ControllerSpec(str(exported), "h1")
 
