@@ -30,7 +30,6 @@ from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
-from hugwbc.viz.page_guard import HOST
 from hugwbc.viz.show import at_real_time, open_view, run_live
 
 UNWATCHED_DURATION = 10.0  # [s]
@@ -76,7 +75,7 @@ class CommandOptions:
 class PageOptions:
     """The live page."""
 
-    host: str = HOST
+    host: str = "127.0.0.1"
     """Host on which to serve it."""
     port: int = 0
     """Its port; 0 for any free port."""

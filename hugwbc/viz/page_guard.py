@@ -6,10 +6,10 @@ name point to 127.0.0.1 and so count as the same site (then `Host` has that name
 """
 
 import contextlib
-import functools
 import http
 import ipaddress
 import threading
+import types
 import urllib.parse
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, Protocol
@@ -83,18 +83,21 @@ def _hostname(url: str) -> str | None:
 
 @contextlib.contextmanager
 def guarded(*, any_host: bool, addition: Addition | None = None) -> Iterator[None]:
-    """Make a web socket server that starts within this context refuse what `refusal` refuses.
+    """Make a viser server that starts within this context refuse what `refusal` refuses.
 
-    viser starts its server in its constructor and offers no hook to check requests, so the function that starts servers
-    is replaced for the time of the context.
+    viser starts its server in its constructor and has no option to check requests. For the time of the context viser
+    alone, and no other user of websockets, finds a `serve` that checks them. If viser did not use it, its requests
+    would go unchecked, and a ConfigError says so.
 
     Args:
         any_host: whether requests may call this machine by any name.
         addition: what the server offers besides viser's page, behind the same checks; None for nothing.
     """
-    original, started = server.serve, []
+    from viser.infra import _infra
 
-    @functools.wraps(original)
+    infra: Any = _infra
+    started = []
+
     def serve(
         handler: Handler,
         *arguments: Any,  # noqa: ANN401  as websockets'
@@ -113,16 +116,23 @@ def guarded(*, any_host: bool, addition: Addition | None = None) -> Iterator[Non
 
         started.append(True)
         both = handler if addition is None else addition.handler(handler)
-        return original(both, *arguments, process_request=checked, **options)
+        return server.serve(both, *arguments, process_request=checked, **options)
 
     with _starting:
-        server.serve = serve  # type: ignore[assignment,misc]
+        websockets = infra.websockets
+        checking = _with(websockets, asyncio=_with(websockets.asyncio, server=_with(server, serve=serve)))
+        infra.websockets = checking
         try:
             yield
         finally:
-            server.serve = original  # type: ignore[misc]
+            infra.websockets = websockets
     if not started:
         raise ConfigError("this version of viser starts its server in another way; install the one of constraints.txt")
+
+
+def _with(module: types.ModuleType, **names: Any) -> Any:  # noqa: ANN401  what is used like a module
+    """Return what has the names of a module, with some in place of its own; the module stays as it is."""
+    return types.SimpleNamespace(**{**vars(module), **names})
 
 
 def page_address(host: str, port: int) -> str:
