@@ -1,7 +1,7 @@
 """Run a policy that `hugwbc export` wrote with onnxruntime and MuJoCo alone: a pattern for other simulators and robots.
 
 Nothing of hugwbc is imported. The file holds the network and, as JSON in its metadata, a contract: observations,
-scales, gains, the nominal pose, the gait's clock. This script walks ahead; drives are ideal.
+scales, gains, the pose at action 0 (docs/evaluation.md). This script walks ahead; drives are ideal.
 
     hugwbc export --out h1.onnx
     python examples/11_onnx_only.py --policy h1.onnx --model models/h1/h1.xml --v-x 0.5
@@ -17,34 +17,42 @@ import numpy as np
 import onnxruntime
 
 LOWEST = 0.6  # [m], height of the pelvis below which the robot has fallen
+LEG = 0.8  # [m], from the hip to the ankle of a straight leg
+LEFT_FOOT = 0.5  # of a walking cycle, by which the left foot is ahead of the right one
+COMMANDS = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")  # of the term "command"
+NEUTRAL = dict.fromkeys(COMMANDS, 0.0) | {"f": 2.0, "l": 0.15}
+
+
+def scales(contract: dict, group: str) -> dict:
+    """Return the scale of each term of one of the network's inputs."""
+    return {term["term"]: np.array(term["scale"]) for term in contract[group]}
 
 
 def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
     """Return what the network reads of a walking command: scaled values, the gait, clocks of both feet, indicator."""
-    scaled = [command[name] * contract["command_scales"][name] for name in contract["command_names"]]
-    angle = 2.0 * math.pi * (phase + np.array([contract["gait"]["walking_offset_of_left_foot"], 0.0]))
-    values = contract["gait"]["values"]
-    chosen = [float(value == values["walking"]) for value in sorted(values.values())]
-    return np.array([[*scaled, *chosen, *np.sin(angle), *np.cos(angle), 0.0]], dtype=np.float32)
+    scaled = scales(contract, "command")["command"] * [command[name] for name in COMMANDS]
+    angle = 2.0 * math.pi * (phase + np.array([LEFT_FOOT, 0.0]))
+    walking = [0.0, 1.0, 0.0, 0.0, 0.0]  # of standing, walking, jumping, hopping left, hopping right
+    return np.array([[*scaled, *walking, *np.sin(angle), *np.cos(angle), 0.0]], dtype=np.float32)
 
 
 def asked(contract: dict, command: dict) -> dict:
     """Return what to ask the network for, by the contract's curves, so that it executes a walking command."""
-    curves = contract.get("feed_forward", {}).get("walking", {})
+    curves = contract["feed_forward"].get("walking", {})
     return command | {name: float(np.interp(command[name], *np.transpose(curve))) for name, curve in curves.items()}
 
 
 def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
-    """Return what the contract adds to the joint targets: legs that squat, lean, and lift their feet by the clock."""
-    names, nominal = contract["joint_names"], contract["nominal"]
+    """Return what is added to the joint targets: legs that squat, lean, and lift their feet by the clock."""
+    names, nominal = contract["joints"], contract["default_pose"]
     result = np.zeros(len(names))
-    squat, swing, length = contract["squat_gain"], contract["swing_gain"], contract["leg_length"]
-    for side, offset in (("left", contract["gait"]["walking_offset_of_left_foot"]), ("right", 0.0)):
+    squat, swing = contract["squat_gain"], contract["swing_gain"]
+    for side, offset in (("left", LEFT_FOOT), ("right", 0.0)):
         later = phase + command["f"] * contract["period"] + offset
         u = 1.0 - abs(later % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex
         height = command["l"] * u**3 * (10.0 - 15.0 * u + 6.0 * u**2) if u > 0.0 else 0.0
         hip, knee, ankle = (names.index(f"{side}_{part}_joint") for part in ("hip_pitch", "knee", "ankle"))
-        share = math.cos(nominal[knee] / 2.0) + (squat * command["h"] - swing * height) / length
+        share = math.cos(nominal[knee] / 2.0) + (squat * command["h"] - swing * height) / LEG
         bend = math.acos(min(share, 0.98)) - nominal[knee] / 2.0
         result[hip], result[knee], result[ankle] = -bend - squat * command["p"], 2.0 * bend, -bend
     return result
@@ -52,32 +60,32 @@ def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
 
 def frame(contract: dict, data: mujoco.MjData, action: np.ndarray) -> np.ndarray:
     """Return what the network reads of the robot now: turning, gravity, joints, last action."""
-    scale = [part["scale"] for part in contract["proprioception"]]
     down = data.body("pelvis").xmat.reshape(3, 3).T @ [0.0, 0.0, -1.0]
-    parts = (data.qvel[3:6], down, data.qpos[7:26] - contract["nominal"], data.qvel[6:25], action)
-    return np.concatenate([s * part for s, part in zip(scale, parts, strict=True)]).astype(np.float32)
+    parts = (data.qvel[3:6], down, data.qpos[7:26] - contract["default_pose"], data.qvel[6:25], action)
+    scaled = [s * part for s, part in zip(scales(contract, "observation").values(), parts, strict=True)]
+    return np.concatenate(scaled).astype(np.float32)
 
 
 def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> mujoco.MjData:
     """Walk ahead at v_x [m/s] for a time [s], and return the robot at the end, or where it fell."""
     session = onnxruntime.InferenceSession(policy, providers=["CPUExecutionProvider"])
     contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
-    if [model.actuator(i).name for i in range(model.nu)] != contract["joint_names"]:
+    if [model.actuator(i).name for i in range(model.nu)] != contract["joints"]:
         raise ValueError("the model's actuators are not the joints of the contract, in its order")
     # MuJoCo's position actuators are the PD law tau = kp (target - q) - kd dq.
     model.actuator_gainprm[:, 0] = contract["kp"]
     model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -np.array(contract["kp"]), -np.array(contract["kd"])
-    data, command = mujoco.MjData(model), asked(contract, contract["command_defaults"] | {"v_x": v_x})
+    data, command = mujoco.MjData(model), asked(contract, NEUTRAL | {"v_x": v_x})
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
     action, phase = np.zeros(model.nu), 0.0
-    history = np.tile(frame(contract, data, action), (contract["history_frames"], 1))
+    history = np.tile(frame(contract, data, action), (contract["history"]["frames"], 1))
     for _ in range(round(duration / contract["period"])):
         history = np.vstack((history[1:], frame(contract, data, action)))
         phase = (phase + command["f"] * contract["period"]) % 1.0
         inputs = {"history": history.reshape(1, -1), "command": command_row(contract, command, phase)}
         action = np.asarray(session.run(["action"], inputs)[0])[0]
-        data.ctrl[:] = contract["nominal"] + np.array(contract["action_scale"]) * action
+        data.ctrl[:] = contract["default_pose"] + np.array(contract["action_scale"]) * action
         data.ctrl[:] += feed_forward(contract, command, phase)
         mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
         if not data.qpos[2] > LOWEST:

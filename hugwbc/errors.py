@@ -51,10 +51,6 @@ class PolicyFileError(HugwbcError):
     """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
 
 
-class ContractError(HugwbcError):
-    """A contract of a foreign policy that cannot be read or is not valid; names file and line."""
-
-
 class RecipeError(HugwbcError):
     """A recipe that cannot be read or is not valid, or a run of one that cannot go on."""
 

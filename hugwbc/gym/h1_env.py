@@ -15,7 +15,7 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.own_terms import own_terms
+from hugwbc.learned.policy.terms import further_terms
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
@@ -26,8 +26,8 @@ ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.flo
 
 
 def observation_space(config: EnvConfig) -> spaces.Box:
-    """Return the observation space of a robot, including terms of other packages."""
-    size = _SIZE + obs.size_of(own_terms(config.observations))
+    """Return the observation space of a robot, including terms besides the paper's."""
+    size = _SIZE + obs.size_of(further_terms(config.observations))
     return spaces.Box(-_LARGEST, _LARGEST, (size,), np.float32)
 
 

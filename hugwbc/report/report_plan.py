@@ -10,7 +10,7 @@ from hugwbc.evaluation.engine import Cell, CellResult
 from hugwbc.evaluation.protocols import all_protocols
 from hugwbc.evaluation.protocols.intervention import TRAINED
 from hugwbc.learned.policy import shipped_policies
-from hugwbc.learned.policy.policy_contract import versions
+from hugwbc.learned.policy.records import versions
 from hugwbc.report.profiles import profile_cells
 from hugwbc.report.report_page import Report, all_figures
 from hugwbc.report.training_curve import TRAINING_FILE, read_training

@@ -1,4 +1,4 @@
-"""Controllers by name or path, as on the command line: built-in, the user's own, policy folder, or foreign policy.
+"""Controllers by name or path, as on the command line: built-in, the user's own, or a policy.
 
 A controller of the user's own is an entry point in the group `hugwbc.controllers`, or `FILE.py:NAME`: a callable that
 returns an object with the members of `hugwbc.controller.Controller`. If the callable has a parameter `policy`, it
@@ -26,9 +26,8 @@ from hugwbc import extensions
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
+from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
-from hugwbc.runtime.foreign.contract_file import CONTRACT_FILE, CONTRACT_NAMES, contract_path, load_contract
-from hugwbc.runtime.foreign.network import SUFFIXES
 from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
 from hugwbc.state import RobotState
 
@@ -41,7 +40,7 @@ _OURS = {
 }
 _PATHS = "FILE.py:NAME, the path of a policy folder or file (.safetensors, .onnx), or of a contract (.yaml)"
 _KIND = "controller"
-_EXPORTED = ".onnx"
+_CONTRACTS = (".yaml", ".yml")
 
 
 class HoldController:
@@ -63,33 +62,28 @@ class HoldController:
         return override_arms(JointCommand.position(self.robot, np.asarray(q)), upper_body, self.robot)
 
 
-def learned_controller(policy: str | pathlib.Path | None = None) -> Controller:
-    """Load the HugWBC policy.
+def learned_controller(
+    policy: str | pathlib.Path | None = None, network: str | pathlib.Path | None = None
+) -> Controller:
+    """Load a policy, ours or another project's.
 
     Args:
-        policy: name of a shipped policy, a policy file or its folder, or an ONNX file that `hugwbc export` wrote; None
-            for the default policy.
+        policy: name of a shipped policy or contract, a policy file or its folder, an ONNX file that `hugwbc export`
+            wrote, or a contract; None for the default policy.
+        network: for a contract, the file of its network; None for the one that it names.
 
     Raises:
-        ConfigError: if torch is needed and not installed.
-        PolicyFileError: if the policy file is missing, truncated or foreign.
+        UnknownNameError: if there is no such policy.
+        ConfigError: if torch is needed and not installed, or a contract is malformed.
+        PolicyFileError: if a file is missing or damaged, or the network does not fit its contract.
     """
-    if policy is not None and pathlib.Path(policy).suffix == _EXPORTED:
-        from hugwbc.learned.policy.onnx_policy import load_onnx_policy
+    from hugwbc.learned.policy import network_policy
 
-        return load_onnx_policy(policy)
-    _require_torch()
-    from hugwbc.learned.policy import load_policy
-
-    return load_policy() if policy is None else load_policy(policy)
-
-
-def _require_torch() -> None:
-    """Refuse to read a policy without torch.
-
-    Raises:
-        ConfigError: if torch or safetensors is not installed.
-    """
+    path = policy_file(DEFAULT_POLICY if policy is None else policy)
+    if path.suffix in _CONTRACTS:
+        return network_policy.load_contract_policy(path, network)
+    if path.suffix == ".onnx":
+        return network_policy.load_onnx_policy(path)
     try:
         importlib.import_module("torch")
         importlib.import_module("safetensors")
@@ -98,6 +92,9 @@ def _require_torch() -> None:
             f"the learned policy needs {error.name}, which is not installed: run `pip install 'hugwbc[learned]'`. "
             "Without torch, the controller qp works, and a policy that `hugwbc export` wrote (--controller policy.onnx)"
         ) from error
+    from hugwbc.learned.policy import load_policy
+
+    return load_policy(path)
 
 
 def load_controller(
@@ -106,20 +103,7 @@ def load_controller(
     robot: str | None = None,
     drives: str | None = None,
 ) -> Controller:
-    """Build a controller.
-
-    Args:
-        name: one of `controller_names()`, `FILE.py:NAME`, or the path of a policy or contract (`ControllerSpec`).
-        policy: name of a shipped policy or path of a policy, for a controller that takes one.
-        robot: name of the robot that a model-based controller is told, such as "h1-2023"; None for the default one.
-        drives: drives that it is told, "real" or "ideal"; None for real ones.
-
-    Raises:
-        UnknownNameError: if neither a controller nor a file has that name, or no robot or drives have theirs.
-        ConfigError: if the controller does not take a policy, or is told no robot.
-        ContractError: if a contract is malformed.
-        PolicyFileError: if a policy file is missing, truncated or foreign.
-    """
+    """Build a controller; arguments and errors are those of `ControllerSpec` and its `build`."""
     return ControllerSpec(name, policy, robot, drives).build()
 
 
@@ -134,8 +118,8 @@ def plugins() -> dict[str, EntryPoint]:
 
 
 def controller_names() -> tuple[str, ...]:
-    """Return the names of the registered controllers and of the shipped contracts of foreign policies."""
-    return (*plugins(), *CONTRACT_NAMES)
+    """Return the names of the registered controllers and of the shipped contracts of other projects' policies."""
+    return (*plugins(), *shipped_contracts())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,10 +127,10 @@ class ControllerSpec:
     """A controller by name or path, cheap to send to another process that builds it.
 
     Attributes:
-        name: one of `controller_names()`, `FILE.py:NAME` for a class or function in a Python file, the path of a policy
-            file or its folder, or the path of a foreign policy's contract or of a folder with a `contract.yaml`.
-        policy: for the learned controller, the name of a shipped policy or the path of a policy file; for a foreign
-            policy, the file of its network; for one of the user's own, whatever it takes; None for the default.
+        name: one of `controller_names()`, `FILE.py:NAME` for a class or function in a Python file, or a policy: its
+            file or folder, or the contract of another project's policy.
+        policy: for the learned controller, the name of a shipped policy or the path of a policy; for a contract, the
+            file of its network; for one of the user's own, whatever it takes; None for the default.
         robot: name of the robot that the controller is told, for one that takes a robot; None for the default. The
             simulated robot may be another one.
         drives: drives that it is told, "real" or "ideal"; None for the default, real ones.
@@ -158,10 +142,15 @@ class ControllerSpec:
     drives: str | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in controller_names():
-            self._check_path(pathlib.Path(self.name))
-        if self.policy is not None and not self._is_foreign:
-            self._check_policy()
+        path = None if self.name in plugins() or extensions.names_object(self.name) else self._check_path()
+        if path is None and (self.policy is not None or self.name not in plugins()):
+            if not _takes(self._factory, "policy") and self.policy is not None:
+                raise ConfigError(
+                    f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
+                    "takes one, such as learned"
+                )
+        elif self.policy is not None and path is not None and path.suffix not in _CONTRACTS:
+            raise ConfigError(f"controller '{self.name}' takes no policy because it is one; leave out '{self.policy}'")
         given = [f"'{word}'" for word in (self.robot, self.drives) if word is not None]
         if given:
             _ = self._known_robot
@@ -171,29 +160,33 @@ class ControllerSpec:
                     f"training; leave out {' and '.join(given)}, or choose a controller that takes a robot, such as qp"
                 )
 
-    def _check_path(self, path: pathlib.Path) -> None:
-        """Refuse a name that is no registered one, and neither a path that holds a controller.
+    def _check_path(self) -> pathlib.Path:
+        """Return the file of a policy, after refusing what is none.
 
         Raises:
-            ConfigError: if a path is of a file that is not a controller by itself.
-            UnknownNameError: if there is no such path.
+            ConfigError: if a file is not a controller by itself.
+            UnknownNameError: if there is no such file.
         """
-        if extensions.names_object(self.name):
-            _ = self._factory
-        elif path.suffix == extensions.SUFFIX:
+        from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
+
+        path = pathlib.Path(self.name)
+        if path.suffix == extensions.SUFFIX:
             raise ConfigError(f"{path} is a Python file; say what makes the controller in it: {path}:NAME")
-        elif path.suffix == _EXPORTED:
-            _ = self.training  # a bare network is refused now, and not when a loop is built
-        elif path.suffix in SUFFIXES:
+        if path.suffix in TORCHSCRIPT_SUFFIXES:
             raise ConfigError(
                 f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
             )
-        elif not path.exists():
-            raise UnknownNameError(_KIND, self.name, (*controller_names(), _PATHS))
+        try:
+            path = policy_file(self.name)
+        except UnknownNameError:
+            raise UnknownNameError(_KIND, self.name, (*controller_names(), _PATHS)) from None
+        if path.suffix == ".onnx":
+            learned_controller(path)  # a bare network is refused now, and not when a loop is built
+        return path
 
     @property
-    def _factory(self) -> Callable[..., Any] | None:
-        """What builds a registered controller or one of a Python file; None for a policy.
+    def _factory(self) -> Callable[..., Any]:
+        """What builds the controller.
 
         Raises:
             ConfigError: if it cannot be loaded, or is nothing that could be called.
@@ -204,27 +197,12 @@ class ControllerSpec:
         elif extensions.names_object(self.name):
             factory, origin = extensions.load_object(self.name, _KIND), self.name
         else:
-            return None
+            return functools.partial(learned_controller, self.name, self.policy)
         if not callable(factory):
             raise ConfigError(
                 f"{origin} is a {type(factory).__name__}; give a class, or a function that returns a controller"
             )
         return factory
-
-    def _check_policy(self) -> None:
-        """Refuse a policy that would not be used.
-
-        Raises:
-            ConfigError: if the controller does not take a policy.
-        """
-        factory = self._factory
-        if factory is None:
-            raise ConfigError(f"controller '{self.name}' takes no policy because it is one; leave out '{self.policy}'")
-        if not _takes(factory, "policy"):
-            raise ConfigError(
-                f"controller '{self.name}' takes no policy; leave out '{self.policy}', or choose a controller that "
-                "takes one, such as learned"
-            )
 
     @classmethod
     def parse(cls, words: str) -> "ControllerSpec":
@@ -240,8 +218,7 @@ class ControllerSpec:
         Raises:
             ConfigError: if a controller of the user's own cannot be loaded.
         """
-        factory = self._factory
-        return factory is not None and _takes(factory, "robot")
+        return _takes(self._factory, "robot")
 
     def told(self, arena: Arena) -> "ControllerSpec":
         """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot."""
@@ -272,43 +249,42 @@ class ControllerSpec:
         """Build the controller, ready to `reset`.
 
         Raises:
-            ContractError: if a contract is malformed.
-            PolicyFileError: if a policy file is missing, truncated or foreign.
-            ConfigError: if a controller of the user's own cannot be loaded or is not one.
+            ConfigError: if a contract is malformed, or a controller of the user's own cannot be loaded or is not one.
+            PolicyFileError: if a policy file is missing, damaged or of another version.
         """
-        factory = self._factory
-        if factory is not None:
-            return self._made_by(factory)
-        if self._is_foreign:
-            from hugwbc.runtime.foreign import load_foreign_policy
-
-            return load_foreign_policy(self.name, self.policy)
-        return learned_controller(self.name)
+        factory, entry = self._factory, plugins().get(self.name)
+        told = {"policy": self.policy, "robot": self._known_robot}
+        given = {name: value for name, value in told.items() if _takes(factory, name)}
+        origin = self.name if entry is None else f"controller '{entry.name}' ({entry.value})"
+        try:
+            controller = factory(**given)
+        except HugwbcError:
+            raise
+        except Exception as error:  # the code of somebody else may raise anything
+            if self.name in _OURS:
+                raise
+            raise ConfigError(f"{origin} cannot be built: {extensions.described(error)}") from error
+        _check_members(controller, origin)
+        return controller
 
     @property
-    def _is_foreign(self) -> bool:
-        path = pathlib.Path(self.name)
-        in_folder = path.is_dir() and (path / CONTRACT_FILE).is_file()
-        return self.name in CONTRACT_NAMES or in_folder or path.suffix in (".yaml", ".yml")
+    def _is_own(self) -> bool:
+        """Whether it is a controller of the user's own, registered or in a Python file."""
+        return self.name not in _OURS and (self.name in plugins() or extensions.names_object(self.name))
 
     @property
     def training(self) -> str | None:
         """The paper's kind of arm motion in training; None for a controller that was not trained or does not say.
 
         Raises:
-            PolicyFileError: if a policy file is missing, truncated or foreign.
+            PolicyFileError: if a policy file is missing or damaged.
         """
-        if self._is_foreign or (self._factory is not None and self.name != "learned"):
+        if self._is_own or (self.name in _OURS and self.name != "learned"):
             return None
-        (path,) = self.files()
-        if path.suffix == _EXPORTED:
-            from hugwbc.learned.policy import onnx_policy
+        from hugwbc.learned.policy.records import trained_with
 
-            return onnx_policy.trained_with(path)
-        _require_torch()
-        from hugwbc.learned.policy import trained_with
-
-        return trained_with(path)
+        path, *_ = self.files()
+        return None if path.suffix in _CONTRACTS else trained_with(path)
 
     def identity(self) -> dict[str, Any]:
         """Return what the behaviour depends on, as JSON: name, package, modules, digests of files.
@@ -324,66 +300,39 @@ class ControllerSpec:
         entry = plugins().get(self.name)
         dist = None if entry is None else entry.dist
         package = f"hugwbc {hugwbc.__version__}" if dist is None else f"{dist.name} {dist.version}"
-        own = extensions.names_object(self.name)
-        known = self.label if own else "file"
+        in_file = extensions.names_object(self.name)
+        known = self.label if in_file else "file"
+        # A policy that is no path is a word that only a controller of the user's own knows.
+        word = (
+            None if self.policy is None or not self._is_own or pathlib.Path(self.policy).exists() else str(self.policy)
+        )
+        robot = {"robot": self.robot or DEFAULT_ROBOT, "drives": self.drives or DEFAULT_DRIVES}
         return {
-            "name": self.name if entry is not None or self.name in CONTRACT_NAMES else known,
+            "name": self.name if self.name in controller_names() else known,
             "package": package,
-            "modules": _modules_of(self.files()[0]) if own else [entry.module if entry else __name__],
+            "modules": _modules_of(self.files()[0]) if in_file else [entry.module if entry else __name__],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
-            "policy": self._policy_word,
-            **(self._told_names if self.takes_robot else {}),
+            "policy": word,
+            **(robot if self.takes_robot else {}),
         }
-
-    @property
-    def _told_names(self) -> dict[str, str]:
-        return {"robot": self.robot or DEFAULT_ROBOT, "drives": self.drives or DEFAULT_DRIVES}
-
-    @property
-    def _policy_word(self) -> str | None:
-        """A policy that is neither a file nor a folder, but a word that only a controller of the user's own knows."""
-        ours = self._factory is None or self.name in _OURS
-        given = None if self.policy is None or ours else pathlib.Path(self.policy)
-        return None if given is None or given.exists() else str(self.policy)
 
     def files(self) -> list[pathlib.Path]:
         """Return the files that the controller is built from: contract and network, policy, or the user's code."""
         given = None if self.policy is None else pathlib.Path(self.policy)
-        if self._is_foreign:
-            contract = contract_path(self.name)
-            network = given or load_contract(contract).policy
-            return [contract, *([] if network is None else [network])]
-        from hugwbc.learned.policy import DEFAULT_POLICY, policy_file
+        if self._is_own:
+            code = [extensions.split_object(self.name)[0]] if extensions.names_object(self.name) else []
+            if given is not None and given.is_dir():
+                return code + sorted(path for path in given.rglob("*") if path.is_file())
+            return code if given is None or not given.is_file() else [*code, given]
+        if self.name in _OURS and self.name != "learned":
+            return []
+        path = policy_file(given or DEFAULT_POLICY if self.name == "learned" else self.name)
+        if path.suffix not in _CONTRACTS:
+            return [path]
+        from hugwbc.learned.policy.contract import load_contract
 
-        if self._factory is None:
-            return [policy_file(self.name)]
-        if self.name == "learned":
-            return [policy_file(given or DEFAULT_POLICY)]
-        code = [extensions.split_object(self.name)[0]] if extensions.names_object(self.name) else []
-        if given is not None and given.is_dir():
-            return code + sorted(path for path in given.rglob("*") if path.is_file())
-        return code if given is None or not given.is_file() else [*code, given]
-
-    def _made_by(self, factory: Callable[..., Any]) -> Controller:
-        """Return what a factory makes, after checking that it is a controller.
-
-        Raises:
-            ConfigError: if it is not, or the factory of somebody else fails.
-        """
-        told = {"policy": self.policy, "robot": self._known_robot}
-        given = {name: value for name, value in told.items() if _takes(factory, name)}
-        entry = plugins().get(self.name)
-        origin = self.name if entry is None else f"controller '{entry.name}' ({entry.value})"
-        try:
-            controller = factory(**given)
-        except HugwbcError:
-            raise
-        except Exception as error:  # the code of somebody else may raise anything
-            if self.name in _OURS:
-                raise
-            raise ConfigError(f"{origin} cannot be built: {extensions.described(error)}") from error
-        _check_members(controller, origin)
-        return controller
+        network = load_contract(path).policy if given is None or self.name == "learned" else given
+        return [path] if network is None else [path, network]
 
 
 def _takes(factory: Callable[..., Any], parameter: str) -> bool:

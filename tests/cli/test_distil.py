@@ -16,7 +16,7 @@ def test_a_policy_is_made_from_policies(tmp_path: pathlib.Path, capsys: pytest.C
     teachers = [word for gait in ("--standing", "--walking", "--jumping") for word in (gait, SNAPSHOT)]
     assert main([*words, "--start-from", SNAPSHOT, *teachers]) == 0
     assert "20 labels" in capsys.readouterr().out
-    assert load_policy(tmp_path / "d").metadata["training"]["distillation"]["labels"] == 20
+    assert load_policy(tmp_path / "d").training["distillation"]["labels"] == 20
 
 
 def test_a_gait_without_a_teacher_is_told(capsys: pytest.CaptureFixture[str]) -> None:
@@ -38,4 +38,4 @@ def test_a_signal_keeps_what_was_learnt(
     teachers = [word for gait in ("--standing", "--walking", "--jumping") for word in (gait, SNAPSHOT)]
     assert main([*words, "--start-from", SNAPSHOT, *teachers]) == INTERRUPTED
     assert "stopped after 20 of 200 labels" in capsys.readouterr().out
-    assert load_policy(tmp_path / "d").metadata["training"]["distillation"]["labels"] == 20
+    assert load_policy(tmp_path / "d").training["distillation"]["labels"] == 20

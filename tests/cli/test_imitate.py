@@ -13,7 +13,7 @@ def test_a_policy_is_made_from_the_qp(tmp_path: pathlib.Path, capsys: pytest.Cap
     words = ["imitate", "--out", str(tmp_path / "start"), "--samples", "80", "--env.count", "2", "--updates", "1"]
     assert main(words) == 0
     assert "80 labels" in capsys.readouterr().out
-    assert load_policy(tmp_path / "start").metadata["training"]["steps"] == 80
+    assert load_policy(tmp_path / "start").training["steps"] == 80
 
 
 def test_a_bad_setting_is_told(capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,4 +28,4 @@ def test_ctrl_c_keeps_what_was_learnt(
     words = ["imitate", "--out", str(tmp_path / "start"), "--samples", "800", "--env.count", "2", "--updates", "1"]
     assert main(words) == INTERRUPTED
     assert "stopped after 80 of 800 labels" in capsys.readouterr().out
-    assert load_policy(tmp_path / "start").metadata["training"]["steps"] == 80
+    assert load_policy(tmp_path / "start").training["steps"] == 80

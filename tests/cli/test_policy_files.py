@@ -1,5 +1,6 @@
 """Policy files that are broken in every way, on the command line."""
 
+import dataclasses
 import json
 
 import pytest
@@ -8,8 +9,8 @@ from safetensors.torch import save
 
 from hugwbc.cli import main
 from hugwbc.learned.policy import checkpoint, save_policy
+from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_contract import policy_contract
 
 PLAY = ["play", "--viewer", "none", "--duration", "0.1", "--policy"]
 
@@ -48,14 +49,15 @@ def test_a_flipped_bit_is_noticed(policy, capsys):
 
 def test_a_foreign_file_is_refused(policy, capsys):
     policy.write_bytes(save({"weight": torch.zeros(3)}))
-    assert "this version reads" in refused(policy, capsys)
+    assert "this hugwbc reads" in refused(policy, capsys)
     policy.write_text(json.dumps({"weights": [1, 2, 3]}))
     assert "not a readable safetensors file" in refused(policy, capsys)
 
 
 def test_another_robots_policy_is_refused(policy, capsys):
-    checkpoint.save_file(policy, Actor().state_dict(), "policy", policy_contract() | {"robot": "g1"})
-    assert "robot = g1" in refused(policy, capsys)
+    contract = dataclasses.asdict(policy_contract()) | {"robot": "g1"}
+    checkpoint.save_file(policy, Actor().state_dict(), "policy", {"contract": contract})
+    assert "unknown robot 'g1'" in refused(policy, capsys)
 
 
 def test_a_missing_file_is_refused(tmp_path, capsys):

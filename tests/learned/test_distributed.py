@@ -89,8 +89,8 @@ def test_torchrun_trains_saves_and_resumes(tmp_path: pathlib.Path) -> None:
     output = python(*launcher, *words, "--steps", 128)
     assert "stopped after 2 iterations, 128 steps" in output and output.count("stopped") == 1
     python(*launcher, *words, "--steps", 256, "--resume")
-    assert load_policy(tmp_path).metadata["training"]["iteration"] == 4
-    assert load_policy(tmp_path / "best").metadata["training"]["iteration"] in (2, 4)
+    assert load_policy(tmp_path).training["iteration"] == 4
+    assert load_policy(tmp_path / "best").training["iteration"] in (2, 4)
     own, metadata = checkpoint.load_file(tmp_path / "checkpoint-rank1.safetensors", "robots")
     common, _ = checkpoint.load_file(tmp_path / "checkpoint.safetensors", "checkpoint")
     assert metadata["iteration"] == 4

@@ -54,7 +54,7 @@ def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
         steps = [float(row["steps"]) for row in rows]
         assert steps == sorted(steps)
         # Every tenth iteration is in the curve.
-        assert any(abs(load_policy(name).metadata["training"]["steps"] - step) < 3e5 for step in steps)
+        assert any(abs(load_policy(name).training["steps"] - step) < 3e5 for step in steps)
 
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
@@ -65,7 +65,7 @@ def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> N
         env=EnvConfig(count=8),
     )
     resumed, shipped = Trainer(settings), load_policy("h1")
-    assert resumed.steps == shipped.metadata["training"]["steps"]
+    assert resumed.steps == shipped.training["steps"]
     history, command = torch.randn(5, 315), torch.randn(5, shipped.actor.command_size)
     with torch.no_grad():
         pairs = zip(resumed.ppo.network.actor(history, command), shipped.actor(history, command), strict=True)

@@ -2,8 +2,8 @@ import pytest
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.learned.policy import save_policy
+from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.report.profiles import profile_cells
 from hugwbc.report.report_page import sections
 from hugwbc.runtime.controllers import ControllerSpec

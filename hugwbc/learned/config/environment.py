@@ -11,7 +11,7 @@ from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
 from hugwbc.learned.config.own_settings import registered_curricula, registered_rewards, with_registered
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
-from hugwbc.learned.policy.own_terms import check_names
+from hugwbc.learned.policy.terms import further_terms
 from hugwbc.robot import Robot, load_robot
 
 _FASTEST_HOP = 5.0  # [Hz], at which a control step is a tenth of a cycle
@@ -294,8 +294,8 @@ class EnvConfig:
     noise_interval: int = 90
     """Control steps between two draws of the arm noise."""
     observations: tuple[str, ...] = ()
-    """Observation terms of other packages that the policy reads besides ours, by name (entry points in the group
-    `hugwbc.observations`); docs/how-to/add-an-observation.md."""
+    """Observation terms (`hugwbc.learned.policy.terms.TERMS`) that the policy reads besides the paper's, by name;
+    docs/how-to/add-an-observation.md."""
     command: CommandConfig = dataclasses.field(default_factory=CommandConfig)
     randomization: RandomizationConfig = dataclasses.field(default_factory=RandomizationConfig)
     rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
@@ -308,7 +308,7 @@ class EnvConfig:
     def __post_init__(self) -> None:
         """Check the sizes and the robot's name."""
         load_robot(self.robot)
-        check_names(self.observations)
+        further_terms(self.observations)
         require(0.0 < self.timestep <= 0.01, "env.timestep", self.timestep, "above 0, up to 0.01 s")
         for name in ("count", "substeps", "episode_steps", "noise_interval"):
             value = getattr(self, name)

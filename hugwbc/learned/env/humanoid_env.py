@@ -28,7 +28,7 @@ from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.own_terms import Sensed, own_columns, own_terms
+from hugwbc.learned.policy.terms import Sensed, further_terms, observe
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.batch import BatchSimulation
@@ -61,7 +61,7 @@ class HumanoidEnv:
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
         friction: sliding friction of each robot, shape (n,).
         noise: half-widths of the paper's observation noise, shape (63,).
-        own: observation terms of other packages.
+        own: observation terms besides the paper's.
         sensors: errors of the sensors.
         loads: what the robots carry and what pulls and pushes them.
         bias: errors of v_x, v_y and omega filtered over `BIAS_TIME`, shape (n, 3).
@@ -132,9 +132,9 @@ class HumanoidEnv:
         self._take(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
-        self.own = own_terms(config.observations)
-        self._own_noise = torch.cat([torch.zeros(0), *(torch.full((t.size,), t.noise * t.scale) for t in self.own)])
-        self.noise = obs.noise_amplitude() * config.randomization.noise
+        self.own = further_terms(config.observations)
+        self._own_noise = obs.noise_amplitude(self.own)
+        self.noise = obs.noise_amplitude(obs.FRAME) * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         self.held_foot, self.flight = self._rule(config.held_foot_grace), self._rule(config.flight_grace)
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
@@ -453,7 +453,8 @@ class HumanoidEnv:
     def _frame(self) -> torch.Tensor:
         """Return the proprioceptive frame of the current state with new noise, shape (n, 63)."""
         r = self.sensors.sensed(self.readings)
-        frame = obs.proprioception(r.angular_velocity, r.gravity, r.q - self.body.nominal, r.dq, self.actions[0])
+        sensed = (r.angular_velocity, r.gravity, r.q, r.dq, self.actions[0])
+        frame = torch.from_numpy(observe(obs.FRAME, self._sensed(_ALL, *(value.numpy() for value in sensed))))
         if self.config.randomization.noise > 0.0:
             frame = frame + (2.0 * torch.rand(frame.shape, generator=self.generator) - 1.0) * self.noise
         return frame
@@ -462,9 +463,11 @@ class HumanoidEnv:
         """Return the observations of the current state, of all robots or of some (indices)."""
         r = self.readings
         history = self.history[robots].flatten(1)
-        active = self.intervention.active[robots]
-        command = obs.command_observation(self.command[robots], self.gait[robots], self.bar_phase()[robots], active)
-        own = self._own_columns(robots)
+        sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1].numpy(), self.robot.nominal))
+        command = torch.from_numpy(observe(obs.COMMAND, sensed))
+        own = torch.from_numpy(observe(self.own, sensed))
+        if bool(self._own_noise.any()):
+            own += (2.0 * torch.rand(own.shape, generator=self.generator) - 1.0) * self._own_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
             velocity,
@@ -483,22 +486,10 @@ class HumanoidEnv:
             history, torch.cat((command, own), 1), critic, obs.estimate_target(velocity, clearance, height)
         )
 
-    def _own_columns(self, robots: torch.Tensor | slice) -> torch.Tensor:
-        """Return the terms of other packages, made of the newest frame as a policy reads it, shape (n, their sizes)."""
-        frame = self.history[robots, -1]
-        if not self.own:
-            return frame[:, :0]
-        told = {
-            "command": self.command[robots].numpy(),
-            "gait": self.gait[robots].numpy(),
-            "phases": self.bar_phase()[robots].numpy(),
-            "indicator": self.intervention.active[robots].numpy(),
-        }
-        sensed = Sensed.of_frame(frame.numpy(), self.robot.nominal, **told)
-        columns = torch.from_numpy(own_columns(self.own, sensed))
-        if bool(self._own_noise.any()):
-            columns += (2.0 * torch.rand(columns.shape, generator=self.generator) - 1.0) * self._own_noise
-        return columns
+    def _sensed(self, robots: torch.Tensor | slice, *frame: np.ndarray) -> Sensed:
+        """Return what robots (all, or indices) sense, in the order of `observations.FRAME`, and are told."""
+        told = (self.command, self.gait, self.phase, self.intervention.active)
+        return Sensed(*frame, *(value[robots].numpy() for value in told), pose=self.robot.nominal)
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 

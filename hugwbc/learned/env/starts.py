@@ -12,7 +12,7 @@ from hugwbc.learned.env.command_sampling import uniform
 from hugwbc.learned.env.readings import tensor
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint, observations as obs
-from hugwbc.learned.policy.policy_contract import versions
+from hugwbc.learned.policy.records import versions
 
 STARTS_FILE = "starts.safetensors"
 # Shapes of one recorded state: position and velocity of the simulation, and what the environment keeps of a robot.

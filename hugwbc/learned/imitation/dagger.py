@@ -20,7 +20,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.policy_contract import settings_record, versions
+from hugwbc.learned.policy.records import settings_record, versions
 from hugwbc.learned.rl.trainer import save_product
 from hugwbc.learned.stopping import StoppedError, stopped_by_signals
 

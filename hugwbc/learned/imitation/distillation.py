@@ -25,6 +25,7 @@ from hugwbc.learned.policy import checkpoint, observations
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.snapshots import network_of
+from hugwbc.learned.policy.terms import TERMS
 
 # Speed, angular velocity or roll (or a mixture) from which a standing robot is caught rather than held.
 CATCH_SPEED, CATCH_ANGULAR_VELOCITY, CATCH_ROLL = 0.25, 1.2, 0.2  # [m/s], [rad/s], [rad]
@@ -232,7 +233,7 @@ class Distiller(Dagger[DistillationConfig]):
         label = torch.zeros(self.env.count, ACTION_SIZE)
         command = observation.command.clone()
         asked = self.calibration.commands(self.env.command, gait)
-        command[:, : len(COMMAND_NAMES)] = asked * observations.command_scale()
+        command[:, : len(COMMAND_NAMES)] = asked * torch.tensor(TERMS["command"].scale)
         command = torch.where(right, observations.mirror_command_observation(command), command)
         history = torch.where(right, observations.mirror_history(observation.history), observation.history)
         for name, actor in self.teachers.items():

@@ -15,7 +15,7 @@ from hugwbc.learned.env.starts import STARTS_FILE, StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.imitation.dagger import Dagger
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
-from hugwbc.learned.policy.policy_contract import settings_record
+from hugwbc.learned.policy.records import settings_record
 from hugwbc.learned.rl.cloning import LABELS_FILE, save_labels
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState

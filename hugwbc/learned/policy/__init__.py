@@ -1,6 +1,6 @@
-"""The learned policy: observations, networks, the file with its contract and self-test, and the controller itself.
+"""The learned policy: observation terms, networks, contracts and the files that hold them, and the controller itself.
 
-What needs torch is loaded when it is asked for: paths, contracts and exported networks (`onnx_policy`) do not.
+What needs torch is loaded when it is asked for: paths, contracts and exported networks do not.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -10,11 +10,12 @@ from hugwbc.learned.policy.policy_files import (
     POLICY_FILE,
     policy_dir,
     policy_file,
+    shipped_contracts,
     shipped_policies,
 )
 
 if TYPE_CHECKING:
-    from hugwbc.learned.policy.policy import LearnedController, load_policy, save_policy, trained_with
+    from hugwbc.learned.policy.policy import LearnedController, load_policy, save_policy
 
 __all__ = [
     "DEFAULT_POLICY",
@@ -24,8 +25,8 @@ __all__ = [
     "policy_dir",
     "policy_file",
     "save_policy",
+    "shipped_contracts",
     "shipped_policies",
-    "trained_with",
 ]
 
 

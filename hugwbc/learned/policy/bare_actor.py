@@ -1,6 +1,6 @@
-"""The network of a policy in torch as a function of arrays, without the book-keeping of modules."""
+"""The network of a policy file in torch, without the book-keeping of modules: half of the time for a single robot."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -8,24 +8,10 @@ from torch import nn
 
 from hugwbc.learned.policy.layout import PROPRIOCEPTION_SIZE
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_rows import Network
-
-_TorchNetwork = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
-
-
-def on_arrays(network: _TorchNetwork) -> Network:
-    """Return a network of tensors as a function of arrays, without gradients."""
-
-    def run(history: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        with torch.inference_mode():
-            action, estimate = network(torch.from_numpy(history), torch.from_numpy(command))
-        return action.numpy(), estimate.numpy()
-
-    return run
 
 
 class BareActor:
-    """The functions of an `Actor` without the book-keeping of its modules, half of the time for a single robot."""
+    """The functions of an `Actor` as a `network_files.Network`."""
 
     def __init__(self, actor: Actor) -> None:
         """Take the weights of a network."""
@@ -34,13 +20,19 @@ class BareActor:
             for part in (actor.encoder, actor.estimator, actor.policy)
         ]
 
-    def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean action and estimate, as `Actor.forward`."""
+    def reset(self) -> None:
+        """Do nothing; the network has no memory."""
+
+    def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the mean action, shape (19,), of `Actor.forward` for a history, shape (315,), and a command."""
+        history, command = (torch.from_numpy(row)[None] for row in inputs)
         encoder, estimator, policy = self._parts
-        latent = _pass(encoder, history)
-        estimate = _pass(estimator, latent)
-        newest = history[:, -PROPRIOCEPTION_SIZE:]
-        return _pass(policy, torch.cat((latent, estimate, newest, command), dim=1)), estimate
+        with torch.inference_mode():
+            latent = _pass(encoder, history)
+            estimate = _pass(estimator, latent)
+            newest = history[:, -PROPRIOCEPTION_SIZE:]
+            action = _pass(policy, torch.cat((latent, estimate, newest, command), dim=1))
+        return action[0].numpy()
 
 
 def _pass(layers: list[tuple[torch.Tensor, torch.Tensor]], rows: torch.Tensor) -> torch.Tensor:

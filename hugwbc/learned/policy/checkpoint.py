@@ -3,7 +3,7 @@
 import hashlib
 import json
 import pathlib
-import re
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -12,16 +12,14 @@ from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.files import read_file, write_whole
+from hugwbc.learned.policy.policy_files import LARGEST_FILE, header_of
 
-LARGEST_FILE = 2_000_000_000  # [byte]
-_PREFIX = "hugwbc-"
-FORMAT = f"{_PREFIX}2"
-_NUMBER = re.compile("[0-9]{1,9}")
+FORMAT = "hugwbc-2"
 
 
-def _digest(tensors: dict[str, torch.Tensor], metadata: str) -> str:
-    """Return the SHA-256 of metadata and of names, types, shapes and bytes of the tensors, whatever their order."""
-    sha = hashlib.sha256(metadata.encode())
+def tensor_digest(tensors: Mapping[str, torch.Tensor], text: str) -> str:
+    """Return the SHA-256 of a text and of names, types, shapes and bytes of tensors, whatever their order."""
+    sha = hashlib.sha256(text.encode())
     for name in sorted(tensors):
         tensor = tensors[name].detach().contiguous()
         sha.update(f"{name}|{tensor.dtype}|{tuple(tensor.shape)}|".encode())
@@ -40,7 +38,7 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
     """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata)
-    header = {"format": FORMAT, "kind": kind, "sha256": _digest(tensors, text), "metadata": text}
+    header = {"format": FORMAT, "kind": kind, "sha256": tensor_digest(tensors, text), "metadata": text}
     write_whole(path, save(tensors, header))
 
 
@@ -60,18 +58,19 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     except OSError as error:
         raise PolicyFileError(f"cannot read {path}: {error.strerror}; give the path of a {kind} file") from error
     try:
-        tensors = load(data)
-        header = _header(data)
+        tensors, header = load(data), header_of(data)
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise PolicyFileError(
             f"{path} is not a readable safetensors file ({error}); it is truncated or of another kind. "
             "Copy it again, or train a new one with 'hugwbc train'"
         ) from error
-    _check_format(path, header.get("format", "no format mark"))
+    found = header.get("format", "no format mark")
+    if found != FORMAT:
+        raise PolicyFileError(f"{path} has {found[:40]}, this hugwbc reads {FORMAT}; use a file that it wrote")
     if header.get("kind") != kind:
         raise PolicyFileError(f"{path} is a {header.get('kind')} file; a {kind} file is needed here")
     text = header.get("metadata", "")
-    if header.get("sha256") != _digest(tensors, text):
+    if header.get("sha256") != tensor_digest(tensors, text):
         raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
     try:
         metadata = json.loads(text)
@@ -80,18 +79,3 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     if not isinstance(metadata, dict):
         raise PolicyFileError(f"{path} is corrupted: its metadata is not a JSON object. Copy it again")
     return tensors, metadata
-
-
-def _check_format(path: pathlib.Path, found: str) -> None:
-    if found == FORMAT:
-        return
-    version = found.removeprefix(_PREFIX)
-    if found.startswith(_PREFIX) and _NUMBER.fullmatch(version) and int(version) > int(FORMAT.removeprefix(_PREFIX)):
-        raise PolicyFileError(f"{path} has format {found}, newer than this version's {FORMAT}; update hugwbc")
-    raise PolicyFileError(f"{path} has {found[:40]}, this version reads {FORMAT}; use a file written by this hugwbc")
-
-
-def _header(data: bytes) -> dict[str, str]:
-    """Return the metadata of a safetensors file, in which an 8-byte length and a JSON header precede the tensors."""
-    length = int.from_bytes(data[:8], "little")
-    return json.loads(data[8 : 8 + length]).get("__metadata__", {})

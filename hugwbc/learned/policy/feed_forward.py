@@ -6,50 +6,49 @@ reads; they use no measurement at run time, so that they cannot make anything un
 changes from robot to robot.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
 
-KEY = "feed_forward"  # entry of a policy's contract
 LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.15}
 """Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]: further away the policy
 was never trained. The gait's clock takes f as it is, so that f has no curve."""
-Curves = Mapping[str, Mapping[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
+Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
 _MOST_KNOTS = 100
+
+
+def check_curves(curves: Curves) -> Curves:
+    """Return curves: rising commands, and what to ask for, which differs from them by at most `LARGEST_CHANGE`."""
+    for label, of_gait in curves.items():
+        Gait.parse(label)
+        for name, pairs in of_gait.items():
+            if name not in LARGEST_CHANGE:
+                raise UnknownNameError("command with a curve", name, LARGEST_CHANGE, at=(label,))
+            if not 2 <= len(pairs) <= _MOST_KNOTS or any(len(pair) != 2 for pair in pairs):
+                raise ConfigError(f"a curve is not 2 to {_MOST_KNOTS} pairs of numbers", at=(label, name))
+            knots, asked = np.array(pairs).T
+            limit = LARGEST_CHANGE[name]
+            if not (np.diff(knots) > 0.0).all() or np.abs(asked - knots).max() > limit + 1e-9:
+                raise ConfigError(
+                    f"the curve of {label} {name} falls, or changes a command by more than {limit}; give "
+                    "rising commands and what to ask for, which is close to them",
+                    at=(label, name),
+                )
+    return curves
 
 
 class FeedForward:
     """Curves of what to ask for, by gait and command; commands without a curve stay as they are."""
 
     def __init__(self, curves: Curves) -> None:
-        """Read curves: pairs of command and what to ask for, by label of the gait and name of the command.
-
-        Raises:
-            ValueError: if a name is unknown, or a curve is not a list of finite pairs with rising commands whose
-                values differ by at most `LARGEST_CHANGE`.
-        """
-        self._curves: list[tuple[int, int, np.ndarray, np.ndarray]] = []
-        for label, of_gait in curves.items():
-            gait = {gait.label: int(gait) for gait in Gait}.get(label)
-            if gait is None or not isinstance(of_gait, Mapping):
-                raise ValueError(f"{label!r} is not the curves of a gait")
-            for name, pairs in of_gait.items():
-                if name not in LARGEST_CHANGE:
-                    raise ValueError(f"{name!r} cannot have a curve")
-                if not isinstance(pairs, list) or not 2 <= len(pairs) <= _MOST_KNOTS:
-                    raise ValueError(f"the curve of {label} {name} does not have 2 to {_MOST_KNOTS} knots")
-                points = np.array(pairs, dtype=float)
-                if points.shape != (len(pairs), 2) or not np.isfinite(points).all():
-                    raise ValueError(f"the curve of {label} {name} is not pairs of finite numbers")
-                knots, asked = points.T
-                if not (np.diff(knots) > 0.0).all() or np.abs(asked - knots).max() > LARGEST_CHANGE[name] + 1e-9:
-                    raise ValueError(f"the curve of {label} {name} does not rise, or is too far from the commands")
-                self._curves.append((gait, COMMAND_NAMES.index(name), knots, asked - knots))
+        """Take curves that `check_curves` admits."""
+        self._curves = [
+            (int(Gait.parse(label)), COMMAND_NAMES.index(name), *np.array(pairs, dtype=float).T)
+            for label, of_gait in curves.items()
+            for name, pairs in of_gait.items()
+        ]
 
     def asked(self, command: np.ndarray, gait: np.ndarray) -> np.ndarray:
         """Return what to ask the network for, shape (n, 8).
@@ -61,25 +60,8 @@ class FeedForward:
         if not self._curves:
             return command
         result = command.copy()
-        for value, column, knots, change in self._curves:
+        for value, column, knots, asked in self._curves:
             rows = gait == value
             if rows.any():
-                result[rows, column] += np.interp(command[rows, column], knots, change)
+                result[rows, column] += np.interp(command[rows, column], knots, asked - knots)
         return result
-
-
-def of_contract(metadata: Mapping[str, Any], origin: object = "the policy") -> FeedForward:
-    """Return the feed-forward of a policy's contract; one that changes nothing if it has none.
-
-    Raises:
-        PolicyFileError: if it is malformed.
-    """
-    curves = metadata.get(KEY, {})
-    try:
-        if not isinstance(curves, Mapping):
-            raise ValueError("it is not a mapping")
-        return FeedForward(curves)
-    except (ValueError, TypeError) as error:
-        raise PolicyFileError(
-            f"{origin} has an unreadable feed-forward: {error}; use a file as hugwbc wrote it"
-        ) from error

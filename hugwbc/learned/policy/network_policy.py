@@ -1,16 +1,210 @@
-"""A policy network as a controller, whatever runs the network; it needs no torch."""
+"""A policy's network as a controller, ours or another project's, by its contract; it needs no torch by itself."""
 
-from typing import Any
+import dataclasses
+import pathlib
+from collections.abc import Sequence
 
 import numpy as np
 
-from hugwbc.commands import Command
+from hugwbc import gait as gaits, rotations
+from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
-from hugwbc.learned.policy.policy_rows import Network, PolicyRows
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy.contract import Contract, Term, contract_of, load_contract
+from hugwbc.learned.policy.feed_forward import FeedForward
+from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
+from hugwbc.learned.policy.network_files import Network, OnnxNetwork, load_network
+from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
 LARGEST_READING = 1e10  # [rad], [rad/s], MuJoCo's own bound; far beyond it the network overflows
+_F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
+_SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
+
+
+def load_contract_policy(contract: str | pathlib.Path, network: str | pathlib.Path | None = None) -> "NetworkPolicy":
+    """Build a controller from a contract and its network.
+
+    Args:
+        contract: name of a shipped contract, or path of a contract file or of a folder with a `contract.yaml`.
+        network: the network's file; None for the file that the contract names.
+
+    Raises:
+        UnknownNameError: if there is no such contract.
+        ConfigError: if the contract is malformed; it names the line.
+        PolicyFileError: if the network file is missing, cannot be read, or does not fit the contract.
+    """
+    settings = load_contract(contract)
+    path = settings.policy if network is None else pathlib.Path(network)
+    if path is None:
+        raise PolicyFileError(f"the contract {contract} names no policy file; give one with --policy FILE")
+    return NetworkPolicy(settings, tried(load_network(path, settings.state), settings, path))
+
+
+def load_onnx_policy(path: pathlib.Path) -> "NetworkPolicy":
+    """Load a policy that `hugwbc export` wrote; its joint targets are those of the policy, up to rounding.
+
+    Raises:
+        PolicyFileError: if the file is missing or no ONNX network, onnxruntime is not installed, or the contract is
+            missing, malformed or does not fit the network.
+    """
+    network = load_network(path, {})
+    assert isinstance(network, OnnxNetwork)
+    if not network.metadata:
+        raise PolicyFileError(
+            f"{path} is a bare network: it has no contract of `hugwbc export`. Write a contract for it as "
+            "docs/evaluation.md says, and give the contract"
+        )
+    contract = contract_of(network.metadata, path)
+    return NetworkPolicy(contract, tried(network, contract, path))
+
+
+def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
+    """Return a network after checking that its inputs and outputs fit a contract.
+
+    Raises:
+        PolicyFileError: if they do not.
+    """
+    sizes = contract.input_sizes
+    terms = [" + ".join(f"{t.term} {t.size(contract.joints)}" for t in part) for part in _inputs(contract)]
+    asked = f"{contract.history.frames} x ({'), and ('.join(terms)}) = {' and '.join(map(str, sizes))} numbers"
+    try:
+        network.reset()
+        action = network([np.zeros(size, np.float32) for size in sizes])
+    except Exception as error:  # whatever torch and onnxruntime raise on a wrong shape
+        reason = str(error).strip().splitlines()[-1]
+        raise PolicyFileError(f"{path} does not take the contract's observation, {asked}: {reason}") from error
+    if action.shape != (len(contract.joints),) or not np.isfinite(action).all():
+        raise PolicyFileError(
+            f"{path} gives {action.size} actions ({np.isfinite(action).sum()} finite), the contract has "
+            f"{len(contract.joints)} joints: {', '.join(contract.joints)}; make them agree"
+        )
+    return network
+
+
+def _inputs(contract: Contract) -> tuple[tuple[Term, ...], ...]:
+    return (contract.observation, contract.command) if contract.command else (contract.observation,)
+
+
+class NetworkPolicy:
+    """A network and its contract behind the common controller interface.
+
+    Joints that the policy does not move are held at the robot's nominal pose (or the contract's) with the robot's
+    nominal gains. Arms under external control follow their targets.
+
+    Attributes:
+        name: name of the contract.
+        period: time between two actions [s].
+        contract: description of the network.
+        robot: robot that the policy was made for.
+        held: number of states and actions that could not be used and were replaced by the last good ones.
+        inputs: what the network read last.
+    """
+
+    def __init__(self, contract: Contract, network: Network) -> None:
+        """Build the controller from a network that fits the contract."""
+        self.contract = contract
+        self.name, self.period = contract.name, contract.period
+        self.held = 0
+        self.robot = load_robot(contract.robot)
+        self._network = network
+        self._joints = self.robot.indices(contract.joints)
+        self._pose = self.robot.nominal.copy()
+        for name, angle in contract.held_pose.items():
+            self._pose[self.robot.index(name)] = angle
+        self._pose[self._joints] = contract.default_pose
+        self._kp, self._kd = self.robot.kp.copy(), self.robot.kd.copy()
+        self._kp[self._joints], self._kd[self._joints] = contract.kp, contract.kd
+        self._scale = np.array(contract.action_scale)
+        self._feed_forward = FeedForward(contract.feed_forward)
+        self._legs = LegFeedForward(self.robot)
+        self._readers = [_Reader(contract, terms) for terms in _inputs(contract)]
+        self._history = _History(contract)
+        self._start(None)
+
+    def _start(self, state: RobotState | None) -> None:
+        """Forget the past; without a state, what is known is a stand."""
+        upright, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros_like(self._pose)
+        self._state = RobotState(self._pose, still, upright, np.zeros(3)) if state is None else state
+        self._network.reset()
+        self._history.reset()
+        self._action = np.zeros(len(self._joints))
+        self._phase, self._waist, self._posture = np.zeros(1), np.zeros(1), np.zeros((1, 2))
+        self.inputs: Sequence[np.ndarray] = ()
+
+    @property
+    def phase(self) -> float:
+        """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1); NaN if it follows no gait."""
+        return float(self._phase[0]) if self.contract.follows_gait else np.nan
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the past: history, recurrent state, last action and clock."""
+        self._start(state if _is_readable(state) else None)
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """Return joint targets for the next period; arms under external control take their targets.
+
+        A state that is not finite, or beyond `LARGEST_READING`, leaves the history unchanged. An action that is not
+        finite leaves the targets unchanged and clears the network's memory, in which the bad number might remain.
+        Commands outside of their ranges are clamped.
+        """
+        contract, readable = self.contract, _is_readable(state)
+        if readable:
+            self._state = state
+        else:
+            self.held += 1
+        command, _ = command.clamp()
+        gait, given = np.array([int(command.gait)]), command.array()[None]
+        frequency = given[:, _F] if contract.clock_period is None else 1.0 / contract.clock_period
+        self._phase = gaits.advance_phase(self._phase, frequency, self.period)
+        asked = self._feed_forward.asked(given, gait)
+        sensed = self._sensed(asked, gait, upper_body.indicator)
+        observation, *commands = (read(sensed) for read in self._readers)
+        if readable or not self._history.started:
+            self._history.push(observation)
+        self.inputs = (self._history.input(), *commands)
+        action = self._network(self.inputs)
+        if np.isfinite(action).all():
+            clip = contract.action_clip
+            self._action = action if clip is None else np.clip(action, -clip, clip)
+        else:
+            self.held += 1
+            self._network.reset()
+        q = self._pose.copy()
+        q[self._joints] += self._scale * self._action
+        self._add_feed_forward(q, asked, gait)
+        zero = np.zeros_like(q)
+        return override_arms(JointCommand(q, zero, self._kp, self._kd, zero), upper_body, self.robot)
+
+    def _sensed(self, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
+        state = self._state
+        velocity = state.velocity
+        return Sensed(
+            angular_velocity=state.angular_velocity[None],
+            gravity=state.projected_gravity[None],
+            q=state.q[None],
+            dq=state.dq[None],
+            action=self._action[None],
+            command=command,
+            gait=gait,
+            phase=self._phase,
+            indicator=np.array([indicator]),
+            pose=self._pose,
+            velocity=None if velocity is None else rotations.rotate_inverse(state.orientation, velocity)[None],
+        )
+
+    def _add_feed_forward(self, q: np.ndarray, command: np.ndarray, gait: np.ndarray) -> None:
+        """Add to the joint targets what follows from the command alone: waist, squat and swing."""
+        contract = self.contract
+        reach = contract.waist_rate * self.period
+        self._waist += np.clip(command[:, _W] - self._waist, -reach, reach)
+        q[self.robot.waist] += self._waist[0]
+        if contract.squat_gain > 0.0 or contract.swing_gain > 0.0:
+            self._posture = follow(self._posture, command[:, _SQUAT], self.period)
+            height, pitch = contract.squat_gain * self._posture.T
+            lifted = contract.swing_gain * swing_clearance(self._phase, gait, command, self.period)
+            q += self._legs.offsets(height, pitch, lifted)[0]
 
 
 def _is_readable(state: RobotState) -> bool:
@@ -19,59 +213,52 @@ def _is_readable(state: RobotState) -> bool:
     return state.is_finite and float(np.abs(numbers).max()) <= LARGEST_READING
 
 
-class NetworkPolicy:
-    """A trained policy behind the common controller interface.
+class _Reader:
+    """The terms of one input of the network."""
 
-    Attributes:
-        name: "learned".
-        period: time between two actions [s].
-        metadata: contract and training record of the policy.
-        robot: robot that the policy was trained on, from the contract.
-        held: number of unreadable states that were replaced by the last good observation.
-    """
+    def __init__(self, contract: Contract, terms: Sequence[Term]) -> None:
+        self._limit = contract.observation_clip
+        self._parts = [(term, term.columns(contract.joints), np.array(term.scale, dtype=np.float32)) for term in terms]
 
-    name = "learned"
+    def __call__(self, sensed: Sensed) -> np.ndarray:
+        """Return what the network reads of one robot, shape (n,), float32."""
+        row = np.concatenate([scaled(_value(term, sensed, columns), scale) for term, columns, scale in self._parts])
+        return row if self._limit is None else np.clip(row, -self._limit, self._limit)
 
-    def __init__(self, network: Network, metadata: dict[str, Any]) -> None:
-        """Set up a controller for a network.
 
-        Args:
-            network: function from history and command observation to action and estimate.
-            metadata: its contract, from `policy_contract` or `complete_contract`.
-        """
-        self.period = float(metadata["period"])
-        self.metadata = metadata
-        self.held = 0
-        self.robot = load_robot(metadata["robot"])
-        self._rows = PolicyRows(metadata, network, 1)
+def _value(term: Term, sensed: Sensed, columns: np.ndarray | None) -> np.ndarray:
+    if term.value:
+        return np.array(term.value)
+    if term.offset:
+        sensed = dataclasses.replace(sensed, phase=sensed.phase + term.offset)
+    row = TERMS[term.term].read(sensed)[0]
+    return row if columns is None else row[columns]
 
-    @property
-    def phase(self) -> float:
-        """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1)."""
-        return float(self._rows.phase[0])
 
-    def reset(self, state: RobotState) -> None:
-        """Forget the past and fill the history with the first frame."""
-        self._rows.reset()
-        if _is_readable(state):
-            self._push(state)
+class _History:
+    """The last observations, in the arrangement that the network expects."""
 
-    def _push(self, state: RobotState) -> None:
-        self._rows.push(state.angular_velocity[None], state.projected_gravity[None], state.q[None], state.dq[None])
+    def __init__(self, contract: Contract) -> None:
+        self._settings = contract.history
+        self._ends = np.cumsum([term.size(contract.joints) for term in contract.observation])[:-1]
+        self._size = contract.observation_size
+        self.reset()
 
-    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the joint targets for the next period; arms under external control get the external targets.
+    def reset(self) -> None:
+        """Forget the past."""
+        self._frames = np.zeros((self._settings.frames, self._size), dtype=np.float32)
+        self.started = False
 
-        A state that is not finite, or beyond `LARGEST_READING`, leaves the history unchanged. Commands outside of
-        their ranges are clamped.
-        """
-        if _is_readable(state):
-            self._push(state)
-        else:
-            self.held += 1
-        command, _ = command.clamp()
-        rows = self._rows
-        q = rows.decide(command.array()[None], np.array([int(command.gait)]), np.array([upper_body.indicator]))[0]
-        zero = np.zeros_like(q)
-        own = JointCommand(q=q, dq=zero, kp=rows.kp, kd=rows.kd, tau=zero)
-        return override_arms(own, upper_body, self.robot)
+    def push(self, observation: np.ndarray) -> None:
+        """Add the newest observation, shape (observation_size,)."""
+        if not self.started and self._settings.start == "first_frame":
+            self._frames[:] = observation
+        self.started = True
+        self._frames = np.concatenate((self._frames[1:], observation[None]))
+
+    def input(self) -> np.ndarray:
+        """Return the network's input, shape (frames * observation_size,)."""
+        frames = self._frames if self._settings.order == "oldest_first" else self._frames[::-1]
+        if self._settings.layout == "by_frame":
+            return frames.ravel()
+        return np.concatenate([part.ravel() for part in np.split(frames, self._ends, axis=1)])

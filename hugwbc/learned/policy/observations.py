@@ -1,14 +1,12 @@
-"""Observations of actor and critic: layout, scales and mirror images; all arrays are torch tensors."""
+"""Observations of the training in torch: what critic and estimator read and return, and mirror images of all."""
 
 import dataclasses
 import functools
-import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
-from hugwbc import gait as gaits
-from hugwbc.gait import Gait
 from hugwbc.learned.policy.layout import (
     COMMAND as COMMAND,
     COMMAND_SIZE as COMMAND_SIZE,
@@ -27,7 +25,6 @@ from hugwbc.learned.policy.layout import (
     TERRAIN_SIZE as TERRAIN_SIZE,
     TERRAIN_SPACING as TERRAIN_SPACING,
     Part as Part,
-    command_scales,
     size_of as size_of,
 )
 from hugwbc.learned.policy.symmetry import SignedPermutation
@@ -51,66 +48,29 @@ class Observation:
     estimate: torch.Tensor
 
 
-def proprioception(
-    angular_velocity: torch.Tensor,
-    gravity: torch.Tensor,
-    q: torch.Tensor,
-    dq: torch.Tensor,
-    action: torch.Tensor,
-) -> torch.Tensor:
-    """Build one proprioceptive frame, shape (n, 63).
-
-    Args:
-        angular_velocity: angular velocity of the pelvis in its own frame [rad/s], shape (n, 3).
-        gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
-        q: joint positions minus the nominal ones [rad], shape (n, 19).
-        dq: joint velocities [rad/s], shape (n, 19).
-        action: the policy's last output, shape (n, 19).
-    """
-    return _scaled(FRAME, angular_velocity, gravity, q, dq, action)
-
-
 def _scaled(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
     """Return the numbers of parts, shape (n, size of each), in observation units, side by side."""
-    return torch.cat([value * part.scale for value, part in zip(values, parts, strict=True)], dim=1)
+    return torch.cat([value * torch.tensor(part.scale) for value, part in zip(values, parts, strict=True)], dim=1)
 
 
-def noise_amplitude() -> torch.Tensor:
-    """Return the half-widths of the paper's noise on a proprioceptive frame, in observation units, shape (63,)."""
-    return torch.cat([torch.full((part.size,), part.noise * part.scale) for part in FRAME])
+def noise_amplitude(parts: Sequence[Part]) -> torch.Tensor:
+    """Return the half-widths of the noise on parts side by side, in observation units, shape (sum of sizes,)."""
+    return torch.cat(
+        [torch.zeros(0), *(torch.ones(part.size) * part.noise * torch.tensor(part.scale) for part in parts)]
+    )
 
 
-@functools.cache
-def command_scale() -> torch.Tensor:
-    """Return the scales of the eight commands in the observation, shape (8,)."""
-    return torch.from_numpy(command_scales())
-
-
-def command_observation(
-    command: torch.Tensor, gait: torch.Tensor, phases: torch.Tensor, indicator: torch.Tensor
-) -> torch.Tensor:
-    """Build the observation of commands, gait, clocks and indicator, shape (n, 18).
-
-    Order: the eight scaled commands, one number for each gait (1 for the commanded one), sin 2 pi phi of the left and
-    the right foot, cos 2 pi phi of both, I. The paper has psi and one clock per foot. Then a jump and hops on either
-    leg look alike where both clocks are equal, and no clock tells phi from 0.5 - phi.
+def in_units(frame: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what proprioceptive frames, shape (n, 63), say in physical units, with absolute joint positions.
 
     Args:
-        command: in the order of `COMMAND_NAMES`, shape (n, 8).
-        gait: values of `Gait`, shape (n,).
-        phases: homogenised phases of both feet, shape (n, 2).
-        indicator: the paper's I(t), shape (n,), bool.
+        frame: the frames, as the network reads them.
+        pose: joint positions at action 0 [rad], shape (19,).
     """
-    chosen = torch.nn.functional.one_hot(gait.long(), len(Gait)).to(command.dtype)
-    quarter_later = torch.cos(2.0 * math.pi * phases)
-    parts = (
-        command * command_scale(),
-        chosen,
-        gaits.clock(phases),
-        quarter_later,
-        indicator.to(command.dtype)[:, None],
-    )
-    return torch.cat(parts, dim=1)
+    ends = np.cumsum([part.size for part in FRAME])[:-1]
+    values = zip(np.split(frame.astype(float), ends, axis=1), FRAME, strict=True)
+    omega, gravity, offset, dq, action = (value / part.scale for value, part in values)
+    return omega, gravity, offset + pose, dq, action
 
 
 def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:

@@ -1,5 +1,6 @@
 """Export of a policy to ONNX, for runtimes without torch: written node by node and checked against the policy."""
 
+import dataclasses
 import json
 import pathlib
 from typing import Any
@@ -34,8 +35,7 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     """Write the network of a policy with its contract to an ONNX file, and compare the two.
 
     Inputs: history, shape (n, 315), and command, shape (n, 18), as the contract lays them out. Outputs: action, shape
-    (n, 19), and estimate, shape (n, 6). The contract is in the file's metadata, as JSON under "contract"; it says how
-    an action becomes joint targets.
+    (n, 19), and estimate, shape (n, 6). Contract and training record are in the file's metadata, as JSON.
 
     Args:
         controller: the policy.
@@ -50,8 +50,9 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     """
     onnx, runtime = _onnx()
     model = _model(onnx, controller.actor)
-    entry = model.metadata_props.add()
-    entry.key, entry.value = "contract", json.dumps(controller.metadata)
+    for key, content in (("contract", dataclasses.asdict(controller.contract)), ("training", controller.training)):
+        entry = model.metadata_props.add()
+        entry.key, entry.value = key, json.dumps(content)
     onnx.checker.check_model(model, full_check=True)
     data = model.SerializeToString()
     session = runtime.InferenceSession(data, providers=["CPUExecutionProvider"])

@@ -1,5 +1,6 @@
 """A trained policy as a controller, loaded from safetensors without the training code."""
 
+import dataclasses
 import pathlib
 from typing import Any
 
@@ -7,22 +8,11 @@ import torch
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint, self_test
-from hugwbc.learned.policy.bare_actor import BareActor, on_arrays
-from hugwbc.learned.policy.network_policy import NetworkPolicy
+from hugwbc.learned.policy.bare_actor import BareActor
+from hugwbc.learned.policy.contract import Contract, contract_of
+from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_contract import command_size, complete_contract, recorded_intervention
 from hugwbc.learned.policy.policy_files import DEFAULT_POLICY, policy_file
-
-
-def trained_with(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> str | None:
-    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record.
-
-    Raises:
-        UnknownNameError: if it is neither a shipped policy nor an existing path.
-        PolicyFileError: if the file is missing, truncated or of another program.
-    """
-    _, metadata = checkpoint.load_file(policy_file(name_or_path), "policy")
-    return recorded_intervention(metadata)
 
 
 def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
@@ -42,16 +32,17 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
         torch.set_num_threads(threads)
     path = policy_file(name_or_path)
     tensors, metadata = checkpoint.load_file(path, "policy")
-    metadata = complete_contract(metadata, path)
+    contract = contract_of(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
-    actor = Actor(command_size(metadata))
+    actor = Actor(contract.input_sizes[-1])
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:
         raise PolicyFileError(f"{path} does not fit the policy network: {error}") from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in actor.state_dict().values()):
         raise PolicyFileError(f"{path} has weights that are not finite: its training failed; use an earlier file of it")
-    controller = LearnedController(actor, metadata)
+    tried(BareActor(actor), contract, path)
+    controller = LearnedController(actor, contract, metadata.get("training", {}))
     _verify(controller, stored, path)
     return controller
 
@@ -63,7 +54,7 @@ def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], pa
     except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
     if deviation > self_test.TOLERANCE:
-        versions = controller.metadata.get("versions")
+        versions = controller.training.get("versions")
         writer = versions.get("hugwbc", "unknown") if isinstance(versions, dict) else "unknown"
         raise PolicyFileError(
             f"{path} fails its self-test: joint targets differ by up to {deviation:.2g} rad from the stored ones, "
@@ -72,7 +63,7 @@ def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], pa
         )
 
 
-def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], training: dict[str, Any]) -> None:
+def save_policy(path: pathlib.Path, actor: Actor, contract: Contract, training: dict[str, Any]) -> None:
     """Write a policy file: weights, contract, training record and self-test.
 
     Args:
@@ -81,35 +72,19 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: dict[str, Any], trai
         contract: contract of the training, from `policy_contract`.
         training: record of the training, anything JSON can hold.
     """
-    metadata = contract | {"training": training}
-    tensors = actor.state_dict() | self_test.record(LearnedController(actor, metadata))
-    checkpoint.save_file(path, tensors, "policy", metadata)
+    tensors = actor.state_dict() | self_test.record(LearnedController(actor, contract, training))
+    checkpoint.save_file(path, tensors, "policy", {"contract": dataclasses.asdict(contract), "training": training})
 
 
 class LearnedController(NetworkPolicy):
-    """A trained policy whose network torch runs; further attributes in `NetworkPolicy`.
+    """A policy of this project, whose network torch runs.
 
     Attributes:
         actor: network of the policy.
+        training: record of its training.
     """
 
-    def __init__(self, actor: Actor, metadata: dict[str, Any]) -> None:
-        """Set up a controller for a network.
-
-        Args:
-            actor: the trained network.
-            metadata: its contract, from `policy_contract` or `complete_contract`.
-        """
-        self.actor = actor.eval()
-        super().__init__(on_arrays(BareActor(self.actor)), metadata)
-
-    def last_pass(self) -> dict[str, torch.Tensor]:
-        """Return inputs and outputs of the network in the last call of `act`.
-
-        Returns:
-            history (1, 315), observation (1, 18), action (1, 19) and estimate (1, 6), in observation units.
-        """
-        rows = self._rows
-        passed = {"history": rows.history.reshape(1, -1), "observation": rows.observation}
-        passed |= {"action": rows.action, "estimate": rows.estimate}
-        return {name: torch.from_numpy(value.copy()) for name, value in passed.items()}
+    def __init__(self, actor: Actor, contract: Contract, training: dict[str, Any] | None = None) -> None:
+        """Set up a controller for a trained network."""
+        self.actor, self.training = actor.eval(), training or {}
+        super().__init__(contract, BareActor(self.actor))

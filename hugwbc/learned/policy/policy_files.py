@@ -1,13 +1,16 @@
 """Where policies are: the shipped ones by name, others by path."""
 
+import json
 import os
 import pathlib
 
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import PolicyFileError, UnknownNameError
+from hugwbc.files import read_file
 from hugwbc.robot import model_dir
 
 DEFAULT_POLICY = "h1"
-POLICY_FILE = "policy.safetensors"
+POLICY_FILE, CONTRACT_FILE = "policy.safetensors", "contract.yaml"
+LARGEST_FILE = 2_000_000_000  # [byte]
 
 
 def policy_dir() -> pathlib.Path:
@@ -20,14 +23,39 @@ def shipped_policies() -> list[str]:
     return sorted(path.parent.name for path in policy_dir().glob(f"*/{POLICY_FILE}"))
 
 
+def shipped_contracts() -> list[str]:
+    """Return the names of the shipped contracts of other projects' policies, whose networks are not shipped."""
+    return sorted(path.parent.name for path in policy_dir().glob(f"*/{CONTRACT_FILE}"))
+
+
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
-    """Find the policy file, given the name of a shipped policy, a file, or a folder that holds one.
+    """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one.
 
     Raises:
-        UnknownNameError: if it is neither a shipped policy nor an existing path.
+        UnknownNameError: if it is neither a shipped name nor an existing path.
     """
     for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
         # pathlib raises on a name that no file can have; os.path says that it does not exist.
         if os.path.exists(path):
-            return path / POLICY_FILE if path.is_dir() else path
-    raise UnknownNameError("policy", name_or_path, [*shipped_policies(), "the path of a policy file or folder"])
+            contract = path / CONTRACT_FILE
+            return path if not path.is_dir() else contract if contract.is_file() else path / POLICY_FILE
+    valid = [*shipped_policies(), *shipped_contracts(), "the path of a policy, of a contract, or of a folder with one"]
+    raise UnknownNameError("policy", name_or_path, valid)
+
+
+def read_header(path: pathlib.Path) -> dict[str, str]:
+    """Return the metadata of a safetensors file.
+
+    Raises:
+        PolicyFileError: if it is not such a file.
+    """
+    try:
+        return header_of(read_file(path, LARGEST_FILE))
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
+        raise PolicyFileError(f"{path} is not a readable safetensors file ({error}); copy it again") from error
+
+
+def header_of(data: bytes) -> dict[str, str]:
+    """Return the metadata of a safetensors file, in which an 8-byte length and a JSON header precede the tensors."""
+    length = int.from_bytes(data[:8], "little")
+    return dict(json.loads(data[8 : 8 + length]).get("__metadata__", {}))

@@ -1,12 +1,10 @@
 """The self-test in a policy file: sensor readings and commands, and the joint targets that they must give."""
 
-from typing import Protocol
-
 import numpy as np
 import torch
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
-from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.controller import Controller, UpperBody
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -16,22 +14,6 @@ TOLERANCE = 1e-4  # [rad] of joint targets; float32 differs by about 1e-6 betwee
 _INPUTS = ("orientation", "angular_velocity", "q", "dq", "command", "gait", "arms", "intervention")
 _STEPS_EACH = 6  # of each gait, one more than the history holds
 _SEED = 0
-
-
-class Recordable(Protocol):
-    """A controller that shows the last inputs and outputs of its network."""
-
-    def reset(self, state: RobotState) -> None:
-        """Forget the past."""
-        ...
-
-    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the joint command for the next period."""
-        ...
-
-    def last_pass(self) -> dict[str, torch.Tensor]:
-        """Return inputs and outputs of the network in the last call of `act`, shape (1, ...) each."""
-        ...
 
 
 def _inputs() -> dict[str, torch.Tensor]:
@@ -58,10 +40,10 @@ def _inputs() -> dict[str, torch.Tensor]:
     return {name: torch.from_numpy(array) for name, array in arrays.items()}
 
 
-def _run(controller: Recordable, inputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Return the joint targets of the controller, and inputs and outputs of its network, at every step."""
+def _targets(controller: Controller, inputs: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Return the joint targets of the controller at every step, shape (k, 19)."""
     rows = {name: inputs[name].numpy() for name in _INPUTS}
-    targets, passes = [], []
+    targets = []
     for i in range(len(rows["q"])):
         state = RobotState(*(rows[name][i] for name in ("q", "dq", "orientation", "angular_velocity")))
         if i == 0:
@@ -69,23 +51,20 @@ def _run(controller: Recordable, inputs: dict[str, torch.Tensor]) -> dict[str, t
         command = Command.from_array(rows["command"][i], Gait(int(rows["gait"][i])))
         upper_body = UpperBody.targets(rows["arms"][i]) if rows["intervention"][i] else UpperBody.none()
         targets.append(torch.from_numpy(controller.act(state, command, upper_body).q))
-        passes.append(controller.last_pass())
-    outputs = {name: torch.cat([one[name] for one in passes]) for name in passes[0]}
-    return {"target": torch.stack(targets), **outputs}
+    return torch.stack(targets)
 
 
-def record(controller: Recordable) -> dict[str, torch.Tensor]:
-    """Record the inputs and outputs to store with a policy; their names begin with `PREFIX`.
+def record(controller: Controller) -> dict[str, torch.Tensor]:
+    """Record what to store with a policy, in k successive calls after a reset; names begin with `PREFIX`.
 
-    They are those of k successive calls after a reset. Of the controller: orientation (k, 4), angular_velocity (k, 3),
-    q and dq (k, 19), command (k, 8), gait (k,), arms (k, 8) and intervention (k,) give target (k, 19), the joint
-    targets [rad]. Of its network: history (k, 315) and observation (k, 18) give action (k, 19) and estimate (k, 6).
+    Inputs are orientation (k, 4), angular_velocity (k, 3), q and dq (k, 19), command (k, 8), gait (k,), arms (k, 8) and
+    intervention (k,); they give target (k, 19), the joint targets [rad].
     """
     inputs = _inputs()
-    return {PREFIX + name: tensor for name, tensor in (inputs | _run(controller, inputs)).items()}
+    return {PREFIX + name: tensor for name, tensor in (inputs | {"target": _targets(controller, inputs)}).items()}
 
 
-def deviation(controller: Recordable, stored: dict[str, torch.Tensor]) -> float:
+def deviation(controller: Controller, stored: dict[str, torch.Tensor]) -> float:
     """Return the largest difference between joint targets and stored ones [rad]; inf if any is not finite.
 
     Args:
@@ -96,8 +75,7 @@ def deviation(controller: Recordable, stored: dict[str, torch.Tensor]) -> float:
         LookupError, TypeError, ValueError: if the stored tensors are not those of a self-test.
     """
     inputs = {name: stored[PREFIX + name] for name in _INPUTS}
-    expected = stored[PREFIX + "target"]
-    found = _run(controller, inputs)["target"]
+    expected, found = stored[PREFIX + "target"], _targets(controller, inputs)
     if expected.shape != found.shape:
         raise ValueError(f"targets of shape {tuple(expected.shape)}")
     difference = float((found - expected).abs().max())

@@ -6,17 +6,15 @@ ancestors in their metadata, so that a policy by itself says how it was made.
 """
 
 import dataclasses
-import hashlib
 import json
 import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import torch
-
 from hugwbc.errors import HugwbcError, PolicyFileError, RecipeError
 from hugwbc.files import file_digest, write_whole
 from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.policy_files import read_header
 from hugwbc.learned.recipe.ledger import Spent
 from hugwbc.learned.recipe.recipe_records import json_digest
 
@@ -136,12 +134,7 @@ def content_digest(path: pathlib.Path) -> str:
         return file_digest(path)
     kind = file_kind(path)
     tensors, _ = checkpoint.load_file(path, kind)
-    sha = hashlib.sha256(kind.encode())
-    for name in sorted(tensors):
-        tensor = tensors[name].contiguous()
-        sha.update(f"{name}|{tensor.dtype}|{tuple(tensor.shape)}|".encode())
-        sha.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return sha.hexdigest()[:32]
+    return checkpoint.tensor_digest(tensors, kind)[:32]
 
 
 def file_kind(path: pathlib.Path) -> str:
@@ -150,13 +143,7 @@ def file_kind(path: pathlib.Path) -> str:
     Raises:
         PolicyFileError: if it is none.
     """
-    try:
-        with path.open("rb") as file:
-            length = int.from_bytes(file.read(8), "little")
-            header = json.loads(file.read(length)) if length < _LONGEST_HEADER else {}
-        kind = header.get("__metadata__", {}).get("kind")
-    except (OSError, ValueError, AttributeError) as error:
-        raise PolicyFileError(f"{path} is not a readable file of tensors ({error}); copy it again") from error
+    kind = read_header(path).get("kind")
     if not isinstance(kind, str):
         raise PolicyFileError(f"{path} was not written by hugwbc; use a file as it wrote it")
     return kind

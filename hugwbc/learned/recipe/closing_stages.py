@@ -1,5 +1,6 @@
 """The stages that train nothing: calibration of the student, evaluation at the report seed, export."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from hugwbc.commands import command_ranges
 from hugwbc.files import finite_json, write_whole
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy, save_policy
-from hugwbc.learned.policy.feed_forward import KEY, LARGEST_CHANGE
+from hugwbc.learned.policy.feed_forward import LARGEST_CHANGE, Curves
 from hugwbc.learned.recipe.recipe_records import (
     FIGURES,
     POLICY,
@@ -25,8 +26,6 @@ from hugwbc.learned.recipe.stage_work import Outcome, StageWork, read_state, wri
 CALIBRATION, ONNX, TRIAL = "calibration.json", "policy.onnx", "trial.safetensors"
 UNCALIBRATED = "figures_uncalibrated.json"
 _DECIMALS = 4
-
-Curves = dict[str, dict[str, list[list[float]]]]
 
 
 # Calibration ----------------------------------------------------------------------------------------------------------
@@ -74,11 +73,10 @@ def run_calibration(work: StageWork) -> Outcome:
     """
     settings: CalibrationSettings = work.stage.config()
     controller = load_policy(work.inputs["policy"], threads=None)
-    training = controller.metadata.get("training", {})
-    contract = {key: value for key, value in controller.metadata.items() if key not in ("training", KEY)}
 
     def write(name: str, curves: Curves) -> None:
-        save_policy(work.folder / name, controller.actor, contract | ({KEY: curves} if curves else {}), training)
+        contract = dataclasses.replace(controller.contract, feed_forward=curves)
+        save_policy(work.folder / name, controller.actor, contract, controller.training)
 
     state = read_state(work.folder) or {"rounds": []}
     curves = state["rounds"][-1]["next"] if state["rounds"] else knots_of(settings)

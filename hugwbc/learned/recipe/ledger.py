@@ -16,7 +16,7 @@ from typing import Any
 
 from hugwbc.errors import RecipeError
 from hugwbc.files import write_whole
-from hugwbc.learned.policy.policy_contract import versions
+from hugwbc.learned.policy.records import versions
 
 SESSIONS, LOCK = "sessions", "run.lock"
 _WRITE_INTERVAL = 5.0  # [s]; what a killed process has spent since the last write is not in the ledger

@@ -13,7 +13,7 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint, observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.policy.policy_contract import versions
+from hugwbc.learned.policy.records import versions
 
 LABELS_FILE = "labels.safetensors"
 _WIDTHS = {

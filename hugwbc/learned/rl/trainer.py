@@ -14,8 +14,9 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
+from hugwbc.learned.policy.contract import Contract, policy_contract
 from hugwbc.learned.policy.networks import Actor, ActorCritic
-from hugwbc.learned.policy.policy_contract import policy_contract, settings_record, versions
+from hugwbc.learned.policy.records import settings_record, versions
 from hugwbc.learned.policy.snapshots import is_symmetric, load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
@@ -355,7 +356,7 @@ def _with_own_robots(
     return common | robots if metadata.get("iteration") == iteration else common
 
 
-def contract_of(env: EnvConfig) -> dict[str, Any]:
+def contract_of(env: EnvConfig) -> Contract:
     """Return the contract of a policy trained in an environment."""
     robot = load_robot(env.robot)
     return policy_contract(

@@ -142,7 +142,7 @@ def test_a_push_changes_the_velocity() -> None:
 
 def test_observation_noise_has_the_papers_widths() -> None:
     truth, noisy = make_env(), make_env(noise=1.0)
-    width = obs.noise_amplitude()
+    width = obs.noise_amplitude(obs.FRAME)
     differences = []
     for _ in range(60):
         clean = truth._frame()

@@ -21,6 +21,7 @@ from hugwbc.learned.imitation.distillation import (
 )
 from hugwbc.learned.policy import checkpoint, observations as obs
 from hugwbc.learned.policy.networks import ActorCritic
+from hugwbc.learned.policy.terms import TERMS
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME
 from hugwbc.robot import load_robot
 
@@ -84,7 +85,7 @@ def test_hops_on_the_right_leg_are_labelled_as_the_mirror_images_of_those_on_the
     seen = distiller.env.observe()
     history, command = seen.history.clone(), seen.command.clone()
     history[4:], command[4:] = obs.mirror_history(history[:4]), obs.mirror_command_observation(command[:4])
-    commanded = command[:, :8] / obs.command_scale()
+    commanded = command[:, :8] / torch.tensor(TERMS["command"].scale)
     distiller.env.command[:] = commanded
     with torch.no_grad():
         label = distiller.label(dataclasses.replace(seen, history=history, command=command))

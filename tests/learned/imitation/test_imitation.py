@@ -91,7 +91,7 @@ def test_a_student_learns_what_the_teacher_does(tmp_path: pathlib.Path) -> None:
         assert slope == pytest.approx(-1.0 / 0.25, rel=0.1)
         assert offset == pytest.approx(0.0, abs=0.1)
         assert np.mean((student - teacher) ** 2) < 0.1 * np.var(teacher)
-    assert load_policy(tmp_path).metadata["training"]["steps"] == 1600
+    assert load_policy(tmp_path).training["steps"] == 1600
     trainer = Trainer(TrainConfig(out=tmp_path / "run", start_from=tmp_path / SNAPSHOT_NAME, env=EnvConfig(count=2)))
     assert trainer.steps == 1600 and trainer.env.curriculum.penalty_scale == 1.0
     for name, value in imitator.network.state_dict().items():

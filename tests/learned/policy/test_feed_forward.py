@@ -9,12 +9,12 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES, Command, default_command
 from hugwbc.controller import UpperBody
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import HugwbcError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy, save_policy
-from hugwbc.learned.policy.feed_forward import KEY, FeedForward, of_contract
+from hugwbc.learned.policy.contract import policy_contract
+from hugwbc.learned.policy.feed_forward import FeedForward
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_contract import policy_contract
 from hugwbc.state import RobotState
 
 V_X = COMMAND_NAMES.index("v_x")
@@ -47,7 +47,7 @@ def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.P
     torch.manual_seed(0)
     actor = Actor()
     save_policy(tmp_path / "plain.safetensors", actor, policy_contract(), {})
-    save_policy(tmp_path / "fed.safetensors", actor, policy_contract() | {KEY: CURVES}, {})
+    save_policy(tmp_path / "fed.safetensors", actor, dataclasses.replace(policy_contract(), feed_forward=CURVES), {})
     plain, fed = load_policy(tmp_path / "plain.safetensors"), load_policy(tmp_path / "fed.safetensors")
 
     def act(controller: Any, v_x: float) -> np.ndarray:
@@ -77,5 +77,5 @@ def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.P
     ],
 )
 def test_a_malformed_one_is_refused(curves: Any) -> None:
-    with pytest.raises(PolicyFileError, match="unreadable feed-forward"):
-        of_contract({KEY: curves})
+    with pytest.raises(HugwbcError):
+        dataclasses.replace(policy_contract(), feed_forward=curves)

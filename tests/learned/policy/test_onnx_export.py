@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
-from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, policy_dir
+from hugwbc.learned.policy import LearnedController, load_policy
+from hugwbc.learned.policy.contract import Contract, policy_contract
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
-from hugwbc.learned.policy.policy_contract import policy_contract
 
 onnxruntime = pytest.importorskip("onnxruntime")
 
@@ -21,15 +21,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> onnxruntime.InferenceSe
     return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
 
 
-def test_the_file_gives_the_actions_of_the_policys_self_test(session: onnxruntime.InferenceSession) -> None:
-    tensors, _ = checkpoint.load_file(policy_dir() / "h1" / "policy.safetensors", "policy")
-    stored = {name: tensors[f"self_test.{name}"].numpy() for name in ("history", "observation", "action", "estimate")}
-    inputs = {"history": stored["history"], "command": stored["observation"]}
-    action, estimate = session.run(["action", "estimate"], inputs)
-    np.testing.assert_allclose(action, stored["action"], atol=1e-5)
-    np.testing.assert_allclose(estimate, stored["estimate"], atol=1e-5)
-
-
 def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
     for count in (1, 7):
         inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 18), np.float32)}
@@ -37,9 +28,9 @@ def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
 
 
 def test_the_contract_travels_along(session: onnxruntime.InferenceSession) -> None:
-    contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
-    assert contract["joint_names"] == policy_contract()["joint_names"]
-    assert contract["training"]["steps"] > 0
+    entries = session.get_modelmeta().custom_metadata_map
+    assert Contract(**json.loads(entries["contract"])) == load_policy("h1").contract
+    assert json.loads(entries["training"])["steps"] > 0
 
 
 def test_a_network_that_onnx_cannot_follow_is_refused(tmp_path: pathlib.Path) -> None:

@@ -9,8 +9,8 @@ from hugwbc.controller import HasPhase, UpperBody
 from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy
+from hugwbc.learned.policy.network_policy import load_onnx_policy
 from hugwbc.learned.policy.onnx_export import export_onnx
-from hugwbc.learned.policy.onnx_policy import load_onnx_policy
 from hugwbc.runtime import ControllerSpec
 from hugwbc.state import RobotState
 
@@ -28,7 +28,7 @@ def exported(tmp_path_factory):
 def changed(exported, path, change):
     """Write a copy of the exported file whose contract was changed."""
     model = onnx.load(exported)
-    (entry,) = model.metadata_props
+    entry = model.metadata_props[0]
     contract = json.loads(entry.value)
     entry.value = change(contract) or json.dumps(contract)
     onnx.save(model, path)
@@ -62,7 +62,7 @@ def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported):
 
 def test_it_is_a_controller_by_its_path(exported, capsys):
     spec = ControllerSpec(str(exported))
-    assert spec.label == "mine" and spec.training == load_policy().metadata["training"]["config"]["env"]["intervention"]
+    assert spec.label == "mine" and spec.training == load_policy().training["config"]["env"]["intervention"]
     assert spec.build().name == "learned" and ControllerSpec("learned", str(exported)).build().period == 0.02
     assert main(["play", "--controller", str(exported), "--viewer", "none", "--duration", "0.2", "--v-x", "0.3"]) == 0
     with pytest.raises(ConfigError, match="takes no policy because it is one"):
@@ -82,11 +82,11 @@ def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
     with pytest.raises(PolicyFileError, match=r"is a bare network: it has no contract .* docs/evaluation.md"):
         ControllerSpec(str(path))
     for change, message in (
-        (lambda contract: "[]", "is not a JSON object"),
+        (lambda contract: "[]", "has no contract"),
         (lambda contract: "{", "is not JSON"),
-        (lambda contract: contract.update(robot="g1"), "robot = g1"),
+        (lambda contract: contract.update(robot="g1"), "unknown robot 'g1'"),
         (lambda contract: contract.update(period=-1.0), "period"),
-        (lambda contract: contract.update(contract=99), "has contract version 99"),
+        (lambda contract: contract.update(memory=3), "unknown Contract field 'memory'"),
     ):
         with pytest.raises(PolicyFileError, match=message):
             ControllerSpec(changed(exported, path, change)).build()
@@ -97,5 +97,5 @@ def test_a_network_that_does_not_fit_its_contract_is_refused(exported, tmp_path)
     model.graph.input[1].type.tensor_type.shape.dim[1].dim_value = 17
     path = tmp_path / "other.onnx"
     onnx.save(model, path)
-    with pytest.raises(PolicyFileError, match=r"sizes|not an ONNX network"):
+    with pytest.raises(PolicyFileError, match=r"does not take the contract|not an ONNX network"):
         load_onnx_policy(path)

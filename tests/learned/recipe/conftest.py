@@ -111,10 +111,10 @@ class FakeServices:
         from hugwbc.commands import COMMAND_NAMES, default_command
         from hugwbc.gait import Gait
         from hugwbc.learned.policy import load_policy
-        from hugwbc.learned.policy.feed_forward import of_contract
+        from hugwbc.learned.policy.feed_forward import FeedForward
 
         self.asked.append((policy, commands))
-        feed_forward = of_contract(load_policy(policy).metadata)
+        feed_forward = FeedForward(load_policy(policy).contract.feed_forward)
         rows = []
         for values in commands:
             gait = Gait.parse(values["gait"])

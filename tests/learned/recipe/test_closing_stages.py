@@ -34,12 +34,12 @@ def test_a_calibrated_policy_executes_what_is_commanded(finished: pathlib.Path) 
     content = json.loads((place / "calibration.json").read_text())
     before, after = content["mean errors"]["walking/h"].values()
     assert after < 0.5 * before
-    curves = load_policy(place).metadata["feed_forward"]
+    curves = load_policy(place).contract.feed_forward
     assert curves == content["curves"] and set(curves["walking"]) == {"v_x", "h"}
     record = RunFolder(finished).records()["calibrated"]
     assert record.figures["walking/h/uncalibrated"] == before and record.seeds == (0,)
     # The policy that it came from has none, so that its figures can stand beside.
-    assert "feed_forward" not in load_policy(RunFolder(finished).stage("merged")).metadata
+    assert not load_policy(RunFolder(finished).stage("merged")).contract.feed_forward
 
 
 def test_a_curve_that_helps_nothing_is_left_out(
@@ -50,7 +50,7 @@ def test_a_curve_that_helps_nothing_is_left_out(
 
     monkeypatch.setattr(services, "executed", stubborn)
     assert run_recipe(make_recipe(), RunOptions(finished, redo=("calibrated",)), services)
-    assert "feed_forward" not in load_policy(RunFolder(finished).stage("calibrated")).metadata
+    assert not load_policy(RunFolder(finished).stage("calibrated")).contract.feed_forward
 
 
 def test_falls_leave_a_calibration_without_curves(

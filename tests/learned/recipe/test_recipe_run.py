@@ -66,7 +66,7 @@ def test_a_recipe_runs_from_labels_to_a_policy_with_its_ancestry(
     assert chain[1].parents == {"labels": records["labels"].digest}
     assert chain[-1].run_spent.steps == 192 and chain[-1].run_spent.labels == 1440
     assert chain[-1].run_spent.cpu_seconds > 0.0
-    assert load_policy(exported).metadata["training"]["ancestry"]["records"]
+    assert load_policy(exported).training["ancestry"]["records"]
     # Evaluations are at the report seed, and their figures are in the record.
     figures = json.loads((tmp_path / "run" / "stages" / "figures" / "figures.json").read_text())
     assert figures["seed"] == 1000 and "rows" not in figures["tables"][0]["result"]

@@ -82,7 +82,7 @@ def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
     assert float(rows[-1]["steps"]) == 128
     session = json.loads((tmp_path / "sessions.jsonl").read_text().splitlines()[0])
     assert {"mujoco", "torch"} <= set(session["versions"])
-    assert load_policy(tmp_path).metadata["training"]["steps"] == 128
+    assert load_policy(tmp_path).training["steps"] == 128
 
 
 def test_a_log_with_other_columns_is_kept_apart(tmp_path: pathlib.Path) -> None:
@@ -120,13 +120,13 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     scores = iter([3.0, 1.0, 2.0])
     monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
     run(config(tmp_path, 3, **EVALUATE))
-    assert load_policy(tmp_path / "best").metadata["training"]["iteration"] == 2
+    assert load_policy(tmp_path / "best").training["iteration"] == 2
     # The best survives a resumption: 1.0 is better, 2.0 afterwards is not.
     trainer = run(config(tmp_path, 7, resume=True, **EVALUATE))
     assert trainer.best == {"evaluation/score": 1.0, "iteration": 4}
-    best = load_policy(tmp_path / "best").metadata["training"]
+    best = load_policy(tmp_path / "best").training
     assert best["iteration"] == 4 and best["evaluation"]["evaluation/score"] == 1.0
-    assert load_policy(tmp_path).metadata["training"]["iteration"] == 7
+    assert load_policy(tmp_path).training["iteration"] == 7
     other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_NAME))
     assert other.iteration == 4 and other.best == {}
 
@@ -278,14 +278,6 @@ def test_a_checkpoint_of_other_state_is_refused(tmp_path: pathlib.Path) -> None:
     checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
     with pytest.raises(PolicyFileError, match="Continue from its snapshot"):
         Trainer(config(tmp_path, 2, resume=True))
-
-
-def test_a_checkpoint_from_before_the_evaluations_resumes(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
-    del metadata["best"], metadata["evaluation"]
-    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
-    assert run(config(tmp_path, 2, resume=True)).iteration == 2
 
 
 def test_tensors_of_a_part_that_is_unknown_are_refused(tmp_path: pathlib.Path) -> None:

@@ -7,10 +7,11 @@ import torch
 from hugwbc import Command, Controller, Gait, UpperBody, load_robot
 from hugwbc.arm_servo import ArmServo
 from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy.contract import History, Term, load_contract
+from hugwbc.learned.policy.network_policy import NetworkPolicy, load_contract_policy
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import robot_names
 from hugwbc.runtime import Constant, HoldController, SafetyFilter, rollout
-from hugwbc.runtime.foreign import ForeignPolicy, load_contract, load_foreign_policy
 from hugwbc.sim import Simulation
 
 ROBOT = load_robot()
@@ -19,7 +20,7 @@ WALK = Command(v_x=0.5, gait=Gait.WALKING)
 
 @pytest.fixture
 def unitree(leg_lstm_file):
-    return load_foreign_policy("unitree-h1", leg_lstm_file)
+    return load_contract_policy("unitree-h1", leg_lstm_file)
 
 
 def test_a_recurrent_leg_policy_runs_as_its_maker_runs_it(unitree, leg_lstm, state):
@@ -82,7 +83,8 @@ class _Fixed:
     def reset(self):
         self.resets += 1
 
-    def __call__(self, observation):
+    def __call__(self, inputs):
+        (observation,) = inputs
         self.given.append(observation)
         return self.actions[len(self.given) - 1]
 
@@ -90,7 +92,7 @@ class _Fixed:
 def test_numbers_that_are_not_finite_are_held_and_counted(state):
     contract = dataclasses.replace(load_contract("unitree-h1"), action_clip=2.0)
     network = _Fixed(np.full(10, 5.0), np.full(10, np.nan), np.ones(10))
-    policy = ForeignPolicy(contract, network)
+    policy = NetworkPolicy(contract, network)
     policy.reset(state)
     first, second = (policy.act(state, WALK, UpperBody.none()).q[ROBOT.legs] for _ in range(2))
     np.testing.assert_allclose(first, np.array(contract.default_pose) + 0.25 * 2.0)
@@ -105,7 +107,7 @@ def test_numbers_that_are_not_finite_are_held_and_counted(state):
 def test_a_memory_that_is_not_finite_any_more_is_cleared(state):
     """One bad number in a recurrent state comes back in all that follow."""
     network = _Fixed(np.zeros(10), np.full(10, np.nan), np.zeros(10))
-    policy = ForeignPolicy(load_contract("unitree-h1"), network)
+    policy = NetworkPolicy(load_contract("unitree-h1"), network)
     policy.reset(state)
     before = network.resets
     resets = []
@@ -116,25 +118,67 @@ def test_a_memory_that_is_not_finite_any_more_is_cleared(state):
 
 
 def test_the_clock_may_follow_the_commanded_frequency_and_held_joints_have_a_pose(state):
-    contract = dataclasses.replace(
-        load_contract("unitree-h1"), clock_period=None, held_pose=(("left_elbow_joint", 0.7),)
-    )
+    contract = dataclasses.replace(load_contract("unitree-h1"), clock_period=None, held_pose={"left_elbow_joint": 0.7})
     network = _Fixed(np.zeros(10))
-    policy = ForeignPolicy(contract, network)
+    policy = NetworkPolicy(contract, network)
     q = policy.act(state, dataclasses.replace(WALK, f=2.5), UpperBody.none()).q
     angle = 2 * np.pi * 2.5 * 0.02
-    np.testing.assert_allclose(network.given[0][-2:], [np.sin(angle), np.cos(angle)])
+    np.testing.assert_allclose(network.given[0][-2:], [np.sin(angle), np.cos(angle)], atol=1e-6)
     assert q[ROBOT.index("left_elbow_joint")] == 0.7
 
 
 def test_a_network_that_does_not_fit_its_contract_is_refused(tmp_path, leg_lstm_file, counting_onnx):
     with pytest.raises(PolicyFileError, match="give one with --policy FILE"):
-        load_foreign_policy("unitree-h1")
+        load_contract_policy("unitree-h1")
     text = (tmp_path / "contract.yaml").write_text
     head = "policy: {}\nperiod: 0.02\njoints: [{}]\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\n"
     text(head.format(leg_lstm_file, "torso_joint") + "observation: [gravity]")
     with pytest.raises(PolicyFileError, match=r"does not take the contract's observation, 1 x \(gravity 3\) = 3 num"):
-        load_foreign_policy(tmp_path)
+        load_contract_policy(tmp_path)
     text(head.format(counting_onnx, "torso_joint") + "state: {memory: next}\nobservation: [gravity]")
     with pytest.raises(PolicyFileError, match=r"gives 2 actions \(2 finite\), the contract has 1 joints: torso_joint"):
-        load_foreign_policy(tmp_path)
+        load_contract_policy(tmp_path)
+
+
+def seen(contract, states, command=Command()):  # noqa: B008  it is frozen
+    """Return what the network of a contract reads at each of some states."""
+    network = _Fixed(*[np.zeros(len(contract.joints))] * len(states))
+    policy = NetworkPolicy(contract, network)
+    policy.reset(states[0])
+    for one in states:
+        policy.act(one, command, UpperBody.none())
+    return network.given
+
+
+def test_terms_that_unitrees_policy_does_not_have(state):
+    terms = (
+        Term("linear_velocity", scale=2.0),
+        Term("absolute_joint_position", joints=("left_knee_joint",)),
+        Term("constant", scale=(1.0, 3.0), value=(7.0, 9.0)),
+        Term("phase_cos", offset=0.5),
+    )
+    contract = dataclasses.replace(load_contract("unitree-h1"), observation=terms, observation_clip=8.0)
+    angle = 2 * np.pi * (0.02 / 0.8 + 0.5)
+    (still,) = seen(contract, [state])
+    np.testing.assert_allclose(still, [0, 0, 0, 0.9, 7, 8, np.cos(angle)], atol=1e-6)
+    (moving,) = seen(contract, [dataclasses.replace(state, velocity=np.array([1.0, 0.5, 0.0]))])
+    # Pitched forward by 0.2 rad, the pelvis' own x axis points down a little.
+    np.testing.assert_allclose(moving[:3], [2 * np.cos(0.2), 1.0, 2 * np.sin(0.2)], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("order", "layout", "start", "expected"),
+    [
+        ("oldest_first", "by_frame", "first_frame", [1, 2, 3, 1, 2, 3, 4, 2, 3]),
+        ("newest_first", "by_frame", "first_frame", [4, 2, 3, 1, 2, 3, 1, 2, 3]),
+        ("oldest_first", "by_term", "zeros", [0, 1, 4, 0, 2, 2, 0, 3, 3]),
+    ],
+)
+def test_history_in_every_order(state, order, layout, start, expected):
+    knee, constants = Term("absolute_joint_position", joints=("left_knee_joint",)), (2.0, 3.0)
+    terms = (knee, *(Term("constant", value=(value,)) for value in constants))
+    contract = dataclasses.replace(
+        load_contract("unitree-h1"), observation=terms, history=History(3, order, layout, start)
+    )
+    bent = [dataclasses.replace(state, q=np.full(19, angle)) for angle in (1.0, 4.0)]
+    np.testing.assert_array_equal(seen(contract, bent)[-1], expected)

@@ -3,19 +3,19 @@ import pytest
 import torch
 
 from hugwbc.errors import PolicyFileError
-from hugwbc.runtime.foreign.network import load_network
+from hugwbc.learned.policy.network_files import load_network
 
 
 def test_torchscript_keeps_its_memory_until_it_is_reset(leg_lstm_file, leg_lstm):
-    network = load_network(leg_lstm_file)
-    inputs = np.random.default_rng(0).normal(size=(3, 41))
+    network = load_network(leg_lstm_file, {})
+    inputs = np.random.default_rng(0).normal(size=(3, 41)).astype(np.float32)
     for _ in range(2):
         network.reset()
         leg_lstm.reset_memory()
         for row in inputs:
             with torch.no_grad():
-                expected = leg_lstm(torch.as_tensor(row, dtype=torch.float32)[None])[0]
-            np.testing.assert_allclose(network(row), expected, atol=1e-6)
+                expected = leg_lstm(torch.as_tensor(row)[None])[0]
+            np.testing.assert_allclose(network([row]), expected, atol=1e-6)
 
 
 def test_torchscript_without_a_reset_method_starts_as_it_was_saved(tmp_path):
@@ -29,33 +29,31 @@ def test_torchscript_without_a_reset_method_starts_as_it_was_saved(tmp_path):
             return self.count + 0.0 * x
 
     torch.jit.script(Counter()).save(str(tmp_path / "counter.pt"))
-    network = load_network(tmp_path / "counter.pt")
-    assert [network(np.zeros(1))[0] for _ in range(2)] == [6.0, 7.0]
+    network = load_network(tmp_path / "counter.pt", {})
+    assert [network([np.zeros(1, np.float32)])[0] for _ in range(2)] == [6.0, 7.0]
     network.reset()
-    assert network(np.zeros(1))[0] == 6.0
+    assert network([np.zeros(1, np.float32)])[0] == 6.0
 
 
 def test_onnx_with_memory(counting_onnx):
-    network = load_network(counting_onnx, (("memory", "next"),))
-    inputs = np.array([1.0, 2.0, 3.0])
-    np.testing.assert_array_equal([network(inputs), network(2 * inputs)], [[6.0, 1.0], [12.0, 2.0]])
+    network = load_network(counting_onnx, {"memory": "next"})
+    inputs = np.array([1.0, 2.0, 3.0], np.float32)
+    np.testing.assert_array_equal([network([inputs]), network([2 * inputs])], [[6.0, 1.0], [12.0, 2.0]])
     network.reset()
-    np.testing.assert_array_equal(network(inputs), [6.0, 1.0])
+    np.testing.assert_array_equal(network([inputs]), [6.0, 1.0])
 
 
 def test_files_that_are_no_networks_are_refused(tmp_path, counting_onnx, leg_lstm_file):
     with pytest.raises(PolicyFileError, match="there is no policy file"):
-        load_network(tmp_path / "missing.pt")
+        load_network(tmp_path / "missing.pt", {})
     torch.save({"a": torch.zeros(1)}, tmp_path / "checkpoint.pt")
     with pytest.raises(PolicyFileError, match=r"is not a TorchScript file .* is a pickle and is not loaded"):
-        load_network(tmp_path / "checkpoint.pt")
+        load_network(tmp_path / "checkpoint.pt", {})
     for name, message in (("bad.onnx", "is not an ONNX network"), ("bad.bin", "valid is TorchScript or ONNX")):
         (tmp_path / name).write_bytes(b"nothing of the kind")
         with pytest.raises(PolicyFileError, match=message):
-            load_network(tmp_path / name)
-    with pytest.raises(PolicyFileError, match="has the inputs observation, memory"):
-        load_network(counting_onnx)
+            load_network(tmp_path / name, {})
     with pytest.raises(PolicyFileError, match="cell is missing"):
-        load_network(counting_onnx, (("memory", "cell"),))
+        load_network(counting_onnx, {"memory": "cell"})
     with pytest.raises(PolicyFileError, match="keeps its state itself"):
-        load_network(leg_lstm_file, (("memory", "next"),))
+        load_network(leg_lstm_file, {"memory": "next"})

@@ -1,0 +1,295 @@
+"""Contracts: what is needed to run a policy's network, ours or another project's; a file or a network's metadata.
+
+docs/evaluation.md describes every field. Our own policies carry a contract in their metadata, and other people's have
+one as YAML beside the network's file.
+"""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
+from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
+from hugwbc.learned.policy.feed_forward import Curves, check_curves
+from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
+from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
+from hugwbc.learned.policy.terms import TERMS
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_names
+from hugwbc.settings import Beside, NotNegative, Positive, Share, one_of, refusing, settings
+from hugwbc.settings_file import load
+
+_KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
+
+JointName = Annotated[str, one_of("joint", lambda: load_robot().joint_names)]
+CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
+
+
+def _once(names: tuple[str, ...]) -> tuple[str, ...]:
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise ConfigError(f"'{name}' is listed twice; keep one", at=(index,))
+    return names
+
+
+def _or_all(names: Any) -> Any:  # noqa: ANN401  what a file holds
+    return load_robot().joint_names if names == "all" else names
+
+
+Joints = Annotated[tuple[JointName, ...], BeforeValidator(_or_all), AfterValidator(refusing(_once))]
+
+
+def _for_each(value: Any, info: ValidationInfo) -> Any:  # noqa: ANN401
+    """Repeat a single number for each joint, and refuse lists of another length."""
+    joints = info.data.get("joints", ())
+    if isinstance(value, int | float):
+        return (value,) * len(joints)
+    if isinstance(value, list | tuple | np.ndarray) and joints and len(value) != len(joints):
+        raise ConfigError(f"found {len(value)} numbers; give {len(joints)}, one per joint, or a single one for all")
+    return value
+
+
+_EACH = BeforeValidator(refusing(_for_each))
+Angles = Annotated[tuple[float, ...], _EACH]
+Gains = Annotated[tuple[Annotated[float, Field(ge=0, le=1e4)], ...], _EACH]
+ActionScales = Annotated[tuple[Annotated[float, Field(ge=0, le=10)], ...], _EACH]
+
+
+@settings
+class Term:
+    """One part of an observation.
+
+    Attributes:
+        term: one of `TERMS`, or "constant".
+        scale: a factor for all its numbers, or one for each.
+        joints: joints of a term that has them; None for those that the policy moves.
+        names: commands of the term "command"; None for all.
+        offset: shift of the clock for this term [cycles].
+        value: numbers of a constant.
+    """
+
+    term: Annotated[str, one_of("observation term", lambda: (*TERMS, "constant"))]
+    scale: float | tuple[float, ...] = 1.0
+    joints: Joints | None = None
+    names: tuple[CommandName, ...] | None = None
+    offset: float = 0.0
+    value: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.term == "constant") != bool(self.value):
+            raise ConfigError("a constant, and nothing else, has a value: {constant: {value: [...]}}", at=("value",))
+        if self.joints is not None and self.term not in _KINDS_OF_JOINTS:
+            raise ConfigError(f"{self.term} takes no joints; leave them out", at=("joints",))
+        if self.names is not None and self.term != "command":
+            raise ConfigError(f"{self.term} takes no names; leave them out", at=("names",))
+
+    def columns(self, moved: tuple[str, ...]) -> np.ndarray | None:
+        """Return which numbers of the table's term are read; None for all.
+
+        Args:
+            moved: joints that the policy moves.
+        """
+        if self.term in _KINDS_OF_JOINTS:
+            return load_robot().indices(moved if self.joints is None else self.joints)
+        return None if self.names is None else np.array([COMMAND_NAMES.index(name) for name in self.names])
+
+    def size(self, moved: tuple[str, ...]) -> int:
+        """Return how many numbers the term has."""
+        if self.term in ("last_action", "constant"):
+            return len(moved) if self.term == "last_action" else len(self.value)
+        columns = self.columns(moved)
+        return TERMS[self.term].size if columns is None else len(columns)
+
+
+def _spelled_out(entry: Any) -> Any:  # noqa: ANN401
+    """Return the fields of `gravity`, or of `command: {names: [v_x]}`."""
+    if isinstance(entry, str):
+        return {"term": entry}
+    if isinstance(entry, Mapping) and len(entry) == 1:
+        ((name, fields),) = entry.items()
+        return {"term": name, **fields} if isinstance(fields, Mapping) else entry
+    return entry
+
+
+Terms = tuple[Annotated[Term, BeforeValidator(_spelled_out)], ...]
+
+
+@settings
+class History:
+    """The arrangement of earlier observations in the network's input.
+
+    Attributes:
+        frames: number of observations in the input, including the newest.
+        order: order in time.
+        layout: whole observations one after the other, or each term with its past.
+        start: what replaces observations before the first.
+    """
+
+    frames: Annotated[int, Field(ge=1, le=1000)] = 1
+    order: Literal["oldest_first", "newest_first"] = "oldest_first"
+    layout: Literal["by_frame", "by_term"] = "by_frame"
+    start: Literal["first_frame", "zeros"] = "first_frame"
+
+
+@settings(kw_only=True)
+class Contract:
+    """Everything about a policy that its network does not say; SI units, radians.
+
+    Attributes:
+        name: short name for tables; by default that of the file or folder.
+        robot: robot that the policy was made for.
+        period: time between two actions [s].
+        joints: joints that the policy moves, in the order of its actions; the others are held.
+        default_pose: positions of these joints at action 0 [rad].
+        kp, kd: gains of these joints [N*m/rad], [N*m*s/rad].
+        action_scale: joint target per unit of action, for each joint [rad].
+        observation: terms of the network's input.
+        history: earlier observations in that input.
+        command: terms of a second input, which has no history; the network has none if there are no terms.
+        action_clip: bound of the actions, before scaling.
+        observation_clip: bound of the scaled observations.
+        state: recurrent state of an ONNX network: the name of each state input and of the output with its next value.
+            A TorchScript network keeps its state itself.
+        clock_period: period of the clock [s]; None for a clock that follows the commanded stride frequency.
+        held_pose: positions of joints that the policy does not move, if they differ from the robot's nominal pose
+            [rad].
+        waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
+        squat_gain: share of the commanded height and pitch that the legs' joint targets follow
+            (`hugwbc.learned.policy.leg_feed_forward`).
+        swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
+        feed_forward: what to ask the network for, by gait and command (`hugwbc.learned.policy.feed_forward`).
+        policy: TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given
+            otherwise.
+    """
+
+    name: str = ""
+    robot: Annotated[str, one_of("robot", robot_names)] = DEFAULT_ROBOT
+    period: Annotated[float, Field(ge=1e-3, le=1)]
+    joints: Joints
+    default_pose: Angles
+    kp: Gains
+    kd: Gains
+    action_scale: ActionScales
+    observation: Annotated[Terms, Field(min_length=1)]
+    history: History = dataclasses.field(default_factory=History)
+    command: Terms = ()
+    action_clip: Positive | None = None
+    observation_clip: Positive | None = None
+    state: dict[str, str] = dataclasses.field(default_factory=dict)
+    clock_period: Positive | None = None
+    held_pose: dict[JointName, float] = dataclasses.field(default_factory=dict)
+    waist_rate: NotNegative = 0.0
+    squat_gain: Share = 0.0
+    swing_gain: Share = 0.0
+    feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
+    policy: Beside | None = None
+
+    def __post_init__(self) -> None:
+        for group in ("observation", "command"):
+            for index, term in enumerate(getattr(self, group)):
+                size = term.size(self.joints)
+                if isinstance(term.scale, tuple) and len(term.scale) != size:
+                    problem = f"{term.term} has {len(term.scale)} scales; give {size}, one per number, or a single one"
+                    raise ConfigError(problem, at=(group, index))
+        for name in self.held_pose:
+            if name in self.joints:
+                raise ConfigError(f"the policy moves '{name}'; leave it out of held_pose", at=("held_pose", name))
+
+    @property
+    def observation_size(self) -> int:
+        """Number of values of one observation, without history."""
+        return sum(term.size(self.joints) for term in self.observation)
+
+    @property
+    def input_sizes(self) -> tuple[int, ...]:
+        """Numbers of values of the network's inputs: observations, and commands if it has them apart."""
+        sizes = (self.observation_size * self.history.frames, sum(term.size(self.joints) for term in self.command))
+        return sizes if self.command else sizes[:1]
+
+    @property
+    def follows_gait(self) -> bool:
+        """Whether the policy reads our gait's clock."""
+        return any(term.term in ("gait", "foot_sin", "foot_cos") for term in (*self.observation, *self.command))
+
+
+def load_contract(name: str | pathlib.Path) -> Contract:
+    """Load a contract by the name of a shipped one, by path, or from a folder with a `contract.yaml`.
+
+    Raises:
+        UnknownNameError: if there is no such contract.
+        ConfigError: if the file cannot be read or is not a valid contract; it names the line.
+    """
+    path = policy_file(name)
+    contract = load(Contract, path)
+    folder = path.name == CONTRACT_FILE
+    return contract if contract.name else dataclasses.replace(contract, name=path.parent.name if folder else path.stem)
+
+
+def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
+    """Return the contract in a network's metadata.
+
+    Args:
+        metadata: metadata of the file.
+        origin: name of the file, for messages.
+
+    Raises:
+        PolicyFileError: if there is none, or this version cannot run it.
+    """
+    fields = metadata.get("contract")
+    if not isinstance(fields, Mapping):
+        raise PolicyFileError(f"{origin} has no contract that this hugwbc reads; use the version that wrote it")
+    try:
+        return Contract(**fields)
+    except (HugwbcError, TypeError) as error:
+        hint = "use a policy that this version wrote; a term of your own needs the Python file that adds it to TERMS"
+        raise PolicyFileError(f"the contract of {origin} is not valid: {error}; {hint}") from error
+
+
+def policy_contract(
+    *,
+    period: float = PERIOD,
+    action_scale: ArrayLike = ACTION_SCALE,
+    waist_rate: float = WAIST_RATE,
+    squat_gain: float = 0.0,
+    swing_gain: float = 0.0,
+    kp: ArrayLike | None = None,
+    kd: ArrayLike | None = None,
+    robot: Robot | None = None,
+    own: tuple[str, ...] = (),
+) -> Contract:
+    """Return the contract of a policy that is trained with this version.
+
+    Args:
+        period: time between two actions [s].
+        action_scale: radians of joint target per unit of action, one number or one per joint.
+        waist_rate: as in `Contract`.
+        squat_gain: as in `Contract`.
+        swing_gain: as in `Contract`.
+        kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
+        kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
+        robot: robot of the training; None for the default one.
+        own: names of further observation terms, which come after those of the command.
+    """
+    robot = robot or load_robot()
+    count = len(robot.joint_names)
+    return Contract(
+        name="learned",
+        robot=robot.name,
+        period=period,
+        joints=robot.joint_names,
+        default_pose=tuple(robot.nominal.tolist()),
+        kp=tuple(np.asarray(robot.kp if kp is None else kp).tolist()),
+        kd=tuple(np.asarray(robot.kd if kd is None else kd).tolist()),
+        action_scale=tuple(np.broadcast_to(np.asarray(action_scale, dtype=float), count).tolist()),
+        observation=tuple(Term(name, scale=TERMS[name].scale) for name in FRAME_TERMS),
+        history=History(frames=HISTORY_FRAMES),
+        command=tuple(Term(name, scale=TERMS[name].scale) for name in (*COMMAND_TERMS, *own)),
+        waist_rate=waist_rate,
+        squat_gain=squat_gain,
+        swing_gain=swing_gain,
+    )

@@ -1,0 +1,63 @@
+"""Records of trainings: the versions and settings that made a policy, and what a policy's file says of them."""
+
+import dataclasses
+import importlib.metadata
+import json
+import pathlib
+import platform
+from typing import Any
+
+from hugwbc.errors import PolicyFileError
+from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork
+from hugwbc.learned.policy.policy_files import policy_file, read_header
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    packages = ("hugwbc", "mujoco", "numpy", "safetensors", "torch")
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **{package: version for package in packages if (version := _version(package)) is not None},
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:  # torch, which running an exported network does not need
+        return None
+
+
+def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
+    """Return settings in a form that JSON can hold, for the record of a policy.
+
+    Folders mean nothing on another machine: of a path only the last two parts are kept, and of `out` nothing.
+    """
+    record = json.loads(json.dumps(dataclasses.asdict(settings), default=_last_parts))
+    record.pop("out", None)
+    return record
+
+
+def _last_parts(value: object) -> str:
+    return "/".join(value.parts[-2:]) if isinstance(value, pathlib.PurePath) else str(value)
+
+
+def trained_with(name_or_path: str | pathlib.Path) -> str | None:
+    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record.
+
+    Raises:
+        UnknownNameError: if it is neither a shipped policy nor an existing path.
+        PolicyFileError: if the file cannot be read.
+    """
+    path = policy_file(name_or_path)
+    if path.suffix == ONNX_SUFFIX:
+        record: Any = OnnxNetwork(path, {}).metadata
+    else:
+        try:
+            record = json.loads(read_header(path).get("metadata", "{}"))
+        except (ValueError, RecursionError) as error:  # brackets nested by the thousand
+            raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
+    for key in ("training", "config", "env", "intervention"):
+        record = record.get(key) if isinstance(record, dict) else None
+    return record if isinstance(record, str) else None

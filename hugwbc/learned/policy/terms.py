@@ -1,0 +1,324 @@
+"""Observation terms: what a policy can read of a robot and its commands, by name; NumPy, many robots at once.
+
+Training, policy files and contracts of other projects' policies use the same table, `TERMS`. A Python file adds its
+own: `TERMS["ankles"] = ObservationTerm(...)` (docs/how-to/add-an-observation.md).
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hugwbc import gait as gaits
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.gait import Gait
+from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.robot import load_robot
+
+JOINTS = 19
+_VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
+_GAITS = np.arange(len(Gait))
+_ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried
+_TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the number
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A few numbers of an observation that belong together.
+
+    Attributes:
+        about: what they are.
+        size: how many they are.
+        signs: factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in
+            the order of the robot's joints, of `Gait` or of `Robot.contact_links`.
+        sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
+            places, and `signs` are those of one side.
+        scale: factor that brings them to about 1, one for all or one for each.
+        noise: half-width of the noise in training, in physical units. `RandomizationConfig.noise` scales that of the
+            proprioceptive frame, which is the paper's.
+    """
+
+    about: str
+    size: int
+    signs: tuple[float, ...] | Literal["joints", "gaits", "links"]
+    sides: bool = False
+    scale: float | tuple[float, ...] = 1.0
+    noise: float = 0.0
+
+    def image(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return partner and sign of each number: image_i = sign_i x_partner_i."""
+        if self.signs == "joints":
+            mirror = load_mirror()
+            return mirror.joint_index, mirror.joint_sign
+        if self.signs == "gaits":
+            return np.array([int(gait.mirrored()) for gait in Gait]), np.ones(len(Gait))
+        if self.signs == "links":
+            names, swap = list(load_robot().contact_links), {"left": "right", "right": "left"}
+            partners = ["_".join([swap.get(word, word) for word in name.split("_")]) for name in names]
+            return np.array([names.index(name) for name in partners]), np.ones(len(names))
+        places, half = np.arange(self.size), self.size // 2
+        if not self.sides:
+            return places, np.array(self.signs)
+        return (places + half) % self.size, np.tile(self.signs, 2)
+
+
+def size_of(parts: Iterable[Part]) -> int:
+    """Return how many numbers parts have together."""
+    return sum(part.size for part in parts)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sensed:
+    """What n robots sense and are told; in training, with the errors of the sensors.
+
+    Attributes:
+        angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
+        gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
+        q, dq: joint positions [rad] and velocities [rad/s], shape (n, 19).
+        action: the policy's last output, shape (n, number of its joints).
+        command: in the order of `COMMAND_NAMES`, shape (n, 8).
+        gait: values of `Gait`, shape (n,).
+        phase: common phase of the gait, in [0, 1), shape (n,).
+        indicator: whether the arms are under external control, shape (n,), bool.
+        pose: joint positions at action 0 [rad], shape (19,).
+        velocity: of the pelvis in its own frame [m/s], shape (n, 3); None where nothing estimates it.
+    """
+
+    angular_velocity: np.ndarray
+    gravity: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    action: np.ndarray
+    command: np.ndarray
+    gait: np.ndarray
+    phase: np.ndarray
+    indicator: np.ndarray
+    pose: np.ndarray
+    velocity: np.ndarray | None = None
+
+    @functools.cached_property
+    def feet(self) -> np.ndarray:
+        """Homogenised phases of the left and the right foot, shape (n, 2)."""
+        return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
+
+    def mirrored(self) -> "Sensed":
+        """Return what the mirror images of the robots sense."""
+        joints = load_mirror().joints
+        walking = self.gait == Gait.WALKING  # whose feet are half a cycle apart
+        return dataclasses.replace(
+            self,
+            angular_velocity=self.angular_velocity * AXIAL_SIGNS,
+            gravity=self.gravity * VECTOR_SIGNS,
+            q=joints(self.q),
+            dq=joints(self.dq),
+            action=joints(self.action),
+            command=self.command * COMMAND_SIGNS,
+            gait=np.array([int(Gait(int(gait)).mirrored()) for gait in self.gait]),
+            phase=(self.phase + 0.5 * walking) % 1.0,
+            velocity=None if self.velocity is None else self.velocity * VECTOR_SIGNS,
+        )
+
+    def row(self, place: int) -> "Sensed":
+        """Return one robot's, as n = 1."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "pose"]
+        rows = {name: value[place : place + 1] for name in names if (value := getattr(self, name)) is not None}
+        return dataclasses.replace(self, **rows)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ObservationTerm(Part):
+    """A term: what `Part` declares, and how it is made.
+
+    Attributes:
+        read: returns the numbers in physical units, shape (n, size), each row of the same row of `Sensed` alone. It
+            keeps nothing between calls.
+    """
+
+    read: Callable[[Sensed], np.ndarray]
+
+
+def scaled(value: np.ndarray, scale: ArrayLike) -> np.ndarray:
+    """Return numbers as a network reads them: float32, and 0 in place of what is not finite."""
+    numbers = np.asarray(value).astype(np.float32) * np.asarray(scale, dtype=np.float32)
+    return np.nan_to_num(numbers, copy=False, posinf=0.0, neginf=0.0)
+
+
+def observe(terms: Iterable[ObservationTerm], sensed: Sensed) -> np.ndarray:
+    """Return the numbers of terms side by side, as a network reads them, shape (n, sum of sizes), float32."""
+    rows = [scaled(term.read(sensed), term.scale) for term in terms]
+    return np.concatenate([np.zeros((len(sensed.gait), 0), np.float32), *rows], axis=1)
+
+
+# The table ------------------------------------------------------------------------------------------------------------
+
+
+def _pelvis_velocity(sensed: Sensed) -> np.ndarray:
+    return np.zeros((len(sensed.gait), 3)) if sensed.velocity is None else sensed.velocity
+
+
+def _joint_position(sensed: Sensed) -> np.ndarray:
+    return sensed.q.astype(np.float32) - sensed.pose.astype(np.float32)
+
+
+def _wave(of: Callable[[np.ndarray], np.ndarray], phase: Callable[[Sensed], np.ndarray]) -> Callable:
+    return lambda sensed: of(2.0 * math.pi * phase(sensed))
+
+
+# Scales bring each command to about 1. They are ours: the authors scale l by 0.15, which hides it from the network.
+_COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
+
+TERMS: dict[str, ObservationTerm] = {
+    "angular_velocity": ObservationTerm(
+        about="angular velocity of the pelvis in its own frame",
+        size=3,
+        signs=_AXIAL,
+        scale=0.25,
+        noise=0.2,
+        read=lambda s: s.angular_velocity,
+    ),
+    "linear_velocity": ObservationTerm(
+        about="velocity of the pelvis in its own frame, 0 where nothing estimates it",
+        size=3,
+        signs=_VECTOR,
+        read=_pelvis_velocity,
+    ),
+    "gravity": ObservationTerm(
+        about="unit vector of gravity in the pelvis frame",
+        size=3,
+        signs=_VECTOR,
+        noise=0.05,
+        read=lambda s: s.gravity,
+    ),
+    "joint_position": ObservationTerm(
+        about="q minus the pose at action 0", size=JOINTS, signs="joints", noise=0.01, read=_joint_position
+    ),
+    "absolute_joint_position": ObservationTerm(about="q", size=JOINTS, signs="joints", read=lambda s: s.q),
+    "joint_velocity": ObservationTerm(
+        about="dq", size=JOINTS, signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq
+    ),
+    "last_action": ObservationTerm(about="last action", size=JOINTS, signs="joints", read=lambda s: s.action),
+    "command": ObservationTerm(
+        about="commands: " + ", ".join(COMMAND_NAMES),
+        size=len(COMMAND_NAMES),
+        signs=tuple(COMMAND_SIGNS.tolist()),
+        scale=tuple(_COMMAND_SCALES[name] for name in COMMAND_NAMES),
+        read=lambda s: s.command,
+    ),
+    "gait": ObservationTerm(
+        about="1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait),
+        size=len(Gait),
+        signs="gaits",
+        read=lambda s: s.gait[:, None] == _GAITS,
+    ),
+    "foot_sin": ObservationTerm(
+        about="sin(2 pi phase) of the left and the right foot",
+        size=2,
+        signs=(1.0,),
+        sides=True,
+        read=_wave(np.sin, lambda s: s.feet),
+    ),
+    "foot_cos": ObservationTerm(
+        about="cos(2 pi phase) of the left and the right foot",
+        size=2,
+        signs=(1.0,),
+        sides=True,
+        read=_wave(np.cos, lambda s: s.feet),
+    ),
+    "intervention": ObservationTerm(
+        about="1 where the arms are under external control",
+        size=1,
+        signs=(1.0,),
+        read=lambda s: s.indicator[:, None],
+    ),
+    "phase_sin": ObservationTerm(
+        about="sin(2 pi phase) of the clock",
+        size=1,
+        signs=(1.0,),
+        read=_wave(np.sin, lambda s: s.phase[:, None]),
+    ),
+    "phase_cos": ObservationTerm(
+        about="cos(2 pi phase) of the clock",
+        size=1,
+        signs=(1.0,),
+        read=_wave(np.cos, lambda s: s.phase[:, None]),
+    ),
+}
+"""All terms, by name. The paper's policy has one clock per foot, which cannot tell phi from 0.5 - phi; ours reads sine
+and cosine, and one number for each gait instead of the paper's psi, with which a jump looks like a hop."""
+
+
+# Terms of the user's own ----------------------------------------------------------------------------------------------
+
+
+def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:
+    """Return terms that a training reads besides those of the paper, after trying each of them.
+
+    Raises:
+        UnknownNameError: if there is no such term.
+        ConfigError: if one is named twice, or does not give what it declares.
+    """
+    for name in names:
+        if name not in TERMS:
+            raise UnknownNameError("observation term", name, TERMS)
+        if list(names).count(name) > 1:
+            raise ConfigError(f"observation terms are {', '.join(names)}; give each once")
+        check_term(name)
+    return tuple(TERMS[name] for name in names)
+
+
+def check_term(name: str) -> None:
+    """Refuse a term that does not give what it declares on made-up robots, on their mirror images and on one alone.
+
+    Raises:
+        ConfigError: if shape, mirror image or a robot alone are not as declared, or a number is not finite.
+    """
+    term, robots = TERMS[name], _made_up()
+    partner, sign = term.image()
+    if len(partner) != term.size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != term.size:
+        raise ConfigError(f"observation term '{name}' has the size {term.size} and other signs; give +1 or -1 for each")
+    straight, mirrored, alone = (
+        np.asarray(term.read(s), dtype=float) for s in (robots, robots.mirrored(), robots.row(3))
+    )
+    if straight.shape != (_ROWS, term.size) or alone.shape != (1, term.size):
+        raise ConfigError(f"observation term '{name}' gives shape {straight.shape}; give {(_ROWS, term.size)} here")
+    if not np.isfinite(np.concatenate((straight, mirrored))).all():
+        raise ConfigError(f"observation term '{name}' gives numbers that are not finite; give finite ones")
+    if _differ(alone, straight[3:4]).any():
+        raise ConfigError(f"observation term '{name}' mixes robots; compute each row from the same row alone")
+    wrong = np.flatnonzero(_differ(mirrored, straight[:, partner] * sign).any(0))
+    if wrong.size:
+        raise ConfigError(
+            f"observation term '{name}' violates its mirror signs at {', '.join(map(str, wrong))}, counted from 0; a "
+            "left-right quantity needs -1, a vector's y as well, and pairs of sides need sides=True"
+        )
+
+
+def _differ(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    return np.abs(found - expected) > _TOLERANCE * np.maximum(1.0, np.abs(expected))
+
+
+@functools.cache
+def _made_up() -> Sensed:
+    """Return robots in random states under commands over their ranges, in every gait."""
+    rng, robot = np.random.default_rng(_SEED), load_robot()
+    ranges = command_ranges(Gait.WALKING)
+    low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
+    gravity = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.standard_normal((_ROWS, 3))
+    return Sensed(
+        angular_velocity=rng.standard_normal((_ROWS, 3)),
+        gravity=gravity / np.linalg.norm(gravity, axis=1, keepdims=True),
+        q=robot.nominal + 0.3 * rng.standard_normal((_ROWS, JOINTS)),
+        dq=2.0 * rng.standard_normal((_ROWS, JOINTS)),
+        action=rng.standard_normal((_ROWS, JOINTS)),
+        command=rng.uniform(low, high, (_ROWS, len(COMMAND_NAMES))),
+        gait=np.arange(_ROWS) % len(Gait),
+        phase=rng.uniform(0.0, 1.0, _ROWS),
+        indicator=rng.uniform(0.0, 1.0, _ROWS) < 0.5,
+        pose=robot.nominal,
+        velocity=rng.standard_normal((_ROWS, 3)),
+    )

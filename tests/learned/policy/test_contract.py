@@ -1,0 +1,156 @@
+import dataclasses
+import json
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+import hugwbc
+from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
+from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.policy import shipped_contracts
+from hugwbc.learned.policy.contract import Contract, History, Term, contract_of, load_contract, policy_contract
+from hugwbc.learned.policy.records import settings_record
+from hugwbc.robot import load_robot
+
+GOOD = """\
+policy: net.onnx
+period: 0.01
+joints: [left_knee_joint, torso_joint]
+default_pose: [0.3, 0]
+kp: 100
+kd: [2, 3]
+action_scale: [0.25, 0.5]
+action_clip: 10
+observation_clip: 100
+clock_period: 0.7
+history: {frames: 3, order: newest_first, layout: by_term, start: zeros}
+held_pose: {left_elbow_joint: 0.5}
+state: {h_in: h_out}
+observation:
+  - gravity
+  - command: {names: [h, v_x], scale: [2, 1]}
+  - absolute_joint_position: {joints: [torso_joint]}
+  - joint_velocity: {scale: 0.05}
+  - last_action
+  - phase_sin: {offset: 0.5}
+  - constant: {value: [1, 2]}
+"""
+
+
+def read(tmp_path: pathlib.Path, text: str) -> Contract:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    return load_contract(path)
+
+
+def test_a_contract_is_what_the_file_says(tmp_path):
+    contract = read(tmp_path, GOOD)
+    assert contract.name == "mine" and contract.policy == tmp_path / "net.onnx" and contract.period == 0.01
+    assert contract.joints == ("left_knee_joint", "torso_joint") and contract.default_pose == (0.3, 0.0)
+    assert contract.kp == (100.0, 100.0) and contract.kd == (2.0, 3.0) and contract.action_scale == (0.25, 0.5)
+    assert contract.action_clip == 10.0 and contract.observation_clip == 100.0 and contract.clock_period == 0.7
+    assert contract.history == History(3, "newest_first", "by_term", "zeros")
+    assert contract.held_pose == {"left_elbow_joint": 0.5} and contract.state == {"h_in": "h_out"}
+    assert contract.observation == (
+        Term("gravity"),
+        Term("command", scale=(2.0, 1.0), names=("h", "v_x")),
+        Term("absolute_joint_position", joints=("torso_joint",)),
+        Term("joint_velocity", scale=0.05),
+        Term("last_action"),
+        Term("phase_sin", offset=0.5),
+        Term("constant", value=(1.0, 2.0)),
+    )
+    assert contract.input_sizes == (3 * 13,)
+    assert contract_of({"contract": json.loads(json.dumps(dataclasses.asdict(contract), default=str))}, "x") == contract
+
+
+def test_the_shipped_contract_is_unitrees():
+    assert shipped_contracts() == ["unitree-h1"]
+    contract = load_contract("unitree-h1")
+    assert contract.input_sizes == (41,) and len(contract.joints) == 10 and contract.policy is None
+    assert contract.name == "unitree-h1" and contract.period == 0.02 and contract.clock_period == 0.8
+    assert contract.action_clip is None and not contract.follows_gait
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("period: 0.01", "period: 5", 2, "period is 5"),
+        ("period: 0.01", "period: fast", 2, "period is 'fast'"),
+        ("period: 0.01", "perod: 0.01", 2, "unknown Contract field 'perod'. Did you mean 'period'"),
+        ("period: 0.01\n", "", 1, "period is missing"),
+        ("torso_joint]\ndef", "torso]\ndef", 3, "unknown joint 'torso'. Did you mean 'torso_joint'"),
+        ("torso_joint]\ndef", "left_knee_joint]\ndef", 3, "'left_knee_joint' is listed twice"),
+        ("[0.3, 0]", "[0.3, 0, 0]", 4, "found 3 numbers; give 2, one per joint, or a single one for all"),
+        ("kp: 100", "kp: .nan", 5, "kp"),
+        ("kd: [2, 3]", "kd: [2, -1]", 6, "kd.1 is -1"),
+        ("action_clip: 10", "action_clip: 0", 8, "action_clip is 0"),
+        ("frames: 3", "frames: 0", 11, "frames is 0"),
+        ("by_term", "by_turm", 11, "'by_turm'. Did you mean 'by_term'"),
+        ("left_elbow_joint: 0.5", "torso_joint: 0.5", 12, "the policy moves 'torso_joint'"),
+        ("{h_in: h_out}", "h_in", 13, "state is 'h_in'"),
+        ("- gravity", "- gravty", 15, "unknown observation term 'gravty'. Did you mean 'gravity'"),
+        ("[h, v_x]", "[h, vx]", 16, "unknown command 'vx'. Did you mean 'v_x'"),
+        ("scale: [2, 1]", "scale: [2, 1, 1]", 16, "command has 3 scales; give 2"),
+        ("{scale: 0.05}", "{factor: 0.05}", 18, "unknown Term field 'factor'"),
+        ("- constant: {value: [1, 2]}", "- constant", 21, "a constant, and nothing else, has a value"),
+        ("- gravity", "- gravity: {joints: [torso_joint]}", 15, "gravity takes no joints"),
+    ],
+)
+def test_a_malformed_contract_is_refused_with_its_line(tmp_path, old, new, place, message):
+    assert old in GOOD
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, GOOD.replace(old, new, 1))
+    assert str(caught.value).startswith(f"{tmp_path / 'mine.yaml'}:{place}:")
+    assert message in str(caught.value)
+
+
+def test_a_contract_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(UnknownNameError, match="Did you mean 'unitree-h1'"):
+        load_contract("unitree-h2")
+
+
+def test_the_contract_in_the_docs_is_the_shipped_one(tmp_path):
+    page = pathlib.Path(hugwbc.__file__).parent.parent / "docs" / "evaluation.md"
+    (text,) = re.findall(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL)
+    shown, shipped = read(tmp_path, text), load_contract("unitree-h1")
+    assert dataclasses.replace(shown, name=shipped.name, policy=None) == shipped
+
+
+def test_ours_has_the_sizes_of_the_networks_and_the_settings_of_the_training():
+    scale, kd = np.linspace(0.1, 0.3, 19), np.full(19, 7.0)
+    contract = policy_contract(period=0.01, action_scale=scale, kd=kd, waist_rate=0.0, robot=load_robot("h1-2023"))
+    assert contract.input_sizes == (315, 18) and contract.follows_gait
+    assert (contract.period, contract.waist_rate, contract.robot) == (0.01, 0.0, "h1-2023")
+    assert contract.action_scale == tuple(scale) and contract.kd == tuple(kd)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("action_scale", float("nan")),
+        ("action_scale", "far"),
+        ("period", None),
+        ("waist_rate", "fast"),
+        ("kp", [1.0]),
+        ("kd", [-1.0] * 19),
+        ("default_pose", None),
+        ("robot", "g1"),
+        ("layout", 2),
+    ],
+)
+def test_what_cannot_be_run_is_refused(key, value):
+    with pytest.raises(PolicyFileError, match="the contract of the_file is not valid"):
+        contract_of({"contract": dataclasses.asdict(policy_contract()) | {key: value}}, "the_file")
+    with pytest.raises(PolicyFileError, match="has no contract that this hugwbc reads"):
+        contract_of({"contract": 2}, "the_file")
+
+
+def test_the_record_of_the_settings_holds_no_folder_of_a_machine():
+    here = pathlib.Path("/home/somebody/runs")
+    config = TrainConfig(out=here / "mine", start_from=here / "first" / "snapshot.safetensors")
+    record = settings_record(config)
+    assert "out" not in record and record["start_from"] == "first/snapshot.safetensors"
+    assert "somebody" not in json.dumps(record)
