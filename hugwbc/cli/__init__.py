@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_read(pipe: int) -> bool:
-    """Return whether somebody still reads a pipe, which `hugwbc evaluate --help | head` stops doing."""
+    """Return whether the pipe still has a reader (`hugwbc evaluate --help | head` closes it)."""
     poll = select.poll()
     poll.register(pipe, select.POLLOUT)
     return not any(event & select.POLLERR for _, event in poll.poll(0))

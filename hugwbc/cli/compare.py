@@ -46,7 +46,7 @@ class CompareOptions:
     out: pathlib.Path = pathlib.Path("out/compare")
     """Folder for summary.json, report.html, replay.html and the video."""
     video: bool = True
-    """Write a video where the machine can render one."""
+    """Write a video if the machine can render one."""
     hide: tuple[Literal["hands", "steps", "forces", "balance", "phases"], ...] = ()
     """Layers of marks to leave out of the video; replay.html has switches for them."""
     json: pathlib.Path | None = None
@@ -83,7 +83,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
-    """Return what plays the script with each controller, and the script if it has segments of given times.
+    """Return a player of the script for each controller, and the script if its segments have given times.
 
     Raises:
         ConfigError: if a walk is asked of a behaviour.
@@ -111,7 +111,7 @@ def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
 
 
 def _task(options: CompareOptions) -> "Play":
-    """Return what does the task with each controller.
+    """Return a runner of the task for each controller.
 
     Raises:
         ConfigError: if a script or a walk is given as well.
@@ -151,7 +151,7 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
 
 
 def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> list[pathlib.Path]:
-    """Write the video and return its path; where the machine cannot render, print why and return nothing."""
+    """Write the video and return its path; if the machine cannot render, print why and return None."""
     from hugwbc.evaluation.segment_figures import segment_spans
     from hugwbc.viz.framing import Chapter
     from hugwbc.viz.video import write_video

@@ -58,9 +58,9 @@ class DeployOptions:
     """Do this task instead (docs/tasks.md), by the object poses on the topic rt/hugwbc/objects: a task of the suite, or
     the path of a Python file with one."""
     seed: int = 0
-    """Of the objects of --task, as `simulate-robot` has it: the behaviour is told their sizes."""
+    """Seed of the objects of --task, as given to `simulate-robot`: it determines their sizes."""
     duration: float | None = None
-    """End after this time since the first state, on the robot's clock [s]; by default when the operator ends it."""
+    """End after this time since the first state, on the robot's clock [s]; without it, the operator ends it."""
     slower: float = 1.0
     """How many times slower than the wall clock the (simulated) robot runs."""
     lockstep: bool = False
@@ -70,7 +70,7 @@ class DeployOptions:
     release: bool = True
     """Release the robot's motion modes first."""
     age: float = ROBOT.latency
-    """How old the readings are when they arrive, as far as is known [s]."""
+    """Assumed age of a reading when it arrives [s]."""
     tilt: float = Limits.tilt
     """Tilt above which the joints are damped [rad]."""
     record: pathlib.Path | None = None
@@ -78,7 +78,7 @@ class DeployOptions:
     replay: pathlib.Path | None = None
     """Replay this recording through the controller instead, without a network, and compare the commands bit by bit."""
     html: pathlib.Path | None = None
-    """With --replay, write a page that shows the recording in three dimensions, as the robot side knew the robot."""
+    """With --replay, write a page that shows the recording in 3D, as the robot side estimated it."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -153,7 +153,7 @@ def _await_robot(endpoint: Endpoint, net: str) -> None:
 
 
 def summary(side: RobotSide, wall: float) -> str:
-    """Return what has been measured, for people."""
+    """Return a summary of the measured times."""
     intake, timing, report = side.intake, side.timing, side.pilot.safe.report()
     lines = [
         f"{intake.received} states in {wall:.1f} s: {intake.wrong_sum} with a wrong check sum, {intake.old} old, "
@@ -185,7 +185,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
 
 
 def _source(header: dict[str, Any]) -> CommandSource:
-    """Return what gives the commands: a task's behaviour, a script, or the sticks."""
+    """Return the source of commands: a task's behaviour, a script, or the sticks."""
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
         task = load_task(name)
@@ -194,7 +194,7 @@ def _source(header: dict[str, Any]) -> CommandSource:
 
 
 def _replay(path: pathlib.Path, page: pathlib.Path | None) -> int:
-    """Replay a recording, say whether every command is the recorded one, and write a page; return the exit code."""
+    """Replay a recording, compare its commands, and write a page; return the exit code."""
     check_writable(page)
     recording = Recording(path)
     robot, pilot = _build(recording.header)

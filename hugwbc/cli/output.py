@@ -107,7 +107,7 @@ def say(text: str, json_path: pathlib.Path | None = None) -> None:
 
 
 def say_arena(arena: "Arena", json_path: pathlib.Path | None = None) -> None:
-    """Say in what an arena differs from the default; say nothing of the default."""
+    """Print how an arena differs from the default, if it does."""
     if arena.remark:
         say(f"arena: {arena.remark}, which is not the default (docs/arena.md)", json_path)
 
@@ -162,7 +162,7 @@ def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
 @contextlib.contextmanager
 def _removed_if_empty(path: pathlib.Path) -> Iterator[None]:
-    """Remove a folder and those above it at the end, as far as they are new and empty."""
+    """Remove a folder and its parents at the end if they are new and empty."""
     new = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
         yield

@@ -207,7 +207,7 @@ def _words(verdict: Verdict) -> str:
 
 
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
-    """Refuse options that mean nothing beside another one.
+    """Refuse options that have no effect with another one.
 
     Raises:
         ConfigError: if there are any; the message names them.
