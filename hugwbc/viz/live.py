@@ -23,11 +23,11 @@ from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.drive_keys import TASK
 from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
-from hugwbc.viz.live_meshes import link_meshes, object_meshes
+from hugwbc.viz.live_meshes import colour_meshes
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
 from hugwbc.viz.page_guard import HOST, check_host, guarded, page_address
-from hugwbc.viz.shapes import VISUAL_GROUP
+from hugwbc.viz.shapes import object_shapes, visual_shapes
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
@@ -123,14 +123,11 @@ class LivePage:
         )
         self.server.initial_camera.position = CAMERA
         self.server.initial_camera.look_at = LOOK_AT
-        bodies = [model.body(index).name for index in range(1, model.nbody)]
-        drawn = {model.body(int(b)).name for b in model.geom_bodyid[model.geom_group == VISUAL_GROUP]}
         self._links = {}
-        for link in (link for link in bodies if link in drawn):
+        for link, meshes in colour_meshes(visual_shapes(model)).items():
             self._links[link] = scene.add_frame(f"{WORLD}/robot/{link}", show_axes=False)
-            for material, mesh in link_meshes(model, link).items():
-                rgb = tuple(np.round(255 * model.mat(material).rgba[:3]).astype(int).tolist())
-                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{material}", mesh.vertices, mesh.faces, color=rgb)
+            for part, (colour, mesh) in enumerate(meshes.items()):
+                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{part}", mesh.vertices, mesh.faces, color=colour)
         self._heading = scene.add_frame(f"{WORLD}/heading", show_axes=False)
         self._handles = {}
         for side in SIDES:
@@ -149,9 +146,10 @@ class LivePage:
         if around is None or model is None:
             return
         self.server.initial_camera.position = SCENE_CAMERA
+        meshes = colour_meshes(object_shapes(model))
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
             frame = self.server.scene.add_frame(f"{WORLD}/objects/{number}", show_axes=False)
-            for part, (colour, mesh) in enumerate(object_meshes(model, body)):
+            for part, (colour, mesh) in enumerate(meshes.get(body, {}).items()):
                 self.server.scene.add_mesh_simple(
                     f"{WORLD}/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour, flat_shading=True
                 )
