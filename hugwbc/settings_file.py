@@ -6,7 +6,7 @@ name. The types `bool` and `Path` understand text; `Any` gets numbers, text, lis
 
 import pathlib
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import yaml
@@ -16,7 +16,8 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
 from hugwbc.settings import Place, deepest, one_line
 
-LARGEST_FILE, MOST_PARTS = 1_000_000, 100_000  # [byte]; values in a file, those that anchors repeat included
+LARGEST_FILE = 1_000_000  # [byte]
+MOST_PARTS, DEEPEST = 20_000, 50  # values in a file, those that anchors repeat included, and levels of them
 _KINDS = ("str", "int", "float", "bool", "null", "map", "seq", "timestamp", "value", "merge")
 _TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}  # others would be read as if they were not there
 _T = TypeVar("_T")
@@ -38,30 +39,33 @@ def named_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> pat
     return folder / f"{name}.yaml"
 
 
-def load(model: type[_T], path: pathlib.Path, **more: object) -> _T:
+def load(model: type[_T], path: pathlib.Path, context: Mapping[str, Any] | None = None, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
     Args:
         model: a class of settings, or any other type that pydantic can check.
         path: path of the file.
+        context: what the model's validators may ask for, as pydantic's `ValidationInfo.context`.
         more: fields that the file does not give, such as its name.
     """
     try:
         text = read_file(path, LARGEST_FILE).decode("utf-8-sig")
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
         raise ConfigError(f"cannot read {one_line(str(path))}: {error}; give a YAML file in UTF-8") from error
-    return parse(model, text, path, **more)
+    return parse(model, text, path, context, **more)
 
 
-def parse(model: type[_T], text: str, path: pathlib.Path, **more: object) -> _T:
+def parse(
+    model: type[_T], text: str, path: pathlib.Path, context: Mapping[str, Any] | None = None, **more: object
+) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
     mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
     root = yaml.MappingNode("tag:yaml.org,2002:map", [], mark)
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader) or root
-        content = _content(root, iter(range(MOST_PARTS)))
+        content = _content(root, iter(range(MOST_PARTS)), DEEPEST)
         content = {**content, **more} if isinstance(content, dict) else content
-        return TypeAdapter(model).validate_python(content, context={"folder": path.parent})
+        return TypeAdapter(model).validate_python(content, context={**(context or {}), "folder": path.parent})
     except ValidationError as error:
         place, problem = deepest(error)
         mark = _mark(root, place)
@@ -74,21 +78,22 @@ def parse(model: type[_T], text: str, path: pathlib.Path, **more: object) -> _T:
     raise ConfigError(f"{path}:{mark.line + 1}:{mark.column + 1}: {one_line(str(problem))}")
 
 
-def _content(node: yaml.Node, parts: Iterator[int]) -> Any:  # noqa: ANN401
+def _content(node: yaml.Node, parts: Iterator[int], levels: int) -> Any:  # noqa: ANN401
     """Return what a node holds: numbers, text, lists and mappings."""
-    if next(parts, None) is None:
-        raise yaml.MarkedYAMLError(problem=f"more than {MOST_PARTS} values", problem_mark=node.start_mark)
+    if next(parts, None) is None or levels == 0:
+        problem = f"more than {MOST_PARTS} values, or more than {DEEPEST} levels of them"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
     if node.tag not in _TAGS:
         raise yaml.MarkedYAMLError(problem=f"the tag {node.tag} is not allowed", problem_mark=node.start_mark)
     if isinstance(node, yaml.SequenceNode):
-        return [_content(entry, parts) for entry in node.value]
+        return [_content(entry, parts, levels - 1) for entry in node.value]
     if isinstance(node, yaml.MappingNode):
         content: dict[str, Any] = {}
         for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode) or key.value in content:
                 problem = "a name is given twice, or is no text"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            content[key.value] = _content(value, parts)
+            content[key.value] = _content(value, parts, levels - 1)
         return content
     if any(unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t" for letter in node.value):
         raise yaml.MarkedYAMLError(problem="control characters in a text", problem_mark=node.start_mark)

@@ -89,17 +89,16 @@ def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
         ConfigError: if a walk is asked of a behaviour.
     """
     from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
-    from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
+    from hugwbc.scripts.behaviours.behaviour_file import load_plan
     from hugwbc.scripts.script import Script, while_walking
     from hugwbc.sim import load_scene
 
-    script = load_plan(options.script)
+    scene = None if options.scene is None else load_scene(options.scene)
+    script = load_plan(options.script, () if scene is None else scene.body_names)
     if options.walk is not None:
         if not isinstance(script, Script):
             raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
         script = while_walking(script, options.walk)
-    scene = None if options.scene is None else load_scene(options.scene)
-    check_objects(script, () if scene is None else scene.body_names)
 
     def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
         traces = compare(controllers, script, seed=options.seed, arena=options.arena, scene=scene, on_progress=advance)

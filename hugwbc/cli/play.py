@@ -5,7 +5,7 @@ import importlib.util
 import pathlib
 import socket
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.behaviours.behaviour import Behaviour
-from hugwbc.scripts.behaviours.behaviour_file import check_objects, load_plan
+from hugwbc.scripts.behaviours.behaviour_file import load_plan
 from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.motion import load_motion
@@ -132,11 +132,10 @@ def run(words: Sequence[str]) -> int:
         return _drive(options)
     if options.task is not None:
         return _do_task(options, viewer)
-    source, duration = _source(options, viewer)
+    scene = _scene(options)
+    source, duration = _source(options, viewer, () if scene is None else scene.body_names)
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
-    simulation = options.arena.simulation(seed=options.seed, scene=_scene(options))
-    if isinstance(source, BehaviourSource):
-        check_objects(source.behaviour, simulation.objects.names)
+    simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
     draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
@@ -285,15 +284,8 @@ def _check_address(host: str, port: int) -> None:
         ) from error
 
 
-def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, float]:
-    """Return what to command, and for how long [s].
-
-    Raises:
-        ConfigError: if two things command the robot, or the port to listen on cannot be used.
-        CommandError: if a value is out of range.
-        TargetError: if only one hand has a target, or a target is not finite.
-        MotionFileError: if the motion file cannot be used.
-    """
+def _source(options: PlayOptions, viewer: str = "none", objects: Collection[str] = ()) -> tuple[CommandSource, float]:
+    """Return what to command, among objects of these names, and for how long [s]."""
     commands, forever = options.command, UNWATCHED_DURATION if viewer == "none" else np.inf
     if options.listen is not None:
         others = [name for name in options.commanding if name != "listen"]
@@ -304,7 +296,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)
-        plan = load_plan(options.script)
+        plan = load_plan(options.script, objects)
         if isinstance(plan, Behaviour):
             return BehaviourSource(plan), options.duration or LONGEST
         return plan, options.duration or plan.duration

@@ -1,6 +1,6 @@
 """Behaviours made of others: one after another, hands while walking, again after a failure, until something happens."""
 
-from collections.abc import Mapping, Sequence as SequenceOf
+from collections.abc import Sequence as SequenceOf
 
 from hugwbc.errors import ConfigError
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, Status, check_hold, check_time, run
@@ -28,20 +28,17 @@ class Composite(Behaviour):
 class Sequence(Composite):
     """Behaviours one after another; the first failure ends it."""
 
-    def __init__(
-        self, *steps: Behaviour, name: str = "sequence", about: str = "", mentions: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, *steps: Behaviour, name: str = "sequence", about: str = "") -> None:
         """Take at least one behaviour.
 
         Args:
             steps: the behaviours.
             name: for files and tables.
             about: a description for people.
-            mentions: names of the objects that the steps of a file name, and where they do.
         """
         if not steps:
             raise ConfigError("a sequence is empty; give it at least one step")
-        self.steps, self.name, self.about, self.mentions = steps, name, about, mentions or {}
+        self.steps, self.name, self.about = steps, name, about
 
     @property
     def label(self) -> str:  # noqa: D102
@@ -87,11 +84,11 @@ class Retry(Composite):
     `between` runs after each failure but the last, such as a step back; a failure of it ends the retries.
     """
 
-    def __init__(self, behaviour: Behaviour, times: int = 3, between: Behaviour | None = None) -> None:
+    def __init__(self, do: Behaviour, times: int = 3, between: Behaviour | None = None) -> None:
         """Take the behaviour and how often it may be tried."""
         if not 1 <= times <= MOST_TIMES:
             raise ConfigError(f"times is {times}; give 1 or more, up to {MOST_TIMES}")
-        self.behaviour, self.times, self.between = behaviour, times, between
+        self.behaviour, self.times, self.between = do, times, between
 
     def course(self, view: View) -> Course:  # noqa: D102
         for attempt in range(1, self.times + 1):
@@ -115,9 +112,9 @@ class OnFailure(Composite):
     as putting a box down, and the whole fails with the first reason.
     """
 
-    def __init__(self, behaviour: Behaviour, then: Behaviour, *, recovers: bool = True) -> None:
+    def __init__(self, do: Behaviour, then: Behaviour, *, recovers: bool = True) -> None:
         """Take both behaviours."""
-        self.behaviour, self.then, self.recovers = behaviour, then, recovers
+        self.behaviour, self.then, self.recovers = do, then, recovers
 
     def course(self, view: View) -> Course:  # noqa: D102
         try:
