@@ -39,10 +39,6 @@ class TargetError(HugwbcError):
     """A hand or arm target that is not finite or has the wrong shape."""
 
 
-class ScriptError(HugwbcError):
-    """A script file that cannot be read or is not a valid script; names file and line."""
-
-
 class MotionFileError(HugwbcError):
     """A motion file that cannot be read or does not hold a motion of the arms or of the whole body."""
 

@@ -83,11 +83,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
-    """Return a player of the script for each controller, and the script if its segments have given times.
-
-    Raises:
-        ConfigError: if a walk is asked of a behaviour.
-    """
+    """Return a player of the script for each controller, and the script if its segments have given times."""
     from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
     from hugwbc.scripts.behaviours.behaviour_file import load_plan
     from hugwbc.scripts.script import Script, while_walking
@@ -110,11 +106,7 @@ def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
 
 
 def _task(options: CompareOptions) -> "Play":
-    """Return a runner of the task for each controller.
-
-    Raises:
-        ConfigError: if a script or a walk is given as well.
-    """
+    """Return a runner of the task for each controller."""
     from hugwbc.evaluation.comparison import compare_task, task_summary, task_table
     from hugwbc.tasks import load_task
 
@@ -131,11 +123,7 @@ def _task(options: CompareOptions) -> "Play":
 
 
 def _specs(options: CompareOptions) -> list["ControllerSpec"]:
-    """Return the controllers, the learned one with `--policy`.
-
-    Raises:
-        ConfigError: if a policy is given and no learned controller takes it.
-    """
+    """Return the controllers, the learned one with `--policy`."""
     from hugwbc.runtime.controllers import ControllerSpec
 
     specs = [ControllerSpec.parse(words) for words in options.controllers]

@@ -121,11 +121,7 @@ def _print(text: str, stream: TextIO) -> None:
 
 
 def check_writable(path: pathlib.Path | None) -> None:
-    """Check that a file can be written, before the work whose result it will hold.
-
-    Raises:
-        ConfigError: if it cannot.
-    """
+    """Check that a file can be written, before the work whose result it will hold."""
     if path is None or path == STDOUT:
         return
     try:
@@ -147,9 +143,6 @@ def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
     Args:
         path: path of the folder; missing folders above it are made as well.
-
-    Raises:
-        ConfigError: if files cannot be written to it.
     """
     with _removed_if_empty(path):
         try:

@@ -158,11 +158,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _viewer(options: PlayOptions) -> str:
-    """Return how to show the robot: live, meshcat or none.
-
-    Raises:
-        ConfigError: if the live page is asked for beside what commands the robot, or its options without it.
-    """
+    """Return how to show the robot: live, meshcat or none."""
     viewer, commanding = options.viewer, options.commanding
     if viewer == "auto":
         viewer = "meshcat" if commanding else "live"
@@ -179,11 +175,7 @@ def _viewer(options: PlayOptions) -> str:
 
 
 def _do_task(options: PlayOptions, viewer: str) -> int:
-    """Do one episode of a task, and say how it went.
-
-    Raises:
-        ConfigError: if other options give commands, a scene or a duration as well, which the task has of its own.
-    """
+    """Do one episode of a task, and say how it went."""
     others = [name for name in ("scene", "duration") if getattr(options, name) is not None]
     _refuse_beside("--task", "the task has its own", [*(n for n in options.commanding if n != "task"), *others])
     task, arena = load_task(str(options.task)), options.arena
@@ -206,11 +198,7 @@ def _words(verdict: Verdict) -> str:
 
 
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
-    """Refuse options that have no effect with another one.
-
-    Raises:
-        ConfigError: if there are any; the message names them.
-    """
+    """Refuse options that have no effect with another one."""
     if others:
         raise ConfigError(f"{option} and {', '.join(others)} are both given; {why}")
 
@@ -220,11 +208,7 @@ def _scene(options: PlayOptions) -> Scene | None:
 
 
 def _drive(options: PlayOptions) -> int:
-    """Serve the live page until the time is over or Ctrl-C.
-
-    Raises:
-        ConfigError: if viser is not installed, or the host or port is not allowed.
-    """
+    """Serve the live page until the time is over or Ctrl-C."""
     serve = options.page
     if not 0 <= serve.port <= LAST_PORT:
         raise ConfigError(f"port is {serve.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
@@ -267,9 +251,6 @@ def _check_address(host: str, port: int) -> None:
     """Refuse an address that cannot be had.
 
     The page's server would fail in its own thread without a message, or take another port than the one asked for.
-
-    Raises:
-        ConfigError: if no port of the host can be opened, or this one is in use.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -321,7 +302,6 @@ def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource
     """Return a clip of the whole body and how long to play it [s], and say what is dropped.
 
     Raises:
-        ConfigError: if commands are given as well, or the library that reads the file is not installed.
         MotionFileError: if the file cannot be used.
     """
     _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", list(options.command.given))

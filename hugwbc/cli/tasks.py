@@ -62,11 +62,7 @@ def _list(names: Sequence[str]) -> None:
 
 
 def _refuse_options_of_recordings(options: TasksOptions) -> None:
-    """Refuse options that would do nothing without `--record`.
-
-    Raises:
-        ConfigError: if there are any; the message names them.
-    """
+    """Refuse options that would do nothing without `--record`."""
     values, defaults = (
         {**vars(chosen), **dataclasses.asdict(chosen.arena), "arena": None} for chosen in (options, TasksOptions())
     )

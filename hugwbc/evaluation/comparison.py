@@ -63,11 +63,7 @@ def summarise(trace: Trace) -> Outcome:
 
 
 def check_names(controllers: Sequence[Controller]) -> None:
-    """Check that the controllers can be told apart by their names.
-
-    Raises:
-        ConfigError: if there is no controller, or two have the same name.
-    """
+    """Check that the controllers can be told apart by their names."""
     names = [controller.name for controller in controllers]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"controllers are {names}; give at least one, each once")
@@ -91,9 +87,6 @@ def compare(
         arena: robot, drives and sensors; None for the default ones.
         scene: objects around the robot; None for none.
         on_progress: called with the fraction done.
-
-    Raises:
-        ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
     arena = arena or Arena()
@@ -144,9 +137,6 @@ def compare_task(
         seed: seed of the scene and of the sensor noise.
         arena: robot, drives and sensors; None for the default ones.
         on_progress: called with the fraction done.
-
-    Raises:
-        ConfigError: if there is no controller, or two have the same name.
     """
     check_names(controllers)
     arena, runs = arena or Arena(), []

@@ -58,10 +58,6 @@ class Conditions:
         hand_payload: mass in each hand [kg]; no controller is told.
         faults: faults of sensors and motors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2
             (`hugwbc.sim.faults`).
-
-    Raises:
-        ConfigError: if a value is out of range.
-        UnknownNameError: if there is no such robot, drive, sensing or intervention.
     """
 
     robot: str = Arena.robot
@@ -113,21 +109,13 @@ class Conditions:
 
     @property
     def told_arena(self) -> Arena:
-        """The arena as the controller and the estimator are told it: perhaps with another robot.
-
-        Raises:
-            UnknownNameError: if there is no such robot.
-        """
+        """The arena as the controller and the estimator are told it: perhaps with another robot."""
         arena = self.chosen
         return arena if self.told is None else dataclasses.replace(arena, robot=self.told)
 
     @property
     def declared_faults(self) -> tuple[Fault, ...]:
-        """The faults of sensors and motors.
-
-        Raises:
-            ConfigError: if one of the texts declares none.
-        """
+        """The faults of sensors and motors."""
         return tuple(map(Fault.parse, self.faults))
 
     def identity(self) -> dict[str, Any]:
@@ -152,9 +140,6 @@ class Conditions:
 
         Args:
             duration: duration of the episode [s].
-
-        Raises:
-            ConfigError: if the ground is not level and the duration too long.
         """
         if not self.is_level and duration > _LONGEST_ON_GROUND:
             raise ConfigError(
@@ -163,11 +148,7 @@ class Conditions:
             )
 
     def variation(self) -> Variation:
-        """Return how the robot differs from its description.
-
-        Raises:
-            ConfigError: if a value is out of range.
-        """
+        """Return how the robot differs from its description."""
         return Variation(self.payload, self.friction, self.gain, self.strength, self.hand_payload)
 
     def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":

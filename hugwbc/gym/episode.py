@@ -34,10 +34,6 @@ class Episode:
             simulation: a robot among the objects of the task's scene.
             controller: any object with the members of `Controller`.
             arms: turns hand targets into arm targets.
-
-        Raises:
-            ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time
-                step.
         """
         if simulation.scene is None:
             raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")

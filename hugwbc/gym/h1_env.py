@@ -62,9 +62,6 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             curriculum: whether levels of noise, speed and penalties rise as in the training; otherwise they stay as
                 they begin.
             render_mode: None; there is nothing to render.
-
-        Raises:
-            ConfigError: if a number is out of range.
         """
         if render_mode is not None:
             raise ConfigError(f"render_mode is {render_mode!r}; give None")
@@ -89,9 +86,6 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Returns:
             Observations, shape (num_envs, 333), and `info` with "critic", the privileged observations of the training.
-
-        Raises:
-            ConfigError: if the seed is negative.
         """
         if seed is not None and seed < 0:
             raise ConfigError(f"seed is {seed}; give 0 or more")
@@ -118,9 +112,6 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             and time-outs, shape (num_envs,); and `info`: "critic", "not_finite", "clamped" (numbers of actions that
             were changed since `reset`), and where an episode has ended "final_obs" and "final_info" with "critic" and
             "reason", with the masks "_final_obs" and "_final_info".
-
-        Raises:
-            ConfigError: if there was no `reset`, or the actions have another shape.
         """
         env = self.env
         if env is None:

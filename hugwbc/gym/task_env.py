@@ -59,11 +59,6 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             limit: duration after which an episode is truncated [s]; None for the task's.
             arena: robot, drives, sensors and ground; None for the default (docs/arena.md).
             render_mode: None; there is nothing to render.
-
-        Raises:
-            ConfigError: if a number is out of range, or the controller's period does not divide 0.1 s.
-            UnknownNameError: if a name is unknown.
-            SceneError: if the scene cannot be read.
         """
         if render_mode is not None:
             raise ConfigError(f"render_mode is {render_mode!r}; give None: watch an episode with `hugwbc play --task`")
@@ -124,9 +119,6 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             Observation, reward, whether the task is done or has failed, whether the time is over, and `info`:
             "score", "success", "reason" (why the episode ended, or what is missing so far), "detail", "time" [s],
             "seed", "not_finite" and "clamped" (numbers of actions that were changed in this episode).
-
-        Raises:
-            ConfigError: if the action is not one number for each name, or there was no `reset`.
         """
         episode = self._running
         episode.behaviour.wish = self.actions.decode(self._filter(action))
@@ -142,20 +134,12 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def view(self) -> View:
-        """The present view of a behaviour, for imitation.
-
-        Raises:
-            ConfigError: if there was no `reset`.
-        """
+        """The present view of a behaviour, for imitation."""
         return self._running.view
 
     @property
     def shapes(self) -> Shapes:
-        """Dimensions of the objects of this episode.
-
-        Raises:
-            ConfigError: if there was no `reset`.
-        """
+        """Dimensions of the objects of this episode."""
         return self._running.shapes
 
     @property
@@ -192,11 +176,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def _scene_of(task: Task, scene: Scene | str | pathlib.Path | None) -> Scene:
-    """Return the objects of the episodes.
-
-    Raises:
-        ConfigError: if one of the task's own is missing.
-    """
+    """Return the objects of the episodes."""
     if scene is None:
         return task.scene
     given = scene if isinstance(scene, Scene) else load_scene(str(scene))
@@ -214,11 +194,7 @@ def _grip_of(task: Task, scene: Scene) -> str | None:
 
 
 def _ticks_in(duration: float, period: float, name: str) -> int:
-    """Return how many control periods [s] are in a duration [s].
-
-    Raises:
-        ConfigError: if the period does not divide it.
-    """
+    """Return how many control periods [s] are in a duration [s]."""
     ticks = round(duration / period)
     if ticks < 1 or abs(ticks * period - duration) > 1e-9:
         raise ConfigError(

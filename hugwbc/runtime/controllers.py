@@ -73,8 +73,6 @@ def learned_controller(
         network: for a contract, the file of its network; None for the one that it names.
 
     Raises:
-        UnknownNameError: if there is no such policy.
-        ConfigError: if torch is needed and not installed, or a contract is malformed.
         PolicyFileError: if a file is missing or damaged, or the network does not fit its contract.
     """
     from hugwbc.learned.policy import network_policy
@@ -109,11 +107,7 @@ def load_controller(
 
 @functools.cache
 def plugins() -> dict[str, EntryPoint]:
-    """Return the registered controllers by name, the built-in ones first.
-
-    Raises:
-        ConfigError: if two packages register different controllers under one name.
-    """
+    """Return the registered controllers by name, the built-in ones first."""
     return extensions.registered(GROUP, _KIND, _OURS)
 
 
@@ -161,12 +155,7 @@ class ControllerSpec:
                 )
 
     def _check_path(self) -> pathlib.Path:
-        """Return the file of a policy, after refusing what is none.
-
-        Raises:
-            ConfigError: if a file is not a controller by itself.
-            UnknownNameError: if there is no such file.
-        """
+        """Return the file of a policy, after refusing what is none."""
         from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
 
         path = pathlib.Path(self.name)
@@ -186,11 +175,7 @@ class ControllerSpec:
 
     @property
     def _factory(self) -> Callable[..., Any]:
-        """What builds the controller.
-
-        Raises:
-            ConfigError: if it cannot be loaded, or is nothing that could be called.
-        """
+        """What builds the controller."""
         if self.name in plugins():
             entry = plugins()[self.name]
             factory, origin = extensions.load_entry(entry, _KIND), f"controller '{entry.name}' ({entry.value})"
@@ -213,11 +198,7 @@ class ControllerSpec:
 
     @property
     def takes_robot(self) -> bool:
-        """Whether the controller can be told a robot; a policy cannot, since it has learned one.
-
-        Raises:
-            ConfigError: if a controller of the user's own cannot be loaded.
-        """
+        """Whether the controller can be told a robot; a policy cannot, since it has learned one."""
         return _takes(self._factory, "robot")
 
     def told(self, arena: Arena) -> "ControllerSpec":
@@ -249,7 +230,6 @@ class ControllerSpec:
         """Build the controller, ready to `reset`.
 
         Raises:
-            ConfigError: if a contract is malformed, or a controller of the user's own cannot be loaded or is not one.
             PolicyFileError: if a policy file is missing, damaged or of another version.
         """
         factory, entry = self._factory, plugins().get(self.name)
@@ -340,11 +320,7 @@ def _takes(factory: Callable[..., Any], parameter: str) -> bool:
 
 
 def _check_members(controller: Any, origin: str) -> None:  # noqa: ANN401  what somebody else's code returned
-    """Refuse what is not a controller.
-
-    Raises:
-        ConfigError: if a member is missing, or of a kind that no loop can use.
-    """
+    """Refuse what is not a controller."""
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         raise ConfigError(

@@ -61,9 +61,6 @@ def substeps_of(period: float, timestep: float, name: str) -> int:
         period: the controller's period [s].
         timestep: of the physics [s].
         name: the controller's name, for the message.
-
-    Raises:
-        ConfigError: if the period is not a multiple of the time step.
     """
     substeps = round(period / timestep)
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
@@ -111,9 +108,6 @@ class ControlLoop:
             robot: robot whose limits the safety filter keeps, and whose weight and friction the servo of the arms makes
                 up for; None for the simulated one with its drives. What the controller, the hand IK and the estimator
                 are told is up to them.
-
-        Raises:
-            ConfigError: if the controller's period is not a multiple of the physics time step.
         """
         self.safe = SafetyFilter(controller, robot=robot or simulation.known_robot)
         self.source = source

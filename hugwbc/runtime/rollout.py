@@ -56,10 +56,6 @@ def rollout(
 
     Returns:
         The record of the run.
-
-    Raises:
-        ConfigError: if the duration is not above 0, or the controller's period is not a multiple of the time step.
-        UnknownNameError: if a force names a link that does not exist.
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")

@@ -31,11 +31,7 @@ EngineT = TypeVar("EngineT", bound=Engine)
 
 
 def known_robot(robot: str = DEFAULT_ROBOT, drives: str = DEFAULT_DRIVES) -> Robot:
-    """Return the robot with its drives, by their names, as known to a controller or estimator.
-
-    Raises:
-        UnknownNameError: if there is no such robot, or are no such drives.
-    """
+    """Return the robot with its drives, by their names, as known to a controller or estimator."""
     if drives not in DRIVES:
         raise UnknownNameError("drives", drives, DRIVES)
     return DRIVES[drives].known_robot(load_robot(robot))
@@ -63,9 +59,6 @@ class Arena:
         sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state).
         ground: firm (soles sink by millimetres), or soft (by centimetres).
-
-    Raises:
-        UnknownNameError: if there is no such robot, drives, sensors or ground.
     """
 
     robot: str = DEFAULT_ROBOT
@@ -121,11 +114,6 @@ class Arena:
         Args:
             engine: the engine, one of `ENGINES`.
             episode: what differs between episodes, see `EpisodeOptions` and the constructor of `Engine`.
-
-        Raises:
-            ConfigError: if the engine is not installed, has no such ground or no objects, or the scene is made for
-                another robot or ground.
-            SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
         return engine(
             sensing=self.profile,

@@ -31,11 +31,7 @@ _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed below 0.
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse a seed below 0."""
     if seed < 0:
         raise ConfigError(f"seed is {seed}; give 0 or more")
 
@@ -104,12 +100,6 @@ class Engine(abc.ABC):
             ground: firmness of the ground; None for the scene's, or firm, the only one of PhysX.
             scene: objects around the robot, in MuJoCo only; None for none.
             faults: of the sensors and motors, in every episode.
-
-        Raises:
-            UnknownNameError: if a fault is of a joint that does not exist.
-            ConfigError: if the engine is not installed or has no such ground or objects, a number is out of range, or
-                the scene is for another robot or ground.
-            SceneError: if objects overlap, as drawn, or the robot stands in one.
         """
         robot, ground = self._surroundings(terrain, robot, ground, scene)
         check_timestep(timestep)
@@ -145,11 +135,7 @@ class Engine(abc.ABC):
 
     @classmethod
     def check_available(cls) -> None:
-        """Check that the engine is installed.
-
-        Raises:
-            ConfigError: if it is not.
-        """
+        """Check that the engine is installed."""
         if not cls.is_available():
             raise ConfigError(
                 f"engine {cls.engine} needs {cls.package}: run `pip install 'hugwbc[{cls.engine}]'`, or use mujoco"
@@ -259,11 +245,7 @@ class Engine(abc.ABC):
         return self._sensors.truth(self._readings[-1])
 
     def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
-        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s].
-
-        Raises:
-            UnknownNameError: if no link has that name.
-        """
+        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s]."""
         links = self.link_names[1:]
         if link not in links:
             raise UnknownNameError("link", link, links)

@@ -152,9 +152,6 @@ def demonstrate(
         estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         seed: that of the simulation, to be noted.
         on_progress: called with the fraction of the time limit.
-
-    Raises:
-        ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
     """
     made: list[_Watched] = []
 

@@ -55,9 +55,6 @@ def run_task(
         on_progress: called with the fraction of the time limit.
         on_moment: called at each sample, with what a picture shows.
         stop: whether to end the episode now.
-
-    Raises:
-        ConfigError: if the simulation has no objects, or the controller's period is not a multiple of the time step.
     """
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")

@@ -218,12 +218,7 @@ class Contract:
 
 
 def load_contract(name: str | pathlib.Path) -> Contract:
-    """Load a contract by the name of a shipped one, by path, or from a folder with a `contract.yaml`.
-
-    Raises:
-        UnknownNameError: if there is no such contract.
-        ConfigError: if the file cannot be read or is not a valid contract; it names the line.
-    """
+    """Load a contract by the name of a shipped one, by path, or from a folder with a `contract.yaml`."""
     path = policy_file(name)
     contract = load(Contract, path)
     folder = path.name == CONTRACT_FILE

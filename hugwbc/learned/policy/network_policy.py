@@ -31,8 +31,6 @@ def load_contract_policy(contract: str | pathlib.Path, network: str | pathlib.Pa
         network: the network's file; None for the file that the contract names.
 
     Raises:
-        UnknownNameError: if there is no such contract.
-        ConfigError: if the contract is malformed; it names the line.
         PolicyFileError: if the network file is missing, cannot be read, or does not fit the contract.
     """
     settings = load_contract(contract)

@@ -45,7 +45,6 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
         Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.
 
     Raises:
-        ConfigError: if onnx or onnxruntime is not installed, or the file cannot be written.
         PolicyFileError: if the file does not give the outputs of the policy.
     """
     onnx, runtime = _onnx()

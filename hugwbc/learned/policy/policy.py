@@ -24,7 +24,6 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
             nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms to 55 ms.
 
     Raises:
-        UnknownNameError: if it is neither a shipped policy nor an existing path.
         PolicyFileError: if the file is truncated, corrupted, of another program or another robot, has weights that
             are not finite, or fails its self-test.
     """

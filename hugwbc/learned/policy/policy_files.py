@@ -29,11 +29,7 @@ def shipped_contracts() -> list[str]:
 
 
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
-    """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one.
-
-    Raises:
-        UnknownNameError: if it is neither a shipped name nor an existing path.
-    """
+    """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one."""
     for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
         # pathlib raises on a name that no file can have; os.path says that it does not exist.
         if os.path.exists(path):

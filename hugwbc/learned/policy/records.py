@@ -47,7 +47,6 @@ def trained_with(name_or_path: str | pathlib.Path) -> str | None:
     """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record.
 
     Raises:
-        UnknownNameError: if it is neither a shipped policy nor an existing path.
         PolicyFileError: if the file cannot be read.
     """
     path = policy_file(name_or_path)

@@ -256,12 +256,7 @@ and cosine, and one number for each gait instead of the paper's psi, with which 
 
 
 def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:
-    """Return terms that a training reads besides those of the paper, after trying each of them.
-
-    Raises:
-        UnknownNameError: if there is no such term.
-        ConfigError: if one is named twice, or does not give what it declares.
-    """
+    """Return terms that a training reads besides those of the paper, after trying each of them."""
     for name in names:
         if name not in TERMS:
             raise UnknownNameError("observation term", name, TERMS)
@@ -272,11 +267,7 @@ def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:
 
 
 def check_term(name: str) -> None:
-    """Refuse a term that does not give what it declares on made-up robots, on their mirror images and on one alone.
-
-    Raises:
-        ConfigError: if shape, mirror image or a robot alone are not as declared, or a number is not finite.
-    """
+    """Refuse a term that does not give what it declares on made-up robots, on their mirror images and on one alone."""
     term, robots = TERMS[name], _made_up()
     partner, sign = term.image()
     if len(partner) != term.size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != term.size:
