@@ -38,11 +38,6 @@ class Gait(enum.IntEnum):
         """Lower-case name, as on the command line."""
         return self.name.lower()
 
-    @property
-    def phase_offset(self) -> float:
-        """The paper's psi: phase of one foot relative to the other (0.5 walking, 0 otherwise)."""
-        return 0.5 if self is Gait.WALKING else 0.0
-
     @classmethod
     def parse(cls, label: str) -> "Gait":
         """Return the gait with a label."""

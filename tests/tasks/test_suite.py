@@ -97,7 +97,7 @@ def test_a_task_needs_milestones_and_a_limit():
     with pytest.raises(ConfigError, match="milestones"):
         Task(**fields, limit=10.0, milestones=())
     for limit in (0.0, float("inf"), float("nan")):
-        with pytest.raises(ConfigError, match="time limit"):
+        with pytest.raises(ConfigError, match="limit"):
             Task(**fields, limit=limit, milestones=(Milestone("", lambda record: 1.0),))
 
 
