@@ -9,7 +9,7 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, EnvConfig, TerrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import Readings
-from hugwbc.learned.policy import checkpoint, load_policy, policy_file
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.rl.evaluator import FALL_COST, Evaluator, _Steps
 
@@ -36,8 +36,8 @@ def test_equal_policies_get_equal_figures(evaluator: Evaluator) -> None:
 
 
 def test_the_shipped_policy_stays_up_after_nearly_all_random_starts() -> None:
-    _, contract = checkpoint.load_file(policy_file(), "policy")
-    config = EnvConfig(squat_gain=contract["squat_gain"], swing_gain=contract["swing_gain"])
+    contract = load_policy().contract
+    config = EnvConfig(squat_gain=contract.squat_gain, swing_gain=contract.swing_gain)
     figures = Evaluator(config, count=96, seconds=2.0, threads=1).run(load_policy("h1").actor)
     assert figures["evaluation/falls"] <= 0.08
 
