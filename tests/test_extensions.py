@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import re
 import subprocess
 import sys
 import textwrap
@@ -11,11 +10,6 @@ import pytest
 
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine import identity
-from hugwbc.evaluation.protocols import PROTOCOLS, protocol_names, protocol_of
-from hugwbc.report.profiles import profile_cells
-from hugwbc.report.report_page import sections
-from hugwbc.report.report_plan import ReportPlan
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, plugins
 from hugwbc.tasks import load_task
 from hugwbc.tasks.suite import file_of, modules_of, registered_tasks
@@ -44,19 +38,12 @@ TASK = Task(
     limit=3.0, milestones=(Milestone("never", lambda record: 0.0),),
 )
 """
-PROTOCOL = """
-from hugwbc.evaluation.protocols.single_command import SingleCommandProtocol
-
-class Again(SingleCommandProtocol):
-    name = "again"
-    summary = "single commands, once more"
-"""
 
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
     """The function that puts a package into a folder as pip does: a module, and its metadata beside it."""
-    forget = (plugins, registered_tasks, protocol_of)
+    forget = (plugins, registered_tasks)
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def install(module, text, **groups):
@@ -167,62 +154,6 @@ def test_a_task_of_a_package_is_found_by_name(install, tmp_path, capsys):
     install("own_other", TASK, tasks="other = own_other:TASK")
     with pytest.raises(ConfigError, match="calls itself 'own_task'; give both one name"):
         load_task("other")
-
-
-def test_a_protocol_of_a_package_is_in_the_report(install):
-    install("own_protocol", PROTOCOL, protocols="again = own_protocol:Again")
-    assert [protocol.name for protocol in sections()][-1] == "again"
-    cells = profile_cells("quick", [ControllerSpec("hold")], seed=3)
-    again = [cell for cell in cells if cell.protocol == "again"]
-    assert again and len(again) == len([cell for cell in cells if cell.protocol == "single-command"])
-    assert {cell.protocol for cell in ReportPlan("quick", ("hold",), protocols=("again",)).cells} == {"again"}
-
-
-def test_a_protocol_of_a_package_has_its_verb(install, tmp_path, capsys):
-    install("own_protocol", PROTOCOL, protocols="again = own_protocol:Again")
-    assert protocol_names() == (*PROTOCOLS, "again")
-    short = ["--episodes", "8", "--duration", "1.5", "--settle", "1", "--results", str(tmp_path / "results")]
-    assert main(["evaluate", "again", "--controller", "hold", *short]) == 0
-    capsys.readouterr()
-    with pytest.raises(SystemExit):
-        main(["evaluate", "--help"])
-    assert re.search(r"^  again +single commands, once more$", capsys.readouterr().out, re.MULTILINE)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("import nowhere_at_all", "cannot be loaded: ModuleNotFoundError"),
-        ("Again = 3", "is a int; give a subclass of Protocol"),
-        (PROTOCOL.replace('"again"', '"once"'), "calls itself 'once'"),
-        (
-            "from hugwbc.evaluation.protocols import Protocol\nclass Again(Protocol): pass",
-            "cannot be made: .* abstract",
-        ),
-    ],
-)
-def test_a_protocol_that_does_not_work_is_refused_and_hides_no_other(install, capsys, text, message):
-    install("own_protocol", text, protocols="again = own_protocol:Again")
-    with pytest.raises(ConfigError, match=message):
-        protocol_of("again")
-    with pytest.raises(SystemExit):
-        main(["evaluate", "--help"])
-    out = capsys.readouterr().out
-    assert "not usable: protocol 'again'" in out and "single-command" in out
-
-
-def test_rows_depend_on_the_code_of_a_judge_of_another_package(install, tmp_path):
-    def of(text):
-        install("own_judge", text)
-        sys.modules.pop("own_judge", None)
-        importlib.import_module("own_judge")
-        identity._meaning.cache_clear()
-        identity._tree.cache_clear()
-        identity._imported.cache_clear()
-        return identity.code_identity(["own_judge"])["code"]
-
-    first = of("import hugwbc.gait\nlimit = 1")
-    assert of("import hugwbc.gait\nlimit = 2") != first == of("import hugwbc.gait\nlimit = 1  # the same")
 
 
 def test_a_worker_process_finds_the_controller_of_a_file(tmp_path):

@@ -30,7 +30,7 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
         """
         import hugwbc.viz.meshcat_scene, hugwbc.report.comparison_page, hugwbc.gym
         from hugwbc import Command, Gait
-        from hugwbc.evaluation.protocols import PROTOCOLS
+        from hugwbc.evaluation.experiments import EXPERIMENTS
         from hugwbc.runtime import Constant, Simulation, UpperBodySource, load_controller, rollout
         from hugwbc.scripts import load_script
         from hugwbc.targets import HandTargets

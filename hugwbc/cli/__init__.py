@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from hugwbc.errors import HugwbcError, UnknownNameError
 
 VERBS = {
-    "report": "run all protocols with each controller and write all tables and figures",
+    "report": "run all experiments with each controller and write all tables and figures",
     "compare": "play one script with each controller and compare the results",
-    "evaluate": "run one of the protocols and print its figures next to the paper's",
+    "evaluate": "run one of the experiments and print its figures next to the paper's",
     "tasks": "list the tasks of loco-manipulation, or record demonstrations of them",
     "play": "drive or watch a robot in the browser",
     "docs": "list the documents and scripts that come with the package, or print one",

@@ -3,30 +3,32 @@
 import dataclasses
 import pathlib
 from collections.abc import Sequence
+from typing import Literal
 
 from hugwbc.cli.output import output_folder, parse, progress, say
-from hugwbc.evaluation.engine import DEFAULT_FOLDER, ResultStore
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.seeds import REPORT_SEED
 
 
 @dataclasses.dataclass(frozen=True)
 class ReportOptions:
-    """Run all protocols with each controller and write the results together with the paper's figures."""
+    """Run all experiments with each controller and write the results together with the paper's figures."""
 
-    profile: str = "quick"
+    profile: Literal["quick", "full"] = "quick"
     """quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two
     cores hours for a policy, days for qp."""
     controllers: tuple[str, ...] = ("learned", "qp")
     """Controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine or
     unitree-h1=motion.pt; the first two are compared with each other."""
     ablation: tuple[str, ...] | None = None
-    """Further policies, by name or path, that take part only in the protocols of intervention: the paper's ablation of
-    what moved the arms in training, which a policy's file names. By default the shipped policies of each training that
-    --controllers has no policy of."""
-    protocols: tuple[str, ...] = ()
-    """Run only these protocols; by default all of the profile."""
+    """Further policies, by name or path, that take part only in the experiments of intervention: the paper's ablation
+    of what moved the arms in training, which a policy's file names. By default the shipped policies of each training
+    that --controllers has no policy of."""
+    experiments: tuple[str, ...] = ()
+    """Run only these experiments; by default all."""
     seed: int = REPORT_SEED
-    """Seed of all protocols."""
+    """Seed of all experiments."""
     workers: int = 2
     """Number of processes that share the episodes."""
     cluster: str | None = None
@@ -34,7 +36,7 @@ class ReportOptions:
     results: pathlib.Path = DEFAULT_FOLDER
     """Folder in which finished episodes are stored; those already stored are not run again."""
     fresh: bool = False
-    """Run all episodes again; the files of earlier results are kept under other names."""
+    """Run all episodes again; the new rows take the place of the stored ones."""
     out: pathlib.Path = pathlib.Path("out/report")
     """Folder for report.html, report.md and figures.csv."""
 
@@ -42,17 +44,14 @@ class ReportOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, and write the report."""
     options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
-    from hugwbc.evaluation.engine import Execution, run_cells
     from hugwbc.report.report_plan import ReportPlan
 
-    plan = ReportPlan(options.profile, options.controllers, options.ablation, options.protocols, options.seed)
-    store = ResultStore(options.results, fresh=options.fresh)
-    execution = Execution(options.workers, cluster=options.cluster, store=store)
+    plan = ReportPlan(options.profile, options.controllers, options.ablation, options.experiments, options.seed)
+    execution, store = Execution(options.workers, cluster=options.cluster), Store(options.results, fresh=options.fresh)
     with output_folder(options.out), output_folder(options.results):
         with progress(f"report, {options.profile}") as advance, execution:
-            results = run_cells(plan.cells, execution, advance)
-        report = plan.report(results)
+            report = plan.run(execution, store, advance)
         paths = report.write(options.out)
-    say("\n".join(report.conclusions()))
+    say(report.summary)
     say(f"\nwrote {', '.join(map(str, paths))}")
     return 0

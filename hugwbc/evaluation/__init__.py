@@ -1,1 +1,1 @@
-"""Measure controllers: metrics, protocols, and the comparison of controllers on one script."""
+"""Measure controllers: metrics, experiments, and the comparison of controllers on one script."""

@@ -2,8 +2,7 @@
 
 import dataclasses
 import enum
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from hugwbc.evaluation.intervals import Estimate, wilson_percentage
 
@@ -28,9 +27,9 @@ class Figure:
         table: title of the table.
         quantity: row of the table.
         unit: unit of the measured and the paper's value.
-        controller: column of the table; empty for a figure that only the paper has.
         estimate: measured value with its interval; None for a published figure that was not measured.
         paper: the paper's value for HugWBC; None if the paper prints none.
+        controller: column of the table; empty for a figure that only the paper has, and until it is filled in.
         published: value that others published for this controller, which was not run here.
         higher_is_better: whether higher values are better; otherwise lower ones are.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
@@ -39,9 +38,10 @@ class Figure:
     table: str
     quantity: str
     unit: str
-    controller: str
     estimate: Estimate | None
     paper: float | None = None
+    _: dataclasses.KW_ONLY
+    controller: str = ""
     published: float | None = None
     higher_is_better: bool = False
     reference: str = ""
@@ -68,17 +68,15 @@ class Figure:
         return _verdict(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
 
 
-def falls_figure(table: str, controller: str, rows: Iterable[Mapping[str, Any]], reference: str = "") -> Figure:
+def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
     """Return the percentage of episodes in which the robot fell.
 
     Args:
         table: title of the table.
-        controller: column of the table.
-        rows: the episodes as JSON.
+        fell: whether the robot fell, for each episode.
         reference: that of the table's other figures.
     """
-    estimate = wilson_percentage([row["fell"] for row in rows])
-    return Figure(table, FALLS, "% of episodes", controller, estimate, reference=reference)
+    return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
 
 
 def against(figure: Figure, other: Figure) -> Verdict:

@@ -28,6 +28,22 @@ class Estimate:
     samples: int
 
 
+def single(value: float | None) -> Estimate:
+    """Return a number without an interval."""
+    return Estimate(value, None, None, 0 if value is None else 1)
+
+
+def scaled(estimate: Estimate, factor: float) -> Estimate:
+    """Return an estimate in another unit."""
+    value, low, high = (None if v is None else factor * v for v in (estimate.value, estimate.low, estimate.high))
+    return Estimate(value, low, high, estimate.samples)
+
+
+def known(value: float) -> float | None:
+    """Return the value, or None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
 def wilson_percentage(happened: Sequence[bool]) -> Estimate:
     """Return the percentage of episodes in which something happened, with its score interval (Wilson 1927).
 

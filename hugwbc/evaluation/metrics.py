@@ -224,6 +224,13 @@ class HandErrors:
     all_p95: float | None
 
 
+# The distances in `HandErrors` by field, for tables.
+HAND_FIGURES = {
+    **{"mean": "mean", "p95": "95th percentile", "left": "left hand", "right": "right hand"},
+    **{"all_mean": "mean, all targets", "all_p95": "95th percentile, all targets"},
+}
+
+
 def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
     """Return the hand errors over all samples of one or more runs, the approach to the first target included.
 

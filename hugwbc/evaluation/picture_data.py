@@ -1,4 +1,4 @@
-"""Pictures of results as plain data: protocols say what to draw, the report draws it."""
+"""Pictures of results as plain data: experiments say what to draw, the report draws it."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -3,19 +3,22 @@
 import dataclasses
 import itertools
 import pathlib
-import typing
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command, default_command
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.controller import Controller
+from hugwbc.errors import UnknownNameError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.engine import EpisodePlan, Execution, ResultStore, Run, run_episodes
-from hugwbc.evaluation.engine.episode import EpisodeSettings
+from hugwbc.evaluation.episode import Row, Settings, simulate
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiment import run_experiment, run_plans
+from hugwbc.evaluation.experiments import experiment_of
 from hugwbc.evaluation.metrics import SETTLE_S, stepping_feet, touch_downs
-from hugwbc.evaluation.protocols import protocol_of
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import Store
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
@@ -26,20 +29,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.trace import Trace
 from hugwbc.seeds import REPORT_SEED
 
-BOTH_LEGS = "hopping"
-_OWN = ("seed", "execution", "conditions", "both_legs")  # fields that a table does not give
 Table = Mapping[str, Any]
-
-
-@dataclasses.dataclass(frozen=True)
-class Executed:
-    """What a robot executed in an episode.
-
-    Attributes:
-        means: mean of v_x, v_y, omega, h, p, w and l after the settling time, NaN after a fall.
-    """
-
-    means: dict[str, float]
 
 
 def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
@@ -56,12 +46,12 @@ def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     return means | {"l": float(np.mean(heights)) if heights else float("nan")}
 
 
-def _judge(index: int, run: Run) -> Executed:
-    return Executed(executed_means(run.trace))
+def _episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
+    return executed_means(simulate(controller, settings, plan).trace)
 
 
 class RecipeServices:
-    """`hugwbc.learned.recipe.stage_work.Services`: the QP as a teacher, and this room's protocols."""
+    """`hugwbc.learned.recipe.stage_work.Services`: the QP as a teacher, and this room's experiments."""
 
     def teacher(self, robot: Robot) -> Callable[[float], Teacher]:
         """Return what makes a QP for a control period [s]."""
@@ -73,7 +63,7 @@ class RecipeServices:
         """Refuse a table that cannot be run.
 
         Raises:
-            UnknownNameError: if the protocol, the gait or a setting does not exist.
+            UnknownNameError: if the experiment, the gait or a setting does not exist.
             ConfigError: if a value is out of range.
         """
         settings_of(table, REPORT_SEED)
@@ -81,7 +71,7 @@ class RecipeServices:
     def simulated_seconds(self, table: Table) -> float:
         """Return how much a table simulates [s]."""
         settings = settings_of(table, REPORT_SEED)
-        return float(protocol_of(table["protocol"]).total(settings) * settings.duration)
+        return len(experiment_of(table["protocol"]).plan(settings)) * settings.duration
 
     def run_table(
         self,
@@ -94,37 +84,33 @@ class RecipeServices:
         on_episode: Callable[[], None],
     ) -> dict[str, Any]:
         """Run a table with a policy; arguments as in `Services`."""
-        protocol = protocol_of(table["protocol"])
         spec = ControllerSpec("learned", str(policy))
-        store = ResultStore(folder) if protocol.stores_episodes else None
-        count = 0
 
-        def on_row(_: object) -> None:
-            nonlocal count
-            count += 1
-            if store is None or count > store.restored:
-                on_episode()
+        def on_progress(done: float, read: float) -> None:
+            on_episode()
 
-        with Execution(workers if protocol.stores_episodes else 1, store=store) as execution:
-            settings = dataclasses.replace(settings_of(table, seed), execution=execution)
-            settings = protocol.for_training(settings, spec.training)
-            result = protocol.run(spec.build, settings, on_row)
-        return finite_json(dataclasses.asdict(result))
+        with Execution(workers) as execution:
+            result = run_experiment(
+                experiment_of(table["protocol"]),
+                settings_of(table, seed),
+                spec,
+                execution=execution,
+                store=Store(folder),
+                on_progress=on_progress,
+            )
+        content = {"seed": seed, "episodes": len(result.rows), "rows": result.rows}
+        return finite_json(content | {"figures": [dataclasses.asdict(figure) for figure in result.figures]})
 
     def executed(
         self, policy: pathlib.Path, commands: list[dict[str, Any]], settings: CalibrationSettings, workers: int
     ) -> list[dict[str, float]]:
         """Return what a policy executes under some commands; arguments as in `Services`."""
-        plans = [EpisodePlan(_command(values)) for values in commands]
+        plans = [Plan(draw, _command(values)) for draw, values in enumerate(commands)]
+        episodes = Settings(seed=settings.seed, duration=settings.duration, conditions=Conditions())
         with Execution(workers) as execution:
-            episodes = EpisodeSettings(
-                seed=settings.seed,
-                duration=settings.duration,
-                conditions=Conditions(),
-                execution=execution,
-            )
-            rows = run_episodes(ControllerSpec("learned", str(policy)).build, plans, _judge, episodes)
-        return [row.means for row in rows]
+            spec = ControllerSpec("learned", str(policy))
+            rows = dict(run_plans(_episode, episodes, spec, list(enumerate(plans)), execution))
+        return [rows[index] for index in range(len(plans))]
 
 
 def _command(values: Mapping[str, Any]) -> Command:
@@ -133,44 +119,25 @@ def _command(values: Mapping[str, Any]) -> Command:
 
 
 def settings_of(table: Table, seed: int) -> Any:  # noqa: ANN401  each protocol has its own type
-    """Return the settings of a protocol from a table: its protocol, its gait, its own settings and conditions.
+    """Return the settings of an experiment from a table: its name, its gait, its own settings and conditions.
 
     Args:
         table: values by name.
         seed: seed of the episodes.
 
     Raises:
-        UnknownNameError: if the protocol, the gait or a setting does not exist.
+        UnknownNameError: if the experiment, the gait or a setting does not exist.
         ConfigError: if a value is out of range or of the wrong type.
     """
     name = str(table.get("protocol"))
-    protocol = protocol_of(name)
-    own, around = _fields(protocol.settings), _fields(Conditions)
-    around = {key: kind for key, kind in around.items() if key not in protocol.fixed}
-    valid = {key: kind for key, kind in own.items() if key not in _OWN} | around
+    experiment = experiment_of(name)
+    around = {field.name for field in dataclasses.fields(Conditions)}
+    valid = {field.name for field in dataclasses.fields(experiment.settings)} - {"seed", "conditions"}
     given = {key: value for key, value in table.items() if key != "protocol"}
-    for key, value in given.items():
-        if key not in valid:
-            raise UnknownNameError(f"setting of the {name} protocol", key, valid)
-        _check_type(key, value, valid[key])
-    both_legs = given.get("gait") == BOTH_LEGS
-    if "gait" in given:
-        gait = Gait.HOPPING_LEFT if both_legs else Gait.parse(given["gait"])
-        given |= {"gait": gait, "both_legs": both_legs}
-    conditions = Conditions(**{key: value for key, value in given.items() if key in around and key not in own})
-    return protocol.settings(
-        **{key: value for key, value in given.items() if key in own}, seed=seed, conditions=conditions
+    for key in given:
+        if key not in valid | around:
+            raise UnknownNameError(f"setting of the {name} experiment", key, sorted(valid | around))
+    conditions = Conditions(**{key: value for key, value in given.items() if key in around - valid})
+    return experiment.settings(
+        **{key: value for key, value in given.items() if key in valid}, seed=seed, conditions=conditions
     )
-
-
-def _fields(settings: type[Any]) -> dict[str, Any]:
-    hints = typing.get_type_hints(settings)
-    return {field.name: hints[field.name] for field in dataclasses.fields(settings)}
-
-
-def _check_type(name: str, value: object, kind: Any) -> None:  # noqa: ANN401  a type
-    kinds = {part for part in (kind, *typing.get_args(kind)) if isinstance(part, type)}
-    if name == "gait" or (float in kinds and type(value) in (int, float)) or type(value) in kinds:
-        return
-    words = " or ".join(sorted(part.__name__ for part in kinds))
-    raise ConfigError(f"{name} is {value!r}; give a value of type {words}")

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.metrics import HAND_FIGURES
 
 MARKS = ("", "worse", "unclear", "published")
 
@@ -96,6 +98,45 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str
     return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
 
 
+INTERVAL = "95 % interval"
+INTERVAL_NOTE = (
+    "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
+)
+
+
+def figures_text(figures: Sequence[Figure], controller: str) -> str:
+    """Return the measured figures of a controller as tables for the terminal, with the paper's where it has any.
+
+    Args:
+        figures: figures of one controller, and perhaps some that were not measured, which are left out.
+        controller: heading of the measured column.
+    """
+    measured = [figure for figure in figures if figure.estimate is not None]
+    texts = []
+    for title in dict.fromkeys(figure.table for figure in measured):
+        part = [figure for figure in measured if figure.table == title]
+        paper = any(figure.paper is not None for figure in part)
+        header = (title, controller, INTERVAL, *(("paper", "ratio") if paper else ()))
+        rows = []
+        for figure in part:
+            estimate, ratio = figure.estimate, figure.ratio
+            assert estimate is not None
+            bounds = None if estimate.low is None or estimate.high is None else (estimate.low, estimate.high)
+            interval = None if bounds is None else f"{_figure_text(bounds[0])} to {_figure_text(bounds[1])}"
+            name = f"{figure.quantity} [{figure.unit}]" if figure.unit else figure.quantity
+            beside = (_figure_text(figure.paper), None if ratio is None else ratio[0]) if paper else ()
+            rows.append((name, _figure_text(estimate.value), interval, *beside))
+        texts.append(format_table(header, rows))
+    return "\n\n".join([*texts, INTERVAL_NOTE])
+
+
+def _figure_text(value: float | None) -> str | None:
+    """Format a number with three or four significant digits, without an exponent where that is readable."""
+    if value is None:
+        return None
+    return f"{value:.1f}" if 100.0 <= abs(value) < 1e6 else f"{value:.4g}"
+
+
 def _terminal_cell(value: object) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
@@ -110,10 +151,8 @@ def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, 
     Args:
         figures: `metrics.HandErrors` as mappings, one for each column.
     """
-    names = {"mean": "mean", "p95": "p95", "left": "left", "right": "right"}
-    names |= {"all_mean": "mean, all targets", "all_p95": "p95, all targets"}
     rows: list[tuple[Any, ...]] = []
-    for part, name in names.items():
+    for part, name in HAND_FIGURES.items():
         errors = (figure[part] for figure in figures)
-        rows.append((f"hand error {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
+        rows.append((f"hand error, {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
     return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]

@@ -1,1 +1,1 @@
-"""Reports: figures with their uncertainty and the paper's, conclusions computed from them, pages and exports."""
+"""Reports: figures with their uncertainty and the paper's, pages and exports."""

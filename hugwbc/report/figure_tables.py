@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Sequence
 
-from hugwbc.evaluation.figures import Figure, Verdict
+from hugwbc.evaluation.figures import Figure, Verdict, against
 from hugwbc.evaluation.tables import Cell, Marked, Table
 
 CSV_COLUMNS = (
@@ -68,6 +68,30 @@ def times(ratio: float) -> str:
 def _number(value: float, digits: int = 3) -> str:
     """Round to significant digits, without an exponent where that is readable."""
     return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+
+
+def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> str:
+    """Return how many figures are as good as the paper's, and how many of each controller are clearly the better ones.
+
+    Args:
+        figures: figures of all tables.
+        first: label of one controller.
+        second: label of the other one; the same label for a report on a single controller.
+    """
+    parts = []
+    for name in dict.fromkeys((first, second)):
+        verdicts = [f.verdict for f in figures if f.controller == name and f.verdict is not Verdict.NONE]
+        good = sum(verdict in (Verdict.BETTER, Verdict.UNCLEAR_BETTER) for verdict in verdicts)
+        if verdicts:
+            parts.append(f"{name} is as good as the paper or better in {good} of {len(verdicts)} figures")
+    others = {(f.table, f.quantity): f for f in figures if f.controller == second}
+    mine = [f for f in figures if f.controller == first and (f.table, f.quantity) in others]
+    duel = [against(figure, others[figure.table, figure.quantity]) for figure in mine]
+    count = sum(verdict is not Verdict.NONE for verdict in duel)
+    if first != second and count:
+        better, worse = (sum(verdict is kind for verdict in duel) for kind in (Verdict.BETTER, Verdict.WORSE))
+        parts.append(f"{first} is clearly better than {second} in {better} of {count} figures, and worse in {worse}")
+    return "; ".join(parts) + "." if parts else "There is nothing to compare with."
 
 
 def figures_csv(figures: Sequence[Figure]) -> str:

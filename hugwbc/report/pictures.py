@@ -1,4 +1,4 @@
-"""Drawings of the protocols' pictures."""
+"""Drawings of the experiments' pictures."""
 
 from collections.abc import Sequence
 

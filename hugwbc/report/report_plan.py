@@ -1,18 +1,25 @@
-"""Which controllers and protocols a report is about: what to run, and what to say of how it was made."""
+"""What a report runs, and what it says of how it was made.
+
+The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), but
+not how many episodes its tables average over; the full profile takes 256 for each gait.
+"""
 
 import dataclasses
 import functools
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable
+from typing import Any, Literal
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.engine import Cell, CellResult
-from hugwbc.evaluation.protocols import all_protocols
-from hugwbc.evaluation.protocols.intervention import TRAINED
+from hugwbc.evaluation.episode import Settings
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiment import Experiment, Result, run_experiment
+from hugwbc.evaluation.experiments import EXPERIMENTS
+from hugwbc.evaluation.experiments.intervention import TRAINED
+from hugwbc.evaluation.store import Store, commit
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
-from hugwbc.report.profiles import profile_cells
-from hugwbc.report.report_page import Report, all_figures
+from hugwbc.report.report_page import Report
 from hugwbc.report.training_curve import TRAINING_FILE, read_training
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import REPORT_SEED
@@ -20,27 +27,36 @@ from hugwbc.viz.framing import check_count
 
 
 @dataclasses.dataclass(frozen=True)
+class Cell:
+    """One experiment with one controller."""
+
+    experiment: Experiment[Any]
+    spec: ControllerSpec
+    settings: Settings
+
+    @property
+    def work(self) -> float:
+        """The simulated seconds that are planned; a search takes more."""
+        return len(self.experiment.plan(self.settings)) * self.settings.duration
+
+
+@dataclasses.dataclass(frozen=True)
 class ReportPlan:
     """The subject of a report.
 
     Attributes:
-        profile: a key of `profiles.PROFILES`.
+        profile: quick, with few and short episodes; or full, with the paper's sizes.
         controllers: 1 to 4 controllers, as `ControllerSpec.parse` takes them.
-        ablation: policies that take part only in the protocols of the ablation, by name or path; None for the shipped
+        ablation: policies that take part only in the experiments of the ablation, by name or path; None for the shipped
             ones of a training that no controller has.
-        protocols: names of the protocols; all of the profile if empty.
-        seed: seed of all protocols.
-
-    Raises:
-        ConfigError: if controllers are too many, too few or not unique, the training record cannot be used, or a
-            protocol needs what is not installed.
-        UnknownNameError: if there is no such profile, controller or protocol.
+        experiments: names of the experiments; all with a section if empty.
+        seed: seed of all experiments.
     """
 
-    profile: str
+    profile: Literal["quick", "full"]
     controllers: tuple[str, ...]
     ablation: tuple[str, ...] | None = None
-    protocols: tuple[str, ...] = ()
+    experiments: tuple[str, ...] = ()
     seed: int = REPORT_SEED
 
     def __post_init__(self) -> None:
@@ -48,12 +64,12 @@ class ReportPlan:
         labels = [spec.label for spec in (*self.specs, *self.further)]
         if len(set(labels)) < len(labels):
             raise ConfigError(f"controllers are {labels}; give at least one, each once")
-        protocols, known = all_protocols(), tuple(dict.fromkeys(cell.protocol for cell in self._all_cells))
-        for name in self.protocols:
-            if reason := protocols[name].unavailable() if name in protocols else "":
-                raise ConfigError(reason)
+        known = {name: experiment.section for name, experiment in EXPERIMENTS.items() if experiment.section}
+        for name in self.experiments:
             if name not in known:
-                raise UnknownNameError("protocol of the report", name, known)
+                raise UnknownNameError("experiment of the report", name, known)
+            if reason := known[name].unavailable():
+                raise ConfigError(reason)
         if self.training is not None:  # now, and not only when all episodes have run
             read_training(self.training)
 
@@ -64,7 +80,7 @@ class ReportPlan:
 
     @functools.cached_property
     def further(self) -> list[ControllerSpec]:
-        """The policies that take part only in the protocols of the ablation."""
+        """The policies that take part only in the experiments of the ablation."""
         if self.ablation is not None:
             return [ControllerSpec("learned", name) for name in self.ablation]
         trainings = {spec.training for spec in self.specs}
@@ -72,13 +88,16 @@ class ReportPlan:
         return [spec for spec in shipped if spec.training not in trainings]
 
     @functools.cached_property
-    def _all_cells(self) -> list[Cell]:
-        return profile_cells(self.profile, self.specs, self.further, seed=self.seed)
-
-    @property
     def cells(self) -> list[Cell]:
-        """What to run: each chosen protocol with each controller."""
-        return [cell for cell in self._all_cells if not self.protocols or cell.protocol in self.protocols]
+        """What to run, all controllers side by side, so that an early stop leaves pairs."""
+        return [
+            Cell(experiment, spec, dataclasses.replace(settings, seed=self.seed))
+            for name, experiment in EXPERIMENTS.items()
+            if (section := experiment.section) and (not self.experiments or name in self.experiments)
+            if not section.unavailable()
+            for settings in (section.quick() if self.profile == "quick" else section.full())
+            for spec in (*self.specs, *(self.further if section.ablation else ()))
+        ]
 
     @functools.cached_property
     def training(self) -> pathlib.Path | None:
@@ -86,31 +105,67 @@ class ReportPlan:
         records = (file.parent / TRAINING_FILE for spec in self.specs for file in spec.files())
         return next((path for path in records if path.is_file()), None)
 
-    def report(self, results: Sequence[CellResult]) -> Report:
-        """Build the report from the results of all cells."""
-        labels = [spec.label for spec in self.specs]
-        episodes = sum(len(entry.result["rows"]) for entry in results)
-        return Report(all_figures(results), results, labels, self._notes(episodes), self.training)
+    def run(self, execution: Execution, store: Store, on_progress: Callable[[float, float], object]) -> Report:
+        """Run what is not stored yet, and build the report.
 
-    def _notes(self, episodes: int) -> list[str]:
+        Args:
+            execution: where the episodes run.
+            store: where the rows are kept.
+            on_progress: called with the part that is done, and the part that was only read.
+        """
+        total, done, read = sum(cell.work for cell in self.cells), 0.0, 0.0
+        results: list[Result] = []
+        for cell in self.cells:
+            share = cell.work / total
+            result, part = _run(cell, execution, store, on_progress, (done, read), share)
+            results.append(result)
+            done, read = done + share, read + share * part
+            on_progress(done, read)
+        return Report(results, [spec.label for spec in self.specs], self._notes(results), self.training)
+
+    def _notes(self, results: list[Result]) -> list[str]:
         """Say how the report was made, and what it lacks."""
         words = [f"--profile {self.profile}", f"--controllers {' '.join(self.controllers)}", f"--seed {self.seed}"]
         words += [f"--ablation {' '.join(self.ablation)}"] if self.ablation is not None else []
-        words += [f"--protocols {' '.join(self.protocols)}"] if self.protocols else []
+        words += [f"--experiments {' '.join(self.experiments)}"] if self.experiments else []
         made = ", ".join(f"{name} {version}" for name, version in versions().items())
-        notes = [f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, with {made}."]
+        episodes = sum(len(result.rows) for result in results)
+        notes = [
+            f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, at commit {commit()[:12]} "
+            f"with {made}."
+        ]
         if self.profile == "quick":
             notes.append(
                 "The quick profile has few and short episodes: its intervals are wide, and of very few episodes too "
                 "narrow. `--profile full` has the paper's sizes."
             )
-        for protocol in all_protocols().values():
-            reason = protocol.unavailable()
-            if protocol.report_title and reason and not self.protocols:
-                notes.append(f"The section '{protocol.report_title}' is missing: {reason}.")
+        if not self.experiments:
+            sections = [experiment.section for experiment in EXPERIMENTS.values() if experiment.section]
+            notes += [f"The section '{s.title}' is missing: {reason}." for s in sections if (reason := s.unavailable())]
         trainings = {spec.training for spec in (*self.specs, *self.further)}
         missing = [words for training, words in TRAINED.items() if training not in trainings]
-        ablation = {name for name, protocol in all_protocols().items() if protocol.ablation}
-        if missing and (not self.protocols or ablation & set(self.protocols)):
+        if missing and any(cell.experiment.section.ablation for cell in self.cells if cell.experiment.section):
             notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
         return notes
+
+
+def _run(
+    cell: Cell,
+    execution: Execution,
+    store: Store,
+    on_progress: Callable[[float, float], object],
+    before: tuple[float, float],
+    share: float,
+) -> tuple[Result, float]:
+    """Run a cell that is a share of the whole; return its result, and the part of its rows that was only read."""
+    read = 1.0
+
+    def advance(finished: float, stored: float) -> None:
+        nonlocal read
+        read = stored
+        on_progress(before[0] + share * finished, before[1] + share * stored)
+
+    result = run_experiment(
+        cell.experiment, cell.settings, cell.spec, execution=execution, store=store, on_progress=advance
+    )
+    return result, read

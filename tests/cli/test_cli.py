@@ -7,9 +7,8 @@ import types
 import pytest
 
 from hugwbc import cli
-from hugwbc.cli import evaluate, main
-from hugwbc.evaluation.paper import ERROR_NAMES
-from hugwbc.evaluation.protocols import PROTOCOLS
+from hugwbc.cli import main
+from hugwbc.evaluation.experiments import EXPERIMENTS
 
 LEFT, RIGHT = ("--left-hand",), ("--right-hand", "0.3", "-0.2", "0.1")
 BAD_INPUT = {
@@ -17,16 +16,12 @@ BAD_INPUT = {
     "gait": (["evaluate", "--controller", "hold", "--gait", "waking"], "gait 'waking'. Did you mean 'walking'?"),
     "gait of either leg": (["evaluate", "--controller", "hold", "--gait", "trot"], "hopping_right, hopping."),
     "controller": (["evaluate", "--controller", "qpp"], "unknown controller 'qpp'. Did you mean 'qp'?"),
-    "protocol": (["evaluate", "single"], "unknown protocol 'single'"),
-    "former protocol": (["evaluate", "--seed", "3", "--protocol=single"], "unknown protocol 'single'"),
-    "no protocol": (["evaluate", "--seed", "3", "--protocol"], "give the name as the first word"),
+    "experiment": (["evaluate", "single"], "unknown experiment 'single'"),
     "intervention": (["evaluate", "--controller", "hold", "--intervention", "nois"], "Did you mean 'noise'?"),
     "motions": (["evaluate", "--controller", "hold", "--intervention", "motion", "--motions", "no"], "no motion files"),
     "roughness": (["evaluate", "--controller", "hold", "--terrain-roughness", "1"], "give a height from 0 to 0.5 m"),
     "long way": (["evaluate", "--controller", "hold", "--slope", "0.05", "--duration", "600"], "give up to 200 s"),
     "episodes": (["evaluate", "--controller", "hold", "--episodes", "3"], "give 8 or more: one per command"),
-    "size": (["evaluate", "heatmap", "--controller", "hold", "--episodes", "3"], "it takes --points"),
-    "no size": (["evaluate", "effort", "--rollouts=3"], "means nothing to the effort protocol; it takes --speeds"),
     "time step": (["evaluate", "--controller", "hold", "--timestep", "0.003"], "choose a time step that divides it"),
     "no time step": (["evaluate", "--timestep", "0", "--episodes", "9"], "time step is 0.0 s; give a value above"),
     "large time step": (["evaluate", "--controller", "hold", "--timestep", "1"], "give a value above 0"),
@@ -60,7 +55,6 @@ BAD_INPUT = {
     "short walk": (["evaluate", "hands", "--duration", "1.9", "--settle", "1"], "give more than 2 s"),
     "fast hands": (["evaluate", "hands", "--v-x", "9"], "command v_x = 9 m/s is out of range"),
     "cluster": (["evaluate", "--cluster", "nowhere", "--episodes", "8"], "give host and port, such as tcp://127.0.0.1:8786"),
-    "workers of the hands": (["evaluate", "hands", "--workers", "2"], "--workers means nothing to the hands protocol"),
     "benchmark of too few targets": (["bench", "--ik-targets", "1"], "ik_targets is 1; give 2 or more"),
     "benchmark of a wide grid": (["bench", "--spacing", "3"], "spacing is 3.0 m; give a distance above 0, up to 2 m"),
     "benchmark size": (["bench", "--count", "0"], "give a value above 0"),
@@ -114,37 +108,23 @@ def test_every_verb_explains_itself(verb, capsys):
     assert f"hugwbc {verb}" in capsys.readouterr().out
 
 
-def test_evaluate_lists_its_protocols(capsys):
+def test_evaluate_lists_its_experiments(capsys):
     with pytest.raises(SystemExit):
         main(["evaluate", "--help"])
     text = capsys.readouterr().out
-    assert all(f"  {name}  " in text and protocol.summary in text for name, protocol in PROTOCOLS.items())
+    assert all(f"  {name}  " in text and experiment.summary in text for name, experiment in EXPERIMENTS.items())
 
 
-@pytest.mark.parametrize("name", PROTOCOLS)
-def test_every_protocol_explains_its_own_options(name, capsys):
+@pytest.mark.parametrize("name", ["single-command", "carry", "tasks"])
+def test_every_experiment_explains_its_options_in_groups(name, capsys):
     with pytest.raises(SystemExit) as info:
         main(["evaluate", name, "--help"])
     assert info.value.code == 0
     text = capsys.readouterr().out
-    assert f"hugwbc evaluate {name}" in text and "--controller" in text
-    assert ("--gait" in text) == (name != "tasks")  # they have commands of their own
-    fields = {field.name for field in dataclasses.fields(PROTOCOLS[name].settings)}
-    for option in ("episodes", "points", "rollouts", "samples", "blow", "training", "speeds", "v_x"):
-        assert (f"--{option.replace('_', '-')} " in text) == (option in fields)
-    assert ("--workers" in text) == (name not in ("hands", "forces"))
-    assert all(option.help.endswith(".") for option in evaluate._options(PROTOCOLS[name]))
-
-
-def test_the_former_form_of_protocols_still_works_with_a_hint(tmp_path, capsys):
-    words = ["--gait", "standing", "--controller", "hold", "--duration", "0.4", "--settle", "0.1", "--episodes", "1"]
-    former = [*words, "--protocol", "hands", "--results", str(tmp_path / "kept")]
-    assert main(["evaluate", *former]) == 0
-    printed = capsys.readouterr()
-    assert "write `hugwbc evaluate hands ...`" in printed.err and not (tmp_path / "kept").exists()
-    assert main(["evaluate", "hands", *words]) == 0
-    again = capsys.readouterr()
-    assert again.out == printed.out and "write `hugwbc" not in again.err
+    assert f"hugwbc evaluate {name}" in text and "conditions options" in text
+    for field in dataclasses.fields(EXPERIMENTS[name].settings):
+        assert field.name == "conditions" or f"--{field.name.replace('_', '-')}" in text
+    assert all(option in text for option in ("--controller", "--workers", "--payload", "--sensing", "--json"))
 
 
 def test_the_module_runs_and_loads_nothing_heavy_for_help():
@@ -174,11 +154,11 @@ def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--seed", "3"]
     assert main([*words, "--duration", "0.4", "--settle", "0.1", "--json", str(path)]) == 0
     text = capsys.readouterr().out
-    assert "paper" in text and "0.047" in text and "falls: 0 of 3 episodes" in text
+    assert "paper" in text and "0.047" in text and "3 episodes, seed 3" in text
     result = json.loads(path.read_text())
-    assert tuple(result["errors"]) == ERROR_NAMES
-    assert result["episodes"] == 3 and result["falls"] == 0 and result["seed"] == 3
-    assert result["errors"]["E_h"] > 0.0 and result["errors"]["E_vx_low"] is None
+    values = {figure["quantity"]: figure["estimate"]["value"] for figure in result["figures"]}
+    assert values["E_h"] > 0.0 and values["falls"] == 0.0 and result["settings"]["seed"] == 3
+    assert result["seed_class"] == "selection" and result["commit"]
     assert [row["command"] for row in result["rows"]] == ["h", "p", "w"]
 
 
@@ -191,35 +171,11 @@ def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
     assert main(words) == 0
     assert path.read_bytes() == stored and capsys.readouterr().out == printed
     assert main([*words, "--fresh"]) == 0
-    assert path.read_bytes() == stored and len(list(path.parent.iterdir())) == 2
+    assert len(path.read_bytes().splitlines()) == 7 and capsys.readouterr().out == printed, "new rows take their place"
     path.write_text("something else\n")
     assert main(words) == 2
-    assert "is not a file of evaluated episodes" in capsys.readouterr().err
+    assert "is no table of episodes" in capsys.readouterr().err
     assert path.read_text() == "something else\n"
-
-
-def test_random_commands_list_where_the_robot_falls(capsys):
-    words = ["evaluate", "random-commands", "--controller", "hold", "--intervention", "noise"]
-    rough = ["--terrain-roughness", "0.02", "--timestep", "0.005"]
-    assert main([*words, *rough, "--episodes", "4", "--duration", "6"]) == 0
-    printed = capsys.readouterr().out
-    assert "falls: 4 of 4 episodes (100.0 %)" in printed
-    assert "low third" in printed and "pairs with the most falls" in printed
-
-
-def test_small_velocities_show_which_part_is_executed(capsys):
-    words = ["evaluate", "small-velocities", "--controller", "hold", "--timestep", "0.005"]
-    assert main([*words, "--episodes", "4", "--duration", "0.6", "--settle", "0.4"]) == 0
-    printed = capsys.readouterr().out
-    assert "executed part" in printed and "backward" in printed and "falls: 0 of 4 episodes" in printed
-
-
-def test_standing_under_motions_shows_arms_and_feet(capsys):
-    words = ["evaluate", "--controller", "hold", "--gait", "standing", "--intervention", "motion"]
-    assert main([*words, "--episodes", "3", "--duration", "0.6", "--settle", "0.2"]) == 0
-    printed = capsys.readouterr().out
-    assert "0.061" in printed, "the paper's E_p under motions"
-    assert "foot travel" in printed and "rad from their external targets" in printed
 
 
 THREE_STANDS = (
@@ -245,16 +201,6 @@ def test_results_that_cannot_be_written_are_an_error_before_the_first_episode(tm
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--duration", "2"]
     assert main([*words, "--results", str(tmp_path / "file" / "results")]) == 2
     assert "give a folder that can be written" in capsys.readouterr().err, "the store's own words come too late"
-
-
-def test_hopping_is_evaluated_on_both_legs_and_a_held_foot_that_stands_shows(capsys):
-    words = ["evaluate", "--controller", "hold", "--gait", "hopping", "--episodes", "8", "--timestep", "0.005"]
-    assert main([*words, "--duration", "0.4", "--settle", "0.2", "--json"]) == 0
-    printed = capsys.readouterr()
-    result = json.loads(printed.out)
-    assert result["gait"] == "hopping" and {row["gait"] for row in result["rows"]} == {"hopping_left", "hopping_right"}
-    assert result["paper"]["E_h"] == 0.103
-    assert "held foot on the ground: 100.0 % of the time" in printed.err
 
 
 @pytest.mark.parametrize(

@@ -47,8 +47,8 @@ def test_add_an_object(folder: pathlib.Path) -> None:
 
 def test_add_a_task(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-task.md", folder)
-    (figures,) = json.loads((folder / "touch_post.json").read_text())["tasks"].values()
-    assert figures["success"] == 1.0 and figures["reasons"] == {}
+    (row,) = json.loads((folder / "touch_post.json").read_text())["rows"]
+    assert row["success"] and not row["reason"]
 
 
 def test_use_gymnasium(folder: pathlib.Path) -> None:
@@ -64,8 +64,9 @@ def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-behaviour.md", folder, package)
 
 
-def test_add_a_protocol(folder: pathlib.Path, package: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-protocol.md", folder, package)
+def test_add_an_experiment(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-an-experiment.md", folder, in_processes=True)
+    assert [row["speed"] for row in json.loads((folder / "stopping.json").read_text())["rows"]] == [0.4, 0.8]
 
 
 @pytest.mark.slow

@@ -6,7 +6,9 @@ from hugwbc.evaluation.intervals import Estimate
 
 def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
     estimate = None if published is not None else Estimate(value, low, high, 8)
-    return Figure("T", quantity, "m", controller, estimate, paper, published, higher)
+    return Figure(
+        "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
+    )
 
 
 @pytest.mark.parametrize(

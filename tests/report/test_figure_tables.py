@@ -6,13 +6,13 @@ import pytest
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import Marked
-from hugwbc.report.figure_tables import CSV_COLUMNS, comparison_table, figures_csv, times
+from hugwbc.report.figure_tables import CSV_COLUMNS, comparison_sentence, comparison_table, figures_csv, times
 
 
 def test_every_figure_is_a_line_with_its_source():
-    measured = Figure("Walking, fast", "E_h", "m", "qp", Estimate(0.06, 0.05, 0.07, 8), 0.03)
-    published = Figure("Walking, fast", "E_h", "m", "HOVER", None, published=0.27)
-    alone = Figure("Walking, fast", "E_h", "m", "", None, 0.05, reference="trained with motions")
+    measured = Figure("Walking, fast", "E_h", "m", Estimate(0.06, 0.05, 0.07, 8), 0.03, controller="qp")
+    published = Figure("Walking, fast", "E_h", "m", None, controller="HOVER", published=0.27)
+    alone = Figure("Walking, fast", "E_h", "m", None, 0.05, reference="trained with motions")
     rows = list(csv.DictReader(io.StringIO(figures_csv([measured, published, alone]))))
     assert tuple(rows[0]) == CSV_COLUMNS
     assert rows[0]["table"] == "Walking, fast" and rows[0]["source"] == "measured"
@@ -30,7 +30,9 @@ def test_every_figure_is_a_line_with_its_source():
 
 def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
     estimate = None if published is not None else Estimate(value, low, high, 8)
-    return Figure("T", quantity, "m", controller, estimate, paper, published, higher)
+    return Figure(
+        "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
+    )
 
 
 @pytest.mark.parametrize(
@@ -59,3 +61,15 @@ def test_table_of_measured_and_published_figures():
         ],
         ["falls [m]", None, Marked("5"), None, None],
     ]
+
+
+def test_one_sentence_compares_with_the_paper_and_one_controller_with_the_other():
+    figures = [
+        figure(0.5, 0.4, 0.6, paper=1.0), figure(0.2, 0.1, 0.3, paper=1.0, controller="b"),
+        figure(3.0, 2.9, 3.1, paper=1.0, quantity="E_p"), figure(3.1, 2.9, 3.2, quantity="E_p", controller="b"),
+    ]  # fmt: skip
+    assert comparison_sentence(figures, "a", "b") == (
+        "a is as good as the paper or better in 1 of 2 figures; b is as good as the paper or better in 1 of 1 figures; "
+        "a is clearly better than b in 0 of 2 figures, and worse in 1."
+    )
+    assert comparison_sentence([], "a", "a") == "There is nothing to compare with."

@@ -1,45 +1,66 @@
-from hugwbc.evaluation.engine import CellResult
-from hugwbc.evaluation.protocols import PROTOCOLS, Protocol
-from hugwbc.evaluation.protocols.intervention import TRAINED
-from hugwbc.report.figure_tables import comparison_table
-from hugwbc.report.report_page import all_figures, sections
+"""Which figures a report shows, in which order."""
 
-PAPER = {"noise": {"E_vx": 0.2}, "none": {}}
-SINGLE = {"gait": "walking", "paper": {"E_h": 0.064}, "rows": [{"error_name": "E_h", "error": 0.1, "fell": False}]}
+import dataclasses
+
+import pytest
+
+from hugwbc.errors import HugwbcError
+from hugwbc.evaluation.experiment import Result, frame_of
+from hugwbc.evaluation.experiments import EXPERIMENTS
+from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
+from hugwbc.learned.policy import save_policy
+from hugwbc.learned.policy.contract import policy_contract
+from hugwbc.learned.policy.networks import Actor
+from hugwbc.report.report_page import Report, sections
+from hugwbc.report.report_plan import ReportPlan
+
+ROW = {"command": "v_x", "error_name": "E_vx_low", "arm_error": None, "fell": False}
 
 
-def results(controller: str, training: str) -> CellResult:
+def result(controller: str, training: str) -> Result:
     """A result with an error under noise, and one with free arms."""
-    rows = [
-        {"intervention": arms, "command": "v_x", "error": error, "fell": False}
-        for arms, error in (("noise", 0.4), ("none", 0.1))
+    settings = InterventionSettings(training=training)
+    rows = [ROW | {"intervention": arms, "error": error} for arms, error in (("noise", 0.4), ("none", 0.1))]
+    found = [
+        dataclasses.replace(figure, controller=controller) if figure.estimate is not None else figure
+        for figure in figures(settings, frame_of(rows))
     ]
-    errors = {arms: {"E_vx": 0.0} for arms in PAPER}
-    content = {"gait": "walking", "training": training, "paper": PAPER, "rows": rows, "errors": errors}
-    return CellResult("intervention", controller, content)
+    return Result("intervention", controller, settings, rows, found)
 
 
 def test_every_training_has_its_paper_column_before_its_policies():
-    measured = [results(name, training) for name, training in (("a", "noise"), ("b", "motion"))]
-    figures = [f for f in all_figures(measured) if f.table == "Intervention, walking, arms moved by noise"]
-    table = comparison_table(figures)
+    report = Report([result("a", "noise"), result("b", "motion")], ["a", "b"], [])
+    tables = {table.title: table for table in report.tables(EXPERIMENTS["intervention"])}
+    table = tables["Intervention, walking, arms moved by noise"]
     papers = {key: f"HugWBC, paper, {words}" for key, words in TRAINED.items()}
     assert list(table.columns) == ["", papers["noise"], "a", papers["motion"], "b", papers["none"]]
     row = dict(zip(table.columns, next(row for row in table.rows if row[0] == "E_vx [m/s]"), strict=True))
     assert row[papers["none"]] == 0.8658, "the paper's, for which there is no policy"
+    alone = [not figure.controller for figure in report.figures]
+    assert any(alone) and alone == sorted(alone), "the paper alone comes last"
 
 
-def test_what_others_published_follows_what_was_measured_and_the_paper_alone_comes_last():
-    figures = all_figures([results("a", "noise"), CellResult("single-command", "a", SINGLE)])
-    assert [f.controller for f in figures[:3]] == ["a", "a", "HOVER"]
-    alone = [not f.controller for f in figures]
-    assert any(alone) and alone == sorted(alone)
-    assert {f.controller for f in all_figures([results("a", "noise")])} == {"a", ""}, "nothing of other protocols"
+@pytest.mark.parametrize("profile", ["quick", "full"])
+def test_a_profile_has_every_section_for_every_controller(profile):
+    plan = ReportPlan(profile, ("learned", "qp"), seed=3)
+    available = {experiment.name for experiment, section in sections() if not section.unavailable()}
+    assert {cell.experiment.name for cell in plan.cells} == available
+    assert [cell.spec for cell in plan.cells if not cell.experiment.section.ablation][:2] == plan.specs
+    assert {cell.settings.seed for cell in plan.cells} == {3}
 
 
-def test_every_section_has_figures_and_runs_in_both_profiles():
-    assert sections()
-    for protocol in PROTOCOLS.values():
-        there = protocol in sections()
-        assert bool(protocol.report_text) == bool(protocol.quick()) == bool(protocol.full()) == there
-        assert (type(protocol).figures is not Protocol.figures) == there
+def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
+    record = {"config": {"env": {"intervention": "motion"}}}
+    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), policy_contract(), record)
+    plan = ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),))
+    theirs = [cell.experiment.name for cell in plan.cells if cell.spec.name == "learned"]
+    assert theirs == ["intervention"] * 3 + ["foot-displacement"]
+    (note,) = [note for note in plan._notes([]) if "ablation" in note and "no policy" in note]
+    assert "no policy trained with noise, nor trained without intervention" in note
+
+
+def test_an_unknown_experiment_is_refused():
+    with pytest.raises(HugwbcError, match="Did you mean 'contacts'"):
+        ReportPlan("quick", ("hold",), experiments=("contact",))
+    with pytest.raises(HugwbcError, match="give at least one, each once"):
+        ReportPlan("quick", ("qp", "qp"))

@@ -1,0 +1,127 @@
+"""One episode: the settings that every experiment has, and the simulation of a plan."""
+
+import dataclasses
+from typing import Annotated, Any, ClassVar
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.metrics import SETTLE_S
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.runtime.estimate_watch import EstimateRecord, EstimateWatch
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import Trace
+from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import Count, NotNegative, Positive, Seed, one_of, settings
+
+Row = dict[str, Any]
+"""What is kept of an episode: plain numbers and texts by column; None where there is nothing to measure."""
+BOTH_LEGS = "hopping"
+GAITS = (*(gait.label for gait in Gait), BOTH_LEGS)
+
+
+@settings(kw_only=True)
+class Settings:
+    """Settings that every experiment has.
+
+    Attributes:
+        seed: seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in
+            `hugwbc.seeds`.
+        duration: duration of an episode [s].
+        settle: start of an episode that is left out of the errors [s].
+        gait: gait: standing, walking, jumping, hopping_left, hopping_right, or hopping, which hops on the left and the
+            right leg in turn.
+        conditions: physics, ground, robot, sensors and arms.
+    """
+
+    seed: Seed = REPORT_SEED
+    duration: Positive = 10.0
+    settle: NotNegative = SETTLE_S
+    gait: Annotated[str, one_of("gait", lambda: GAITS)] = Gait.WALKING.label
+    conditions: Conditions = dataclasses.field(default_factory=Conditions)
+    varied: ClassVar[frozenset[str]] = frozenset()
+    """Conditions that the experiment sets itself."""
+
+    def __post_init__(self) -> None:
+        if not self.settle < self.duration:
+            raise ConfigError(f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration")
+        self.conditions.check_duration(self.duration)
+        for field in dataclasses.fields(Conditions):
+            if field.name in self.varied and getattr(self.conditions, field.name) != field.default:
+                raise ConfigError(
+                    f"the experiment sets {field.name} itself; leave --{field.name.replace('_', '-')} out"
+                )
+
+    @property
+    def gaits(self) -> tuple[Gait, Gait]:
+        """The two gaits that take turns; the same one twice but for hopping."""
+        if self.gait == BOTH_LEGS:
+            return Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
+        return Gait.parse(self.gait), Gait.parse(self.gait)
+
+
+@settings(kw_only=True)
+class CountedSettings(Settings):
+    """Settings of an experiment with a number of episodes, in addition to `Settings`.
+
+    Attributes:
+        episodes: number of episodes.
+    """
+
+    episodes: Count = 1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One episode that has been simulated.
+
+    Attributes:
+        plan: plan of the episode.
+        trace: record of the rollout.
+        arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
+            external control.
+        estimates: errors of the state estimator, if the arena has one.
+    """
+
+    plan: Plan
+    trace: Trace
+    arm_error: float
+    estimates: EstimateRecord | None = None
+
+    @property
+    def command(self) -> Command:
+        """The command at the start; without a schedule or tour, that of the whole episode."""
+        return self.plan.command
+
+
+def simulate(controller: Controller, settings: Settings, plan: Plan, *, estimates: bool = False) -> Run:
+    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw.
+
+    Args:
+        controller: the controller.
+        settings: settings of the experiment.
+        plan: plan of the episode.
+        estimates: whether to compare the state estimator with the truth.
+    """
+    conditions, seed = plan.conditions or settings.conditions, (settings.seed, plan.draw)
+    arms, estimator = conditions.arms(seed), conditions.estimator()
+    watch = EstimateWatch(estimator) if estimates and estimator is not None else None
+    trace = rollout(
+        controller,
+        plan.source,
+        conditions.simulation(settings.duration, seed),
+        arms,
+        duration=settings.duration,
+        estimator=estimator,
+        forces=plan.forces,
+        on_step=watch,
+    )
+    error = float("nan") if arms is None else arms.error(trace, settings.settle)
+    return Run(plan, trace, error, None if watch is None else watch.record())
+
+
+def ending(trace: Trace) -> Row:
+    """Return whether the robot fell, how long it was up [s], and how many exceptions of the controller were caught."""
+    return {"fell": trace.fell, "survived_s": trace.survived_s, "failures": trace.safety.failures}

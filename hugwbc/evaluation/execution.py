@@ -1,0 +1,162 @@
+"""Run jobs in this process, in several processes, or on a Dask cluster."""
+
+import concurrent.futures
+import multiprocessing
+import os
+import threading
+import types
+import urllib.parse
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from hugwbc.errors import ConfigError, WorkerError
+
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+
+
+class Execution:
+    """Where the episodes of an evaluation run: in processes on this machine, or on a Dask cluster.
+
+    Processes and connections are made with the first jobs and serve all later ones, until `close` or the end of a
+    `with` block. None of the settings changes a result.
+
+    Attributes:
+        workers: number of processes; with 1, jobs run in this process.
+        cluster: address of a Dask scheduler that runs the jobs instead; None for no cluster.
+    """
+
+    def __init__(self, workers: int = 1, *, cluster: str | None = None) -> None:
+        """Keep the settings; nothing is started yet.
+
+        Args:
+            workers: number of processes.
+            cluster: address of a Dask scheduler, such as "tcp://127.0.0.1:8786".
+
+        Raises:
+            ConfigError: if there is less than one worker.
+        """
+        if workers < 1:
+            raise ConfigError(f"workers is {workers}; give 1 or more")
+        self.workers = workers
+        self.cluster = cluster
+        self._client: Any = None
+        self._broken: tuple[type[BaseException], ...] = (concurrent.futures.BrokenExecutor,)
+        self._executor: concurrent.futures.Executor | None = None
+
+    def __enter__(self) -> "Execution":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: types.TracebackType | None
+    ) -> None:
+        self.close(wait=kind is None)
+
+    def close(self, *, wait: bool = True) -> None:
+        """End processes and connections.
+
+        Args:
+            wait: whether to wait for submitted jobs; otherwise jobs that have not begun are dropped.
+        """
+        if self._client is not None:
+            self._client.close()  # drops the jobs that are left
+        elif self._executor is not None:
+            self._executor.shutdown(wait=wait, cancel_futures=not wait)
+        self._client = self._executor = None
+
+    def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """Yield the outcome of every job in the order in which the jobs finish.
+
+        Args:
+            function: called with each job. With more than one worker or on a cluster the function, the jobs and the
+                outcomes must be picklable.
+            jobs: arguments of the function.
+
+        Raises:
+            WorkerError: if a worker process ends in the middle of a job, or the cluster cannot be used.
+        """
+        if not jobs:
+            return
+        if self.workers == 1 and self.cluster is None:
+            yield from map(function, jobs)
+            return
+        executor = self._started()
+        futures = [executor.submit(function, job) for job in jobs]
+        try:
+            for future in concurrent.futures.as_completed(futures):
+                yield future.result()
+        except self._broken as error:
+            self.close(wait=False)
+            raise WorkerError(
+                f"a worker ended in the middle of an episode: killed, or out of memory ({error}). Finished episodes "
+                "are kept where results are stored; run the same again, with fewer workers if memory was short"
+            ) from error
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _started(self) -> concurrent.futures.Executor:
+        if self._executor is None and self.cluster is None:
+            context = multiprocessing.get_context("spawn")
+            self._executor = concurrent.futures.ProcessPoolExecutor(self.workers, context, _end_with_parent)
+        elif self._executor is None:
+            self._client, self._broken = connect(str(self.cluster))
+            self._executor = self._client.get_executor(pure=False)
+        assert self._executor is not None
+        return self._executor
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent process is gone; after a SIGKILL of the parent it would wait for jobs forever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
+    """Return a Dask client of a running scheduler and the exceptions that mean that workers or connections are lost.
+
+    Dask sends functions and arguments as pickles, which can run any code: connect only to a cluster that you trust as
+    you trust yourself.
+
+    Args:
+        address: address of the scheduler.
+
+    Raises:
+        WorkerError: if dask.distributed is not installed, or nothing answers at the address.
+    """
+    _check_address(address)
+    try:
+        from distributed import Client, KilledWorker
+        from distributed.client import FutureCancelledError
+        from distributed.comm.core import CommClosedError
+    except ImportError as error:
+        raise WorkerError("a cluster needs dask.distributed; install it with: pip install 'hugwbc[cluster]'") from error
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise WorkerError(
+            f"no Dask scheduler answers at {address} ({error}); start one with `dask scheduler`, and workers with "
+            "`dask worker ADDRESS`, each with this version of hugwbc"
+        ) from error
+    return client, (KilledWorker, FutureCancelledError, CommClosedError, concurrent.futures.CancelledError)
+
+
+def _check_address(address: str) -> None:
+    """Check the form of a scheduler's address; with a malformed one Dask would wait for an answer until its timeout.
+
+    Raises:
+        WorkerError: if host or port is missing.
+    """
+    try:
+        parts = urllib.parse.urlsplit(address if "//" in address else f"tcp://{address}")
+        complete = bool(parts.hostname and parts.port)
+    except ValueError:  # the port is not a number
+        complete = False
+    if not complete:
+        raise WorkerError(f"the cluster's address is '{address}'; give host and port, such as tcp://127.0.0.1:8786")

@@ -1,0 +1,186 @@
+"""An experiment: settings, plans, a row of each episode, figures of all rows; and how a controller is put to it."""
+
+import dataclasses
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic, TypeVar
+
+import polars as pl
+
+from hugwbc.controller import Controller
+from hugwbc.evaluation.episode import Row, Settings
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.picture_data import Picture
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import Store, controller_digest
+from hugwbc.runtime.controllers import ControllerSpec
+
+S = TypeVar("S", bound=Settings)
+Measured = tuple[str, Any, pl.DataFrame]
+"""A controller's label, the settings, and the rows."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Section(Generic[S]):
+    """What the report says of an experiment.
+
+    Attributes:
+        title: heading.
+        text: how the figures are measured.
+        quick: returns the settings of its runs in the report's quick profile: few and short episodes.
+        full: returns the settings of its runs in the full profile: the paper's sizes.
+        pictures: returns the pictures of all results, given the labels of the report's controllers.
+        unavailable: returns why this installation cannot run it, as a sentence; empty if it can.
+        ablation: whether policies of other trainings take part, as in the paper's ablation.
+    """
+
+    title: str
+    text: str
+    quick: Callable[[], Sequence[S]]
+    full: Callable[[], Sequence[S]]
+    pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Picture]] = lambda measured, controllers: ()
+    unavailable: Callable[[], str] = lambda: ""
+    ablation: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Experiment(Generic[S]):
+    """An experiment for any controller.
+
+    Attributes:
+        name: name on the command line and in reports.
+        summary: a line for `hugwbc evaluate --help`.
+        settings: class of its settings, whose fields are the options of the command line.
+        plan: returns the episodes.
+        episode: runs one episode with a controller, and returns what it adds to the row beside the plan's tags.
+        figures: makes figures of the settings and the rows of all episodes, a polars data frame; and of the rows of
+            `beside`, a data frame or None, if there is such an experiment.
+        following: returns the next episodes of a search, given all rows so far; none ends it.
+        beside: name of another experiment whose stored rows of the same controller and settings `figures` takes.
+        adapt: returns the settings for a controller.
+        note: a sentence below the tables in the terminal.
+        section: of the report; None leaves the experiment out.
+    """
+
+    name: str
+    summary: str
+    settings: type[S]
+    plan: Callable[[S], Sequence[Plan]]
+    episode: Callable[[Controller, S, Plan], Row]
+    figures: Callable[..., list[Figure]]
+    _: dataclasses.KW_ONLY
+    following: Callable[[S, Sequence[Row]], Sequence[Plan]] = lambda settings, rows: ()
+    beside: str = ""
+    adapt: Callable[[S, ControllerSpec], S] = lambda settings, spec: settings
+    note: str = ""
+    section: Section[S] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """The rows of an experiment with a controller.
+
+    Attributes:
+        experiment: name of the experiment.
+        controller: label of the controller.
+        settings: settings of the experiment.
+        rows: one for each episode, in the order of the plans.
+        figures: figures of all rows.
+    """
+
+    experiment: str
+    controller: str
+    settings: Settings
+    rows: list[Row]
+    figures: list[Figure]
+
+
+def run_experiment(
+    experiment: Experiment[S],
+    settings: S,
+    spec: ControllerSpec,
+    *,
+    execution: Execution | None = None,
+    store: Store | None = None,
+    on_progress: Callable[[float, float], object] = lambda done, read: None,
+) -> Result:
+    """Run what is not stored of an experiment, and return all rows and figures.
+
+    Args:
+        experiment: the experiment.
+        settings: its settings.
+        spec: the controller.
+        execution: where the episodes run; None for this process.
+        store: where the rows are kept; None keeps them in memory only.
+        on_progress: called with the part of the planned episodes that is done, and the part that was only read.
+    """
+    settings = experiment.adapt(settings, spec)
+    told, store = spec.told(settings.conditions.told_arena), store or Store(None)
+    table = store.table(experiment.name, settings, told)
+    rows: list[Row] = []
+    plans, read = list(experiment.plan(settings)), 0
+    while plans:
+        found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
+        total, read = len(rows) + len(plans), read + len(found)
+        missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
+        for index, row in run_plans(experiment.episode, settings, told, missing, execution):
+            found[index] = table.add(plans[index], row)
+            on_progress((len(rows) + len(found)) / total, read / total)
+        rows += [found[index] for index in range(len(plans))]
+        plans = list(experiment.following(settings, rows))
+    beside = store.rows_beside(experiment.beside, settings, told) if experiment.beside else []
+    frames = (frame_of(rows), *([frame_of(beside) if beside else None] if experiment.beside else ()))
+    figures = [
+        dataclasses.replace(figure, controller=spec.label) if figure.estimate is not None else figure
+        for figure in experiment.figures(settings, *frames)
+    ]
+    return Result(experiment.name, spec.label, settings, rows, figures)
+
+
+def frame_of(rows: Iterable[Row]) -> pl.DataFrame:
+    """Return rows as a data frame."""
+    return pl.DataFrame(list(rows), infer_schema_length=None, strict=False)
+
+
+def run_plans(
+    episode: Callable[[Controller, S, Plan], Row],
+    settings: S,
+    spec: ControllerSpec,
+    plans: Iterable[tuple[int, Plan]],
+    execution: Execution | None = None,
+) -> Iterable[tuple[int, Row]]:
+    """Run numbered plans, and yield number and row of each as they finish; the tags of a plan come first in its row.
+
+    Args:
+        episode: a function of a module, so that other processes find it.
+        settings: settings of the episodes.
+        spec: the controller.
+        plans: number and plan of each episode.
+        execution: where the episodes run; None for this process.
+    """
+    digest = controller_digest(spec)
+    jobs = [(episode, settings, spec, digest, index, plan) for index, plan in plans]
+    yield from (execution or Execution()).run(_run_job, jobs)
+
+
+def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, Plan]) -> tuple[int, Row]:
+    episode, settings, spec, digest, index, plan = job
+    return index, {**plan.tags, **episode(_controller(spec, digest), settings, plan)}
+
+
+class _Last(threading.local):
+    """The controller that a thread made last: a controller has a state, and a worker may run several threads."""
+
+    key: object = None
+    controller: Controller | None = None
+
+
+_last = _Last()
+
+
+def _controller(spec: ControllerSpec, digest: str) -> Controller:
+    """Return the controller, made once in each thread as long as it and its files stay the same."""
+    if _last.controller is None or _last.key != (spec, digest):
+        _last.key, _last.controller = (spec, digest), spec.build()
+    return _last.controller

@@ -1,0 +1,92 @@
+"""Carry a mass in each hand of which nobody is told, standing or walking: how far do the hands sag?"""
+
+import dataclasses
+from typing import Annotated
+
+import numpy as np
+import polars as pl
+from pydantic import Field
+
+from hugwbc.controller import Controller
+from hugwbc.evaluation.episode import Row
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiments.hand_forces import (
+    BEGIN,
+    ForceWatch,
+    HandForceSettings,
+    play,
+    root_mean_square,
+    source_of,
+)
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, known, scaled
+from hugwbc.evaluation.plans import Plan
+from hugwbc.kinematics import Kinematics
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.runtime.trace import Trace
+from hugwbc.settings import settings
+from hugwbc.state import GRAVITY, RobotState
+
+CARRIED = BEGIN + 3.0  # [s], length of an episode
+
+
+@settings(kw_only=True)
+class CarrySettings(HandForceSettings):
+    """Settings of carry, in addition to `HandForceSettings`.
+
+    Attributes:
+        load: mass in each hand [kg].
+    """
+
+    load: Annotated[float, Field(ge=0, le=20)] = 3.0
+
+
+def plan(settings: CarrySettings) -> list[Plan]:
+    """Return the episodes, which differ in the errors of the sensors."""
+    loaded = dataclasses.replace(settings.conditions, hand_payload=settings.load)
+    return [Plan(draw, conditions=loaded) for draw in range(settings.episodes)]
+
+
+def episode(controller: Controller, settings: CarrySettings, plan: Plan) -> Row:
+    """Return how far both hands are below their targets on average [m], and the error of the estimated load [N]."""
+    assert plan.conditions is not None
+    simulation = plan.conditions.simulation(CARRIED, (settings.seed, plan.draw))
+    weight = np.tile((0.0, 0.0, -GRAVITY * settings.load), (2, 1))
+    watch = ForceWatch(lambda truth: weight)
+    trace, end = play(controller, settings, source_of(settings), simulation, CARRIED, watch)
+    return {"sag": sag(trace), **watch.row(), **end}
+
+
+def sag(trace: Trace) -> float | None:
+    """Return how far the hands are below their targets from `BEGIN` on [m], by the recorded bodies."""
+    kept = trace.time >= BEGIN
+    if trace.fell or not kept.any():
+        return None
+    kinematics, drops = Kinematics(load_robot(trace.robot)), []
+    for qpos, targets in zip(trace.qpos[kept], trace.hand_target_world[kept], strict=True):
+        state = RobotState(
+            q=qpos[7:], dq=np.zeros(19), orientation=qpos[3:7], angular_velocity=np.zeros(3), position=qpos[:3]
+        )
+        kinematics.update(state)
+        drops.append([targets[hand, 2] - kinematics.position(f"{side}_hand")[2] for hand, side in enumerate(SIDES)])
+    return known(float(np.nanmean(drops)))
+
+
+def figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the sag, the error of the estimated load, and the falls."""
+    table = f"Carry {settings.load:g} kg in each hand, {settings.gait}"
+    return [
+        Figure(table, "sag of the hands", "cm", scaled(bootstrap_mean(rows["sag"]), 100.0)),
+        Figure(table, "error of the estimated force on a hand, RMS", "N", root_mean_square(rows["estimate_error"])),
+        falls_figure(table, rows["fell"]),
+    ]
+
+
+EXPERIMENT = Experiment(
+    "carry",
+    "a mass in each hand that nobody is told: how far the hands sag",
+    CarrySettings,
+    plan,
+    episode,
+    figures,
+)

@@ -1,0 +1,139 @@
+"""The paper's figure of gaits: when each foot is on the ground, and how well that agrees with the clock."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+
+from hugwbc import gait as gaits
+from hugwbc.commands import Command, default_command
+from hugwbc.controller import Controller
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Measured, Section
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.picture_data import GaitDiagram
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.settings import NotNegative, Positive, settings
+
+_OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
+_SHOWN_S = 2.0  # [s] of a gait diagram
+
+
+@settings(kw_only=True)
+class ContactsSettings(CountedSettings):
+    """Settings of contacts, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes; they differ only where ground, sensors or arms are random.
+        v_x: forward velocity of gaits that move [m/s].
+    """
+
+    v_x: float = 0.5
+    duration: Positive = 6.0
+    settle: NotNegative = 3.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.command(self.gaits[0]).validate()
+
+    def command(self, gait: Gait) -> Command:
+        """Return the default command of a gait, with the forward velocity if the gait moves."""
+        return dataclasses.replace(default_command(gait), v_x=0.0 if gait is Gait.STANDING else self.v_x)
+
+
+def plan(settings: ContactsSettings) -> list[Plan]:
+    """Return the same command for every episode."""
+    return [Plan(draw, settings.command(settings.gaits[draw % 2])) for draw in range(settings.episodes)]
+
+
+def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> Row:
+    """Return the contacts of both feet after the settling time, and how well the clock fits them.
+
+    - `left`, `right`: whether the foot is on the ground, 1 or 0, every `RECORD_PERIOD`.
+    - `offset`: phase of the clock at the first sample that agrees best [cycles]; every controller starts its clock when
+      it is ready. `agreement`: part of all samples of both feet in which contact and clock agree.
+    """
+    trace, command = simulate(controller, settings, plan).trace, plan.command
+    contact = trace.foot_contact[trace.time >= settings.settle - 1e-9]
+    offset, agreement = fit_clock(contact, command.gait, command.f) if len(contact) else (0.0, None)
+    return {
+        "gait": command.gait.label,
+        "frequency": command.f,
+        "left": contact[:, 0].astype(int).tolist(),
+        "right": contact[:, 1].astype(int).tolist(),
+        "offset": offset,
+        "agreement": agreement,
+        **ending(trace),
+    }
+
+
+def clock_phases(gait: Gait, frequency: float, offset: float, samples: int) -> np.ndarray:
+    """Return the homogenised phases of both feet at the samples of an episode, shape (samples, 2)."""
+    phase = gaits.advance_phase(np.full(samples, offset), frequency * np.arange(samples), RECORD_PERIOD)
+    return gaits.homogenised_phase(gaits.foot_phases(phase, np.full(samples, int(gait))))
+
+
+def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float, float]:
+    """Fit the clock to the contacts, shape (T, 2).
+
+    Returns:
+        The offset [cycles] that agrees best with the contacts, and the fraction of samples in which it does.
+    """
+    # A foot should be on the ground in the first half of its homogenised cycle.
+    stance = [clock_phases(gait, frequency, offset, len(contact)) < 0.5 for offset in _OFFSETS]
+    agreement = [float(np.mean(expected == contact)) for expected in stance]
+    best = int(np.argmax(agreement))
+    return float(_OFFSETS[best]), agreement[best]
+
+
+def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the part of the time in which the feet do what the clock says, and in which each is on the ground."""
+    gait = settings.gait.replace("_", " ")
+    agreement = bootstrap_mean([None if part is None else 100.0 * part for part in rows["agreement"]])
+    table, found = f"Contacts, {gait}", []
+    found.append(Figure("Contacts that agree with the clock", gait, "%", agreement, higher_is_better=True))
+    for side in ("left", "right"):
+        stance = bootstrap_mean([100.0 * sum(foot) / len(foot) if len(foot) else None for foot in rows[side]])
+        found.append(Figure(table, f"{side} foot on the ground", "% of the time", stance))
+    return [*found, falls_figure(table, rows["fell"])]
+
+
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[GaitDiagram]:
+    """Return contacts and clock of the first episode of each gait and controller."""
+    drawn = []
+    for controller, _, rows in measured:
+        row = rows.row(0, named=True)
+        contact = np.array([row["left"], row["right"]], dtype=bool).T[: round(_SHOWN_S / RECORD_PERIOD)]
+        title = f"{row['gait']}, {controller}{' (fell)' if row['fell'] else ''}".replace("_", " ")
+        if len(contact):
+            clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
+            time = RECORD_PERIOD * np.arange(len(contact))
+            drawn.append(GaitDiagram(title, time, contact, clock, controller, _SHOWN_S))
+    return drawn
+
+
+def every_gait() -> list[ContactsSettings]:
+    """Return one episode of every gait; more would show the same."""
+    return [ContactsSettings(gait=gait.label) for gait in Gait]
+
+
+EXPERIMENT = Experiment(
+    "contacts",
+    "contacts of the feet against the clock of the gait",
+    ContactsSettings,
+    plan,
+    episode,
+    figures,
+    section=Section(
+        "Contacts",
+        "When each foot is on the ground (bars) and the clock of the commanded gait (curves: high in stance). The "
+        "clock is shifted in time to where it agrees best, as every controller starts it when it is ready.",
+        every_gait,
+        every_gait,
+        pictures,
+    ),
+)

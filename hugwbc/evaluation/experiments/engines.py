@@ -1,0 +1,131 @@
+"""Do the controllers do the same in both physics engines? Errors and falls of single commands, side by side.
+
+What holds in one simulator only is not a result. Every episode starts from a stand and gets one light push, whose
+direction and time depend on its number, as do the sensors' errors; both engines have the same.
+"""
+
+import dataclasses
+import math
+from typing import Annotated
+
+import numpy as np
+import polars as pl
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Section
+from hugwbc.evaluation.figures import FALLS, Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known
+from hugwbc.evaluation.metrics import tracking_errors
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.settings import Count, Positive, one_of, settings
+from hugwbc.sim import Force
+from hugwbc.sim.arena import ENGINES
+from hugwbc.sim.physx import PhysxSimulation
+
+COMMANDS = {
+    "walk back": Command(v_x=-0.3, gait=Gait.WALKING),
+    "walk": Command(v_x=0.5, gait=Gait.WALKING),
+    "walk fast": Command(v_x=1.0, gait=Gait.WALKING),
+    "turn": Command(omega=0.5, gait=Gait.WALKING),
+    "squat": Command(h=-0.2, gait=Gait.STANDING),
+    "stand": Command(gait=Gait.STANDING),
+}
+ERRORS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s"}
+PUSH, PUSH_TIME = 50.0, 0.1  # [N], [s]: 5 N*s, or 0.08 m/s
+_PUSHED = (1.0, 2.0)  # [s], when
+_BOTH = tuple(ENGINES)
+
+
+@settings(kw_only=True)
+class EnginesSettings(CountedSettings):
+    """Settings of engines, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes of each command in each engine.
+        commands: names of the commands: walk back, walk, walk fast, turn, squat, stand.
+    """
+
+    episodes: Count = 10
+    commands: tuple[Annotated[str, one_of("command", lambda: COMMANDS)], ...] = tuple(COMMANDS)
+    duration: Positive = 20.0
+    varied = frozenset({"engine", "terrain_roughness", "slope"})
+
+
+def plan(settings: EnginesSettings) -> list[Plan]:
+    """Return every command in both engines, with the same pushes and the same errors of the sensors."""
+    return [
+        Plan(
+            number,
+            COMMANDS[command],
+            {"command": command, "engine": engine},
+            (push_of(settings.seed, number),),
+            dataclasses.replace(settings.conditions, engine=engine),
+        )
+        for command in settings.commands
+        for number in range(settings.episodes)
+        for engine in _BOTH
+    ]
+
+
+def push_of(seed: int, number: int) -> Force:
+    """Return the push in an episode, the same for every command and engine."""
+    rng = np.random.default_rng((seed, number))
+    angle, start = rng.uniform(0.0, 2.0 * np.pi), float(rng.uniform(*_PUSHED))
+    vector = (float(PUSH * np.cos(angle)), float(PUSH * np.sin(angle)), 0.0)
+    return Force(vector, start=start, duration=PUSH_TIME, link="pelvis")
+
+
+def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:
+    """Return the mean absolute errors of v_x, v_y and omega; None where the robot fell too early."""
+    trace = simulate(controller, settings, plan).trace
+    errors = tracking_errors(trace, settings.settle)
+    return {**{f"error_{name}": known(errors.get(name, math.nan)) for name in ERRORS}, **ending(trace)}
+
+
+def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return errors in both engines without falls, their ratio and the falls, a table for each command."""
+    found = []
+    for command in settings.commands:
+        table = f"Both engines, {command}"
+        parts = {e: rows.filter((pl.col("command") == command) & (pl.col("engine") == e)) for e in _BOTH}
+        for name, unit in ERRORS.items():
+            errors = {engine: part.filter(~pl.col("fell"))[f"error_{name}"] for engine, part in parts.items()}
+            for engine, values in errors.items():
+                found.append(Figure(table, f"E_{name}, {engine}", unit, bootstrap_mean(values)))
+            mujoco, physx = errors.values()
+            found.append(Figure(table, f"E_{name}, ratio", "", bootstrap_ratio(physx, mujoco)))
+        for engine, part in parts.items():
+            found.append(dataclasses.replace(falls_figure(table, part["fell"]), quantity=f"{FALLS}, {engine}"))
+    return found
+
+
+def unavailable() -> str:
+    """Say how to install PhysX if it is missing."""
+    try:
+        PhysxSimulation.check_available()
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+EXPERIMENT = Experiment(
+    "engines",
+    "single commands in both physics engines side by side: errors, their ratio, and falls",
+    EnginesSettings,
+    plan,
+    episode,
+    figures,
+    note="Ratio: PhysX divided by MuJoCo.",
+    section=Section(
+        "Both engines",
+        "The same commands in MuJoCo and in PhysX 5, each episode with one light push. What holds in one of them only "
+        "is a property of that engine, not of the controller. Ratio: PhysX divided by MuJoCo.",
+        lambda: [EnginesSettings(episodes=1, commands=("walk", "turn", "stand"), duration=4.0)],
+        lambda: [EnginesSettings()],
+        unavailable=unavailable,
+    ),
+)

@@ -1,0 +1,228 @@
+"""How well is the state estimated from an H1's own sensors? Velocity, tilt, contacts, drift, and consistency.
+
+Every episode is a walk at a random velocity, of which the estimator knows nothing but the readings and what the
+controller plans. Its errors are taken at every physics step, at the time of the reading. An estimator is consistent if
+its errors are as large as it believes: the normalised estimation error squared (NEES) of roll, pitch and velocity is 1
+for each degree of freedom on average (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
+Navigation*, 2001, section 5.4).
+"""
+
+import dataclasses
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from hugwbc.commands import Command, default_command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Section
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import CONFIDENCE, Estimate, bootstrap_mean, scaled
+from hugwbc.evaluation.plans import Plan
+from hugwbc.runtime.estimate_watch import DEGREES, EstimateRecord
+from hugwbc.runtime.trace import SHORTEST_SWING
+from hugwbc.settings import Count, Positive, settings
+
+RANDOM = {"v_x": (-0.3, 1.0), "v_y": (-0.2, 0.2), "omega": (-0.5, 0.5)}  # [m/s], [rad/s]
+DRIFT_WAY = 20.0  # [m], to which drifts are scaled
+_SHORTEST_WAY = 1.0  # [m]; from less, no drift is scaled
+_WAY_STEP = 0.5  # [s]; a path is measured in steps of this time, which leaves out the sway of a walk
+_SLOW = 0.1  # [s]; the change of a contact is looked for within this time
+# Figure by field: name and unit in tables, factor from SI units, whether it is an RMS or a mean.
+COLUMNS = {
+    "v_x": ("velocity forward", "m/s", 1.0, True),
+    "v_y": ("velocity sideways", "m/s", 1.0, True),
+    "v_z": ("velocity upwards", "m/s", 1.0, True),
+    "roll": ("roll", "deg", 180.0 / math.pi, True),
+    "pitch": ("pitch", "deg", 180.0 / math.pi, True),
+    "false_contact": ("false contacts, of the time in the air", "%", 100.0, False),
+    "missed_contact": ("missed contacts, of the time on the ground", "%", 100.0, False),
+    "touch_down_delay": ("delay of a touch-down", "ms", 1e3, False),
+    "lift_off_delay": ("delay of a lift-off", "ms", 1e3, False),
+    "drift": ("drift over 20 m", "m", 1.0, False),
+    "height_drift": ("drift of the height over 20 m", "m", 1.0, False),
+    "yaw_drift": ("drift of the heading over 20 m", "deg", 180.0 / math.pi, False),
+}
+
+
+@settings(kw_only=True)
+class EstimationSettings(CountedSettings):
+    """Settings of estimation, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of walks.
+        speed: forward velocity of all walks, straight ahead [m/s]; None draws velocities and turns at random.
+    """
+
+    episodes: Count = 50
+    speed: float | None = None
+    duration: Positive = 8.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.conditions.chosen.estimates:
+            raise ConfigError("exact sensors tell the whole state; give --sensing robot")
+        if self.speed is not None:
+            dataclasses.replace(default_command(self.gaits[0]), v_x=self.speed).validate()
+
+
+def plan(settings: EstimationSettings) -> list[Plan]:
+    """Return walks at random velocities, or all at one speed."""
+    return [Plan(number, walk_command(settings, number)) for number in range(settings.episodes)]
+
+
+def walk_command(settings: EstimationSettings, number: int) -> Command:
+    """Return the command of one walk, drawn from the seed and its number where no speed is given."""
+    command = default_command(settings.gaits[number % 2])
+    if settings.speed is not None:
+        return dataclasses.replace(command, v_x=settings.speed)
+    if settings.gait == "standing":
+        return command
+    rng = np.random.default_rng((settings.seed, number))
+    return dataclasses.replace(command, **{name: float(rng.uniform(*bounds)) for name, bounds in RANDOM.items()})
+
+
+def episode(controller: Controller, settings: EstimationSettings, plan: Plan) -> Row:
+    """Return `COLUMNS` of one walk after its settling time, consistency and path.
+
+    - `nees`: mean normalised estimation error squared of tilt and velocity, for each degree of freedom.
+    - `way`: length of the path [m].
+    """
+    run = simulate(controller, settings, plan, estimates=True)
+    assert run.estimates is not None  # the settings refuse exact sensors
+    record = run.estimates.after(settings.settle)
+    return {
+        **{f"commanded_{name}": getattr(run.command, name) for name in RANDOM},
+        **(_errors(record) if record.time.size else dict.fromkeys(_ERROR_FIELDS)),
+        "way": _way(record),
+        **ending(run.trace),
+    }
+
+
+def chi_square_bounds(degrees: int) -> tuple[float, float]:
+    """Return where a mean square of `degrees` standard normal numbers lies with 95 % confidence.
+
+    Quantiles by the cube-root approximation of Wilson and Hilferty (1931), right to 0.1 % from 50 degrees on.
+    """
+    z = statistics.NormalDist().inv_cdf((1.0 + CONFIDENCE) / 2)
+    part = 2.0 / (9.0 * degrees)
+    low, high = ((1.0 - part + sign * z * math.sqrt(part)) ** 3 for sign in (-1.0, 1.0))
+    return low, high
+
+
+def delays(inferred: np.ndarray, true: np.ndarray, time: np.ndarray, *, down: bool) -> list[float]:
+    """Return when touch-downs or lift-offs are inferred, relative to the true ones [s].
+
+    A foot that leaves the ground for less than `SHORTEST_SWING` has bounced and not stepped. Changes that are not
+    inferred within 0.1 s are left out; they count as false or missed contacts.
+
+    Args:
+        inferred: whether the foot is said to stand, shape (S,), bool.
+        true: whether it does, shape (S,), bool.
+        time: of the samples [s], shape (S,).
+        down: touch-downs, or lift-offs.
+    """
+    true = without_bounces(true, time)
+    found = []
+    changes = time[1:][np.diff(inferred.astype(int)) == (1 if down else -1)]
+    for moment in time[1:][np.diff(true.astype(int)) == (1 if down else -1)]:
+        near = changes[np.abs(changes - moment) <= _SLOW]
+        if near.size:
+            found.append(float(near[np.argmin(np.abs(near - moment))] - moment))
+    return found
+
+
+def without_bounces(true: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return contacts in which a foot that bounces stays on the ground, shape (S,), bool."""
+    filled, edges = true.copy(), np.diff(true.astype(int))
+    for left in np.flatnonzero(edges == -1) + 1:
+        landed = np.flatnonzero(true[left:])
+        if landed.size and time[left + landed[0]] - time[left] < SHORTEST_SWING:
+            filled[left : left + landed[0]] = True
+    return filled
+
+
+_ERROR_FIELDS = ("nees", *COLUMNS)
+
+
+def _errors(record: EstimateRecord) -> dict[str, Any]:
+    rms = np.sqrt(np.mean(np.hstack([record.velocity, record.tilt]) ** 2, axis=0)).tolist()
+    true, inferred, time = record.touching, record.inferred, record.time
+    both = [(inferred[:, foot], true[:, foot]) for foot in range(2)]
+    downs, lifts = ([d for i, t in both for d in delays(i, t, time, down=down)] for down in (True, False))
+    sampled = record.nees[np.isfinite(record.nees)]
+    way = _way(record)
+    scale = DRIFT_WAY / way if way >= _SHORTEST_WAY else None
+    moved = record.position[-1] - record.position[0]
+    turned = float(np.unwrap(record.yaw)[-1] - record.yaw[0])
+    return {
+        **dict(zip(("v_x", "v_y", "v_z", "roll", "pitch"), rms, strict=True)),
+        "nees": float(sampled.mean()) / DEGREES if sampled.size else None,
+        "false_contact": _share(inferred & ~true, ~true),
+        "missed_contact": _share(true & ~inferred, true),
+        "touch_down_delay": _mean_of(downs),
+        "lift_off_delay": _mean_of(lifts),
+        "drift": None if scale is None else scale * float(np.hypot(moved[0], moved[1])),
+        "height_drift": None if scale is None else scale * abs(float(moved[2])),
+        "yaw_drift": None if scale is None else scale * abs(turned),
+    }
+
+
+def _share(event: np.ndarray, of: np.ndarray) -> float | None:
+    return float(event.sum() / of.sum()) if of.any() else None
+
+
+def _mean_of(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def _way(record: EstimateRecord) -> float:
+    """Return the length of the true path [m]."""
+    if record.time.size < 2:
+        return 0.0
+    stride = max(1, round(_WAY_STEP / float(record.time[1] - record.time[0])))
+    return float(np.linalg.norm(np.diff(record.true_position[::stride, :2], axis=0), axis=1).sum())
+
+
+def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return errors, contacts, drifts and consistency: RMS errors or means over the walks."""
+    table, found = f"State estimation, {settings.gait}, {settings.duration:g} s", []
+    for name, (label, unit, factor, _) in COLUMNS.items():
+        found.append(Figure(table, label, unit, scaled(figure_of(name, rows[name]), factor)))
+    nees = bootstrap_mean(rows["nees"])
+    low, high = chi_square_bounds(DEGREES * max(nees.samples, 1))
+    found.append(Figure(table, f"NEES; {low:.2f} to {high:.2f} if it is consistent", "", nees))
+    return [*found, falls_figure(table, rows["fell"])]
+
+
+def figure_of(name: str, values: Iterable[float | None]) -> Estimate:
+    """Return one of the figures over all episodes: a mean, or the RMS of RMS errors, with its interval."""
+    if not COLUMNS[name][3]:
+        return bootstrap_mean(values)
+    squares = bootstrap_mean(None if value is None else value**2 for value in values)
+    value, low, high = (None if v is None else math.sqrt(v) for v in (squares.value, squares.low, squares.high))
+    return Estimate(value, low, high, squares.samples)
+
+
+EXPERIMENT = Experiment(
+    "estimation",
+    "the state estimator against the truth: velocity, tilt, contacts, drift, and its own covariance",
+    EstimationSettings,
+    plan,
+    episode,
+    figures,
+    section=Section(
+        "State estimation",
+        "What the controllers read: a state estimated from IMU, encoders and joint torques. Walks at random "
+        "velocities; RMS errors in the heading frame over walks. NEES: the errors, squared, relative to what the "
+        "estimator believes; 1 if it is consistent. Drifts are scaled to a way of 20 m.",
+        lambda: [EstimationSettings(episodes=2, duration=5.0)],
+        # 50 walks at random, and 8 of 20 m straight ahead.
+        lambda: [EstimationSettings(), EstimationSettings(episodes=8, speed=0.5, duration=41.0)],
+    ),
+)

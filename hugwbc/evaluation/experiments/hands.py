@@ -1,0 +1,218 @@
+"""How closely the hands follow their targets in closed loop, standing or walking, with any controller."""
+
+import math
+
+import numpy as np
+import polars as pl
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, UpperBody
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled, single
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.robot import Robot, load_robot
+from hugwbc.runtime.loop import ArmSource
+from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.scripts.hand_paths import Line
+from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
+from hugwbc.settings import Count, NotNegative, settings
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import ArmIK, IKSolution, UpperBodySource
+
+# Targets of the left hand in the pelvis frame [m]; the right hand's are drawn from the mirror image.
+LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
+LEG_TIME, DWELL = 1.2, 0.8  # [s] from target to target, and at each
+REACHED = 0.005  # [m]
+SATURATED = 0.99  # of a joint's torque limit
+STANDING_START = 1.0  # [s] before a walk
+
+
+@settings(kw_only=True)
+class HandsSettings(CountedSettings):
+    """Settings of hands, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes, each with its own targets.
+        v_x: forward velocity of gaits that move [m/s].
+        settle: start of an episode that is left out of the errors, in which the arms are taken over [s].
+    """
+
+    episodes: Count = 8
+    v_x: float = 0.5
+    settle: NotNegative = 2.0
+    varied = frozenset({"intervention", "motions"})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gait != "standing":
+            Command(v_x=self.v_x, gait=self.gaits[0]).validate()
+            if not self.duration > STANDING_START + DEFAULT_RAMP:
+                raise ConfigError(
+                    f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
+                    f"{self.gait} gait gets going"
+                )
+
+
+class _Recording:
+    """An upper-body source that records the solutions of another one's inverse kinematics, and its commands."""
+
+    def __init__(self, source: ArmSource) -> None:
+        self._source = source
+        self.wanted: list[np.ndarray] = []
+        self.commanded: list[np.ndarray] = []
+
+    @property
+    def solution(self) -> IKSolution | None:
+        """The last solution of the source."""
+        return self._source.solution
+
+    def reset(self) -> None:
+        """Reset the source."""
+        self._source.reset()
+
+    def update(
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Update the source and record its solution and its command."""
+        body, command = self._source.update(state, hands, command, dt, commanded)
+        nothing = np.full(8, np.nan)
+        self.wanted.append(nothing if self.solution is None else self.solution.q)
+        self.commanded.append(body.q if body.indicator else nothing)
+        return body, command
+
+    def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
+        """Return the rows at the times of a trace, shape (samples, 8)."""
+        return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
+
+
+def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
+    """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
+    state = RobotState(robot.nominal, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    ik, pairs = ArmIK(robot=robot), []
+    while len(pairs) < count:
+        pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
+        ik.reset(robot.nominal[robot.arms])
+        targets = HandTargets(pair[0], pair[1])
+        # 100 steps of 20 ms let the inverse kinematics converge from the nominal posture.
+        solutions = [ik.solve(targets, state, 0.02) for _ in range(100)]
+        if np.all(solutions[-1].residual < REACHED):
+            pairs.append(pair)
+    return np.array(pairs)
+
+
+def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int = 0) -> Script:
+    """Script one episode: both hands go from one reachable target to the next while the robot stands or moves.
+
+    Args:
+        settings: settings of the experiment.
+        rng: draws the targets.
+        index: number of the episode, which decides the foot where both hop in turn.
+    """
+    gait = settings.gaits[index % 2]
+    count = math.ceil(settings.duration / (LEG_TIME + DWELL)) + 1
+    pairs = reachable_targets(count, rng, settings.conditions.told_arena.known_robot)
+    left, right = (Line(tuple(tuple(p.tolist()) for p in pairs[:, hand]), LEG_TIME, DWELL) for hand in range(2))
+    hands = HandMotion(left, right)
+    if gait is Gait.STANDING:
+        return Script("hands", (Segment("stand", settings.duration, hands=hands, ramp=0.0),))
+    walk = Segment("go", settings.duration - STANDING_START, gait, {"v_x": settings.v_x}, hands)
+    return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
+
+
+def plan(settings: HandsSettings) -> list[Plan]:
+    """Return the episodes; each draws its targets."""
+    return [Plan(draw) for draw in range(settings.episodes)]
+
+
+def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
+    """Return the errors of the hands and arms after the settling time.
+
+    - `hand_error_m`, `hand_error_all_m`: mean distance of both hands to the targets that the inverse kinematics calls
+      reachable, and to all [m]; `errors` and `reachable` have every sample of the left and the right hand.
+    - `joint_error_rad`: mean distance of the arm joints to the inverse kinematics' solution [rad].
+    - `jitter`: mean squared joint jerk of the commanded arms [rad^2/s^6].
+    - `saturated_ticks`: number of samples with an arm joint at its torque limit.
+    """
+    seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
+    source = _Recording(UpperBodySource(robot=settings.conditions.told_arena.known_robot))
+    trace = rollout(
+        controller,
+        hands_script(settings, np.random.default_rng(seed), plan.draw),
+        settings.conditions.simulation(settings.duration, seed),
+        source,
+        duration=settings.duration,
+        estimator=settings.conditions.estimator(),
+    )
+    kept, arms = trace.time >= settings.settle, robot.arms
+    wanted, commanded = (
+        source.sampled(rows, controller.period)[: kept.size] for rows in (source.wanted, source.commanded)
+    )
+    joint_error = np.abs(trace.qpos[:, 7:][:, arms] - wanted)[kept]
+    joint_error = joint_error[np.isfinite(joint_error)]
+    hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])
+    limits = SATURATED * robot.torque_limit[arms]
+    return {
+        "hand_error_m": hands.mean,
+        "hand_error_all_m": hands.all_mean,
+        "reachable_fraction": hands.reachable_fraction,
+        "joint_error_rad": float(joint_error.mean()) if joint_error.size else None,
+        "jitter": known(metrics.jitter(commanded[kept], RECORD_PERIOD)),
+        "saturated_ticks": int(np.any(np.abs(trace.torque[kept][:, arms]) >= limits, axis=1).sum()),
+        "errors": [[known(error) for error in pair] for pair in trace.hand_error[kept].tolist()],
+        "reachable": trace.reachable[kept].tolist(),
+        **ending(trace),
+    }
+
+
+def figures(settings: HandsSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the errors over all samples, with intervals of their means over the episodes, and the falls.
+
+    For an interval an episode is one sample, whatever part of its targets is reachable; so its centre may differ a
+    little from the mean over all samples.
+    """
+    table = f"Hands, {settings.gait}"
+    errors, reachable = (
+        np.array([pair for samples in rows[name].to_list() for pair in samples], dtype=kind).reshape(-1, 2)
+        for name, kind in (("errors", float), ("reachable", bool))
+    )
+    pooled = metrics.hand_errors(errors, reachable)
+    intervals = {"mean": bootstrap_mean(rows["hand_error_m"]), "all_mean": bootstrap_mean(rows["hand_error_all_m"])}
+    found = []
+    for part, name in metrics.HAND_FIGURES.items():
+        value, bounds = getattr(pooled, part), intervals.get(part, single(None))
+        estimate = scaled(Estimate(value, bounds.low, bounds.high, len(rows)), 100.0)
+        found.append(Figure(table, f"hand error, {name}", "cm", estimate))
+    return [
+        *found,
+        Figure(
+            table, "targets that the IK calls reachable", "", single(pooled.reachable_fraction), higher_is_better=True
+        ),
+        Figure(table, "arm joints' error", "rad", bootstrap_mean(rows["joint_error_rad"])),
+        Figure(
+            table, "samples with an arm joint at its torque limit", "", single(float(rows["saturated_ticks"].sum()))
+        ),
+        Figure(table, "jitter of the commanded arms", "rad²/s⁶", bootstrap_mean(rows["jitter"])),
+        falls_figure(table, rows["fell"]),
+    ]
+
+
+EXPERIMENT = Experiment(
+    "hands",
+    "accuracy of the hands, moving from one reachable target to the next",
+    HandsSettings,
+    plan,
+    episode,
+    figures,
+)

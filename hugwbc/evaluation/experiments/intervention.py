@@ -1,0 +1,147 @@
+"""The paper's table of tracking errors while the arms are under external control: noise, motions, or nothing.
+
+Every kind of intervention gets the same sampled commands, so that two of them differ in the arms alone. The paper's
+ablation crosses what moves the arms in the test with what moved them in training, and prints policies of all
+`TRAININGS`. A learned policy is compared with the paper's policy of the same training, and a controller that was not
+trained with the paper's best one.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal, TypeVar
+
+import polars as pl
+
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import INTERVENTIONS
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import Experiment, Section
+from hugwbc.evaluation.experiments.single_command import episode, sampled_commands, stratified_samples
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.paper import TRAININGS, intervention_errors
+from hugwbc.evaluation.plans import Plan
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.settings import Count, settings
+
+ERROR_OF = {name: f"E_{name.replace('_', '')}" for name in COMMAND_NAMES}  # the paper's names; v_x at all speeds
+ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
+TRAINED = {"noise": "trained with noise", "motion": "trained with motions", "none": "trained without intervention"}
+UNTRAINED_AGAINST = "noise"  # the training of the paper's policy that is compared with untrained controllers
+
+
+@settings(kw_only=True)
+class InterventionSettings(CountedSettings):
+    """Settings of the experiments that move the arms, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes in all, split evenly over the interventions and the commands of the gait.
+        training: training of the paper's policy to compare with: noise, motion or none; by default the one that the
+            policy's own file names, and noise for other controllers.
+    """
+
+    episodes: Count = 96
+    training: Literal["noise", "motion", "none"] | None = None
+    varied = frozenset({"intervention"})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        commands = len(sampled_commands(self.gaits[0]))
+        if self.episodes < (least := len(INTERVENTIONS) * commands):
+            raise ConfigError(
+                f"episodes is {self.episodes}; give {least} or more: {len(INTERVENTIONS)} interventions and {commands} "
+                "commands"
+            )
+
+
+S = TypeVar("S", bound=InterventionSettings)
+
+
+def plan(settings: InterventionSettings) -> list[Plan]:
+    """Return the same stratified samples of single commands under every intervention."""
+    # The same draw under every intervention: ground and sensor noise are the same as well.
+    return [
+        Plan(
+            draw,
+            command,
+            {"intervention": intervention, "command": name},
+            conditions=dataclasses.replace(settings.conditions, intervention=intervention),
+        )
+        for intervention in INTERVENTIONS
+        for draw, (name, command) in enumerate(stratified_samples(settings, settings.episodes // len(INTERVENTIONS)))
+    ]
+
+
+def adapt(settings: S, spec: ControllerSpec) -> S:
+    """Compare with the paper's policy of the same training, unless the settings name another one."""
+    return dataclasses.replace(settings, training=settings.training or spec.training or UNTRAINED_AGAINST)
+
+
+def figures(settings: InterventionSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return errors and falls, a table for each intervention; and the paper's of other trainings."""
+    found, gait = [], settings.gaits[0]
+    for arms in INTERVENTIONS:
+        table, part = f"Intervention, {settings.gait}, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
+        paper, trained = intervention_errors(gait, arms, str(settings.training)), TRAINED[str(settings.training)]
+        for name in sampled_commands(gait):
+            estimate = bootstrap_mean(part.filter(pl.col("command") == name)["error"])
+            error = ERROR_OF[name]
+            found.append(Figure(table, error, COMMAND_UNITS[name], estimate, paper.get(error), reference=trained))
+        found.append(falls_figure(table, part["fell"], trained))
+        if part["arm_error"].null_count() < len(part):
+            error = bootstrap_mean(part["arm_error"])
+            found.append(Figure(table, "arm joints, distance to their targets", "rad", error, reference=trained))
+        units = {ERROR_OF[name]: unit for name, unit in COMMAND_UNITS.items()}
+        for training in TRAININGS:
+            if training != settings.training:
+                found += paper_alone(table, intervention_errors(gait, arms, training), units, training)
+    return found
+
+
+def paper_alone(table: str, values: Mapping[str, float], units: Mapping[str, str], training: str) -> list[Figure]:
+    """Return figures of the paper's policy of a training that is not the controller's.
+
+    Args:
+        table: title of their table.
+        values: the figures by quantity.
+        units: unit of each quantity.
+        training: training of the paper's policy that they belong to.
+    """
+    return [
+        Figure(table, quantity, units[quantity], None, value, reference=TRAINED[training])
+        for quantity, value in values.items()
+    ]
+
+
+def quick() -> list[InterventionSettings]:
+    """Return few episodes of the gaits for which the paper has figures."""
+    episodes = {"standing": 9, "walking": 24, "jumping": 24}
+    return [InterventionSettings(gait=gait, episodes=count, duration=5.0) for gait, count in episodes.items()]
+
+
+def full() -> list[InterventionSettings]:
+    """Return 256 episodes of each intervention for these gaits."""
+    gaits = ("standing", "walking", "jumping")
+    return [InterventionSettings(gait=gait, episodes=3 * 256, duration=21.0) for gait in gaits]
+
+
+EXPERIMENT = Experiment(
+    "intervention",
+    "the same single commands with the arms moved by noise, by motions, and not at all",
+    InterventionSettings,
+    plan,
+    episode,
+    figures,
+    adapt=adapt,
+    section=Section(
+        "Intervention",
+        "The same single commands while the arms are moved from outside. A policy is compared with the paper's policy "
+        "of the same training (noise, motions or nothing), and an untrained controller with the one trained with "
+        "noise. Where we have no policy, the paper's figures stand alone. The paper's motions are recorded from "
+        "people, ours are generated or given.",
+        quick,
+        full,
+        ablation=True,
+    ),
+)

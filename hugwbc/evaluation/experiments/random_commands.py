@@ -1,0 +1,142 @@
+"""All commands drawn at random over their full ranges at once: does the robot stay up, and where does it not?
+
+The paper studies pairs of commands; this experiment covers the whole space. In each episode, every command is drawn
+independently and uniformly from its finishing range. The errors stand beside those of single commands: a controller may
+follow each command alone and not their combinations. Episodes with a fall are left out of both and counted.
+"""
+
+import itertools
+
+import numpy as np
+import polars as pl
+
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
+from hugwbc.controller import Controller
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Section
+from hugwbc.evaluation.experiments.single_command import episode_error, sampled_commands
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known, wilson_of
+from hugwbc.evaluation.paper import ERROR_UNITS, error_name
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.settings import Count, settings
+
+PARTS = ("low", "middle", "high")  # thirds of a command's range
+_LISTED_PAIRS = 10
+
+
+@settings(kw_only=True)
+class RandomCommandsSettings(CountedSettings):
+    """Settings of random-commands, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes in all.
+    """
+
+    episodes: Count = 64
+
+
+def plan(settings: RandomCommandsSettings) -> list[Plan]:
+    """Return an episode for each drawn command."""
+    values = sample_all(settings.gaits[0], np.random.default_rng(settings.seed), settings.episodes)
+    return [Plan(draw, Command.from_array(row, settings.gaits[draw % 2])) for draw, row in enumerate(values)]
+
+
+def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
+    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
+    run = simulate(controller, settings, plan)
+    errors = metrics.tracking_errors(run.trace, settings.settle)
+    feet = [name for name in ("f", "l") if name in sampled_commands(run.command.gait)]
+    errors |= {name: episode_error(run.trace, name, settings.settle) for name in feet}
+    return {
+        "gait": run.command.gait.label,
+        **dict(zip(COMMAND_NAMES, run.command.array().tolist(), strict=True)),
+        **{f"error_{name}": known(error) for name, error in errors.items()},
+        **ending(run.trace),
+    }
+
+
+def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.DataFrame | None) -> list[Figure]:
+    """Return the errors of the episodes without a fall, beside those of single commands, and where the falls are.
+
+    Args:
+        settings: settings of the experiment.
+        rows: rows of the episodes.
+        single: stored rows of single commands with the same settings, if there are any.
+    """
+    table, found = f"All commands at once, {settings.gait}", []
+    errors: dict[str, list[float | None]] = {name: [] for name in ERROR_UNITS}
+    for row in rows.filter(~pl.col("fell")).iter_rows(named=True):
+        for name in sampled_commands(Gait.parse(row["gait"])):
+            errors[error_name(name, row[name])].append(row[f"error_{name}"])
+    for name, values in errors.items():
+        if values:
+            found.append(Figure(table, name, ERROR_UNITS[name], bootstrap_mean(values)))
+    if single is not None:
+        upright = single.filter(~pl.col("fell"))
+        for name, values in errors.items():
+            ratio = bootstrap_ratio(values, upright.filter(pl.col("error_name") == name)["error"])
+            if ratio.value is not None:
+                found.append(Figure(table, f"{name}, over that alone", "", ratio))
+    return [*found, falls_figure(table, rows["fell"]), *_falls_by_part(settings, rows)]
+
+
+def _falls_by_part(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the falls in each third of a command's range, and in the pairs of thirds with the most falls."""
+    thirds = {}
+    for name, limits in command_ranges(settings.gaits[0]).items():
+        low, high = limits.finishing
+        if low < high:
+            part = (3.0 * (pl.col(name) - low) / (high - low)).cast(pl.Int64).clip(0, 2)
+            thirds[name] = part.replace_strict(dict(enumerate(PARTS)), return_dtype=pl.String)
+    parted = rows.select("fell", **thirds)
+
+    def falls(*names: str) -> pl.DataFrame:
+        counted = parted.group_by(*names, maintain_order=True).agg(pl.len().alias("count"), pl.col("fell").sum())
+        label = pl.concat_str([pl.lit(f"{name} ") + pl.col(name) for name in names], separator=", ")
+        return counted.filter(pl.col("fell") > 0).select(label.alias("part"), "fell", "count")
+
+    alone = [falls(name) for name in thirds]
+    pairs = pl.concat([falls(*pair) for pair in itertools.combinations(thirds, 2)])
+    most = pairs.sort("fell", pl.col("fell") / pl.col("count"), descending=True, maintain_order=True).head(
+        _LISTED_PAIRS
+    )
+    title = f"Falls in parts of the ranges, {settings.gait}"
+    return [
+        Figure(title, part, "% of episodes", wilson_of(fell, count))
+        for frame in (*alone, most)
+        for part, fell, count in frame.iter_rows()
+    ]
+
+
+def quick() -> list[RandomCommandsSettings]:
+    """Return few episodes of standing and walking, as long as those of single commands."""
+    return [RandomCommandsSettings(gait=g, episodes=n, duration=5.0) for g, n in (("standing", 6), ("walking", 16))]
+
+
+def full() -> list[RandomCommandsSettings]:
+    """Return 256 episodes of every gait, as long as those of single commands."""
+    gaits = ("standing", "walking", "jumping", "hopping")
+    return [RandomCommandsSettings(gait=gait, episodes=256, duration=21.0) for gait in gaits]
+
+
+EXPERIMENT = Experiment(
+    "random-commands",
+    "draw all commands at random at once, and list where the robot falls",
+    RandomCommandsSettings,
+    plan,
+    episode,
+    figures,
+    beside="single-command",
+    note="Errors over those alone: run `hugwbc evaluate single-command` with the same options first.",
+    section=Section(
+        "All commands at once",
+        "All commands are drawn at random over their ranges. Errors are those of the episodes without a fall. Where "
+        "the report has single commands of the same gait, the ratio to their errors, also of episodes without a fall, "
+        "tells what the combination costs.",
+        quick,
+        full,
+    ),
+)

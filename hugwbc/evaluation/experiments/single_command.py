@@ -1,0 +1,207 @@
+"""The paper's table of single-command tracking errors.
+
+Each command is sampled over its finishing range while the others stay at their defaults, one episode per sample. The
+samples are stratified: the range of a command is cut into as many equal parts as it has episodes, and each part gets
+one uniform sample, so that even few episodes cover the whole range.
+"""
+
+import dataclasses
+
+import numpy as np
+import polars as pl
+
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.episode import CountedSettings, Row, Run, Settings, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Section
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known
+from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.runtime.trace import Trace
+from hugwbc.settings import Count, settings
+
+# Figures of `metrics.Impact` that are shown, with their names and units.
+IMPACTS = {
+    "speed_median": ("touch-down speed, median", "m/s"),
+    "speed_p95": ("touch-down speed, 95th percentile", "m/s"),
+    "total_speed_median": ("touch-down speed with its horizontal part, median", "m/s"),
+    "peak_mean": ("peak foot force of 10 ms, mean of stances", "body weights"),
+    "peak_max": ("peak foot force of 10 ms, maximum", "body weights"),
+}
+SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted separately
+
+
+@settings(kw_only=True)
+class SingleCommandSettings(CountedSettings):
+    """Settings of single-command, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes in all, split evenly over the commands of the gait.
+        ends: draw each command at the two ends of its range, half of its episodes at each, instead of inside.
+    """
+
+    episodes: Count = 128  # 16 for each of the eight commands of walking
+    ends: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least = len(sampled_commands(self.gaits[0]))
+        if self.episodes < least:
+            raise ConfigError(
+                f"episodes is {self.episodes}; give {least} or more: one per command of the {self.gait} gait"
+            )
+
+
+def sampled_commands(gait: Gait) -> tuple[str, ...]:
+    """Return the commands whose range under a gait is more than one value; foot commands are left out for standing."""
+    names = [name for name, limits in command_ranges(gait).items() if limits.finishing[0] < limits.finishing[1]]
+    return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
+
+
+def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False) -> list[tuple[str, Command]]:
+    """Sample single commands, stratified over their finishing ranges.
+
+    Args:
+        settings: settings, of which gait and seed are used.
+        episodes: number of samples in all, split evenly over the commands of the gait.
+        ends: take the two ends of each range, each half of the times, instead of samples of its inside.
+
+    Returns:
+        Name of the sampled command and the whole command, for every episode.
+    """
+    rng = np.random.default_rng(settings.seed)
+    names = sampled_commands(settings.gaits[0])
+    share, rest = divmod(episodes, len(names))
+    samples: list[tuple[str, Command]] = []
+    for position, name in enumerate(names):
+        count = share + (position < rest)
+        low, high = command_ranges(settings.gaits[0])[name].finishing
+        # One uniform sample in each of `count` equal parts of the range.
+        values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
+        if ends:
+            values = np.where(np.arange(count) < count / 2, low, high)
+        for index, value in enumerate(values):
+            samples.append(
+                (name, dataclasses.replace(default_command(settings.gaits[index % 2]), **{name: float(value)}))
+            )
+    return samples
+
+
+def plan(settings: SingleCommandSettings) -> list[Plan]:
+    """Return an episode for each stratified sample."""
+    samples = stratified_samples(settings, settings.episodes, ends=settings.ends)
+    return [Plan(draw, command, {"command": name}) for draw, (name, command) in enumerate(samples)]
+
+
+def episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
+    """Run an episode and measure it."""
+    return measure(simulate(controller, settings, plan), settings.settle)
+
+
+def measure(run: Run, settle: float) -> Row:
+    """Return the error of the sampled command after `settle` [s], the impacts and the paths of the feet.
+
+    - `error_name`, `error`: the paper's name of the error and its value; None if the robot fell too early.
+    - `arm_error`: mean distance of the arm joints to their external targets [rad].
+    - `foot_travel`, `foot_creep`: path of both feet, and the part of it that is MuJoCo's creep [m]; standing only.
+    - `held_foot_contact`: part of the time in which the held leg touched the ground; hopping only.
+    - `hop_frequency_error`: mean difference between hops per second and the clock's frequency [Hz]; hopping only.
+    """
+    command, trace, name = run.command, run.trace, str(run.plan.tags["command"])
+    value = float(command.array()[COMMAND_NAMES.index(name)])
+    standing = command.gait is Gait.STANDING
+    impact = metrics.impact(trace, settle)
+    return {
+        "gait": command.gait.label,
+        "value": value,
+        "error_name": error_name(name, value),
+        "error": known(episode_error(trace, name, settle)),
+        "arm_error": known(run.arm_error),
+        "foot_travel": known(metrics.foot_travel(trace, settle)) if standing else None,
+        "foot_creep": known(metrics.foot_creep(trace, settle)) if standing else None,
+        "held_foot_contact": known(metrics.held_foot_contact(trace, settle)),
+        "hop_frequency_error": known(metrics.frequency_error(trace, settle)) if command.gait.hops else None,
+        **{f"impact_{figure}": None if impact is None else getattr(impact, figure) for figure in IMPACTS},
+        **ending(trace),
+    }
+
+
+def episode_error(trace: Trace, command: str, settle: float) -> float:
+    """Return the error of one command over a run; NaN if the run did not last beyond `settle` [s]."""
+    if command == "f":
+        return metrics.frequency_error(trace, settle)
+    if command == "l":
+        return metrics.swing_height_error(trace, settle)
+    return metrics.tracking_errors(trace, settle)[command]
+
+
+def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the errors by the paper's names, impacts, paths of the feet and falls, and what others published."""
+    table, found = f"Single command, {settings.gait}", []
+    paper = single_command_errors(settings.gaits[0], settings.conditions.intervention)
+    for name, unit in ERROR_UNITS.items():
+        errors = rows.filter(pl.col("error_name") == name)["error"]
+        if len(errors) or name in paper:
+            found.append(Figure(table, name, unit, bootstrap_mean(errors), paper.get(name)))
+    for name, (quantity, unit) in IMPACTS.items():
+        values = rows[f"impact_{name}"].drop_nulls()
+        estimate = bootstrap_mean(values)
+        if name == "peak_max" and len(values):
+            # The maximum grows with the number of episodes, so that a mean or its interval would say nothing about it.
+            estimate = Estimate(max(values), None, None, len(values))
+        if estimate.value is not None:
+            found.append(Figure(table, quantity, unit, estimate))
+    slow = rows.filter(~pl.col("command").is_in(["v_x", "v_y"]) | (pl.col("value").abs() <= SLOW_SPEED))
+    found.append(falls_figure(table, rows["fell"]))
+    found.append(dataclasses.replace(falls_figure(table, slow["fell"]), quantity=f"falls at up to {SLOW_SPEED} m/s"))
+    upright = rows.filter(~pl.col("fell"))
+    for quantity, unit, values in (
+        (f"path of both feet in {settings.duration - settings.settle:g} s", "m", upright["foot_travel"]),
+        ("held foot on the ground", "part of the time", rows["held_foot_contact"]),
+        ("hops per second, difference to the clock", "Hz", rows["hop_frequency_error"]),
+        ("arm joints, distance to their external targets", "rad", rows["arm_error"]),
+    ):
+        if values.null_count() < len(values):
+            found.append(Figure(table, quantity, unit, bootstrap_mean(values)))
+    if settings.gait == Gait.WALKING.label:
+        found += [
+            Figure(table, error, ERROR_UNITS[error], None, controller=name, published=value)
+            for name, errors in other_controllers().items()
+            for error, value in errors.items()
+        ]
+    return found
+
+
+def quick() -> list[SingleCommandSettings]:
+    """Return few episodes of every gait."""
+    episodes = {"standing": 6, "walking": 16, "jumping": 16, "hopping": 8}
+    return [SingleCommandSettings(gait=gait, episodes=count, duration=5.0) for gait, count in episodes.items()]
+
+
+def full() -> list[SingleCommandSettings]:
+    """Return 256 episodes of every gait, 20 s after the settling time as in the paper."""
+    gaits = ("standing", "walking", "jumping", "hopping")
+    return [SingleCommandSettings(gait=gait, episodes=256, duration=21.0) for gait in gaits]
+
+
+EXPERIMENT = Experiment(
+    "single-command",
+    "sample each command over its range, the others at their defaults",
+    SingleCommandSettings,
+    plan,
+    episode,
+    figures,
+    section=Section(
+        "Single commands",
+        "One command is sampled over its range while the others stay at their defaults. Foot commands (f, l) are "
+        "judged over complete gait cycles, the others over control steps. The impact of a foot after a swing is the "
+        "sole's vertical speed in the physics step before the touch-down, and the largest vertical force on the foot "
+        "in the stance after it. The figures of HOVER and ExBody are the paper's; they were not run here.",
+        quick,
+        full,
+    ),
+)

@@ -1,0 +1,134 @@
+"""The suite of loco-manipulation tasks: how often a controller does what each of them asks for, and why not."""
+
+import math
+
+import numpy as np
+import polars as pl
+
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single, wilson_of, wilson_percentage
+from hugwbc.evaluation.plans import Plan
+from hugwbc.runtime.trace import RECORD_PERIOD
+from hugwbc.settings import Count, Positive, settings
+from hugwbc.tasks.run_task import run_task
+from hugwbc.tasks.suite import TASK_NAMES, load_task
+
+LONGEST = 120.0  # [s]; every task has a limit of its own below it
+
+
+@settings(kw_only=True)
+class TasksSettings(CountedSettings):
+    """Settings of tasks, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes of each task; the scene of each is drawn with the seed plus its number.
+        task: names of the tasks, or Python files with tasks of your own; all of the suite by default.
+        duration: not used; every task has its own time limit.
+    """
+
+    episodes: Count = 50
+    task: tuple[str, ...] = TASK_NAMES
+    duration: Positive = LONGEST
+    varied = frozenset({"engine", "terrain_roughness", "slope", "intervention", "motions"})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.task or len(set(self.task)) < len(self.task):
+            raise ConfigError(f"tasks are {', '.join(self.task) or 'none'}; give at least one, each once")
+        for name in self.task:
+            if load_task(name).limit > LONGEST:
+                raise ConfigError(f"the time limit of task '{name}' is above {LONGEST:g} s; give a shorter one")
+
+
+def plan(settings: TasksSettings) -> list[Plan]:
+    """Return the episodes of each task."""
+    return [Plan(draw, tags={"task": name}) for name in settings.task for draw in range(settings.episodes)]
+
+
+def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
+    """Run one episode of a task.
+
+    - `seed`: of the scene and of the sensors; `hugwbc play --task TASK --seed SEED` shows the same episode.
+    - `success`, `reason`: whether the task was done, and why not; `detail`: what the behaviour said when it ended.
+    - `score`: 0 to 1.
+    - `seconds`: time until the behaviour ended [s]; None if a fall or the time limit ended it.
+    - `hand_acceleration`: root mean square of the hands' acceleration [m/s^2].
+    - `energy`: mechanical energy of the joints; braking costs as much as driving [J].
+    - `gripped`: bodies that the idealised gripper held. `hand_depth`: how deep a hand was in an object, at most [m].
+    """
+    conditions, task, seed = settings.conditions, load_task(str(plan.tags["task"])), settings.seed + plan.draw
+    simulation = conditions.chosen.simulation(
+        timestep=conditions.timestep,
+        latency=conditions.latency,
+        seed=seed,
+        variation=conditions.variation(),
+        scene=task.scene,
+    )
+    run = run_task(task, controller, simulation, conditions.estimator())
+    verdict, record, trace = run.verdict, run.record, run.trace
+    seconds = len(trace.time) * RECORD_PERIOD
+    return {
+        **ending(trace),
+        "seed": seed,
+        "success": verdict.success,
+        "reason": verdict.reason,
+        "detail": verdict.detail,
+        "score": verdict.score,
+        "seconds": None if record.ending.time is None else float(record.ending.time),
+        "hand_acceleration": known(hand_acceleration(record.hands)),
+        "energy": known(metrics.mechanical_power(trace, settle=0.0) * seconds),
+        "gripped": list(record.gripped),
+        "hand_depth": max(record.depth.values(), default=0.0),
+        "fell": record.fell,
+    }
+
+
+def hand_acceleration(hands: np.ndarray) -> float:
+    """Return the root mean square of the hands' acceleration [m/s^2]; NaN for fewer than three samples.
+
+    Args:
+        hands: positions in the world, one sample every `RECORD_PERIOD` [m], shape (T, 2, 3).
+    """
+    if len(hands) < 3:
+        return math.nan
+    acceleration = np.diff(hands, n=2, axis=0) / RECORD_PERIOD**2
+    return float(np.sqrt((acceleration**2).sum(axis=2).mean()))
+
+
+def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return success, time, score, hands and energy of each task, and the reasons of its failures."""
+    found = []
+    for name in settings.task:
+        part = rows.filter(pl.col("task") == name)
+        done, failed = part.filter(pl.col("success")), part.filter(~pl.col("success"))
+        success = wilson_percentage(part["success"].to_list())
+        gripped = wilson_percentage([len(bodies) > 0 for bodies in part["gripped"]])
+        found += [
+            Figure(name, "success", "% of episodes", success, higher_is_better=True),
+            Figure(name, "time of a success", "s", bootstrap_mean(done["seconds"])),
+            Figure(name, "score", "", bootstrap_mean(part["score"]), higher_is_better=True),
+            Figure(name, "hand acceleration", "m/s²", bootstrap_mean(part["hand_acceleration"])),
+            Figure(name, "energy", "J", bootstrap_mean(part["energy"])),
+            Figure(name, "hand in an object, at most", "m", single(max(part["hand_depth"]))),
+            Figure(name, "idealised gripper", "% of episodes", gripped),
+        ]
+        reasons = failed.group_by("reason", maintain_order=True).len().sort("len", descending=True, maintain_order=True)
+        for reason, count in reasons.iter_rows():
+            share: Estimate = wilson_of(count, len(part))
+            found.append(Figure(name, f"failed: {reason}", "% of episodes", share))
+    return found
+
+
+EXPERIMENT = Experiment(
+    "tasks",
+    "loco-manipulation tasks with objects: how often each succeeds, and why not",
+    TasksSettings,
+    plan,
+    episode,
+    figures,
+)

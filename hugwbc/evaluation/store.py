@@ -1,0 +1,193 @@
+"""Finished episodes on the disk: one table for each experiment, settings, controller and commit.
+
+A table is a file of JSON lines. The first line is its key; every other line is the row of one episode. Rows are only
+appended, each by one write, so that a killed run loses only the episodes that were running.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import inspect
+import json
+import os
+import pathlib
+import subprocess
+from collections.abc import Iterator
+from typing import Any
+
+import hugwbc
+from hugwbc.errors import ResultFileError
+from hugwbc.evaluation.episode import Row, Settings
+from hugwbc.evaluation.plans import Plan
+from hugwbc.runtime.controllers import ControllerSpec
+
+DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
+_EPISODE = "_episode"
+
+
+class StoredTable:
+    """The rows of one table, which is on the disk if it has a path.
+
+    Attributes:
+        path: path of the file, which is created with the first row; None keeps the rows in memory.
+    """
+
+    def __init__(self, path: pathlib.Path | None, key: dict[str, Any], *, fresh: bool = False) -> None:
+        """Read the file if it exists, unless it is to be measured afresh."""
+        self.path, self._key = path, key
+        self._rows = {} if path is None or fresh or not path.exists() else _read(path, key)
+
+    def get(self, plan: Plan) -> Row | None:
+        """Return the row of an episode, or None if it has not run."""
+        return self._rows.get(_digest(repr(plan)))
+
+    def add(self, plan: Plan, row: Row) -> Row:
+        """Append the row of an episode, and return it as it will be read."""
+        episode = _digest(repr(plan))
+        self._rows[episode] = json.loads(json.dumps(row))
+        if self.path is not None:
+            try:
+                _append(self.path, self._key, {_EPISODE: episode, **row})
+            except OSError as error:
+                raise ResultFileError(
+                    f"cannot write {self.path}: {error.strerror}; choose another folder for the results"
+                ) from error
+        return self._rows[episode]
+
+
+class Store:
+    """A folder of tables; None keeps all rows in memory.
+
+    Attributes:
+        folder: folder of the files, created with the first row.
+        fresh: whether to run again what is stored; new rows take the place of the earlier ones.
+    """
+
+    def __init__(self, folder: str | pathlib.Path | None = DEFAULT_FOLDER, *, fresh: bool = False) -> None:
+        """Use a folder."""
+        self.folder, self.fresh = None if folder is None else pathlib.Path(folder), fresh
+
+    def table(self, experiment: str, settings: Settings, spec: ControllerSpec) -> StoredTable:
+        """Return the table of an experiment with a controller."""
+        key = table_key(experiment, settings, spec)
+        if self.folder is None:
+            return StoredTable(None, key)
+        name = f"{experiment}-{spec.label}-{_digest(json.dumps(key))[:16]}.jsonl"
+        return StoredTable(self.folder / name.replace(" ", "_").replace(":", "-"), key, fresh=self.fresh)
+
+    def rows_beside(self, experiment: str, settings: Settings, spec: ControllerSpec) -> list[Row]:
+        """Return all rows of another experiment with the same controller, commit and common settings."""
+        mine, names = table_key(experiment, settings, spec), [field.name for field in dataclasses.fields(Settings)]
+        found: list[Row] = []
+        for path in [] if self.folder is None else sorted(self.folder.glob(f"{experiment}-*.jsonl")):
+            key = _key_of(path)
+            same = [key.get(part) == mine[part] for part in ("digest", "commit", "files")]
+            if all(same) and all(key["settings"].get(name) == mine["settings"][name] for name in names):
+                found += _read(path, key).values()
+        return found
+
+
+def table_key(experiment: str, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
+    """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files."""
+    return json.loads(
+        json.dumps(
+            {
+                "experiment": experiment,
+                "controller": spec.label,
+                "digest": controller_digest(spec),
+                "commit": commit(),
+                "settings": dataclasses.asdict(settings),
+                "files": {str(path): _file_digest(path) for path in _files(settings)},
+            },
+            default=str,
+        )
+    )
+
+
+def controller_digest(spec: ControllerSpec) -> str:
+    """Return a digest of everything that a controller depends on, the content of its files included."""
+    return _digest(json.dumps(spec.identity(), sort_keys=True, default=str))
+
+
+@functools.cache
+def commit() -> str:
+    """Return the commit of this source, with a digest of what differs from it; outside of a repository, the version."""
+    root = pathlib.Path(hugwbc.__file__).parents[1]
+    try:
+        if not _git(root, "ls-files", "hugwbc/__init__.py"):
+            return hugwbc.__version__
+        changes = _git(root, "diff", "HEAD", "--", "hugwbc", "models")
+        return _git(root, "rev-parse", "HEAD").decode().strip() + (f"+{_digest(changes)[:16]}" if changes else "")
+    except (OSError, subprocess.CalledProcessError):
+        return hugwbc.__version__
+
+
+def _git(root: pathlib.Path, *words: str) -> bytes:
+    command = ["git", "-C", str(root), *words]
+    return subprocess.run(command, check=True, capture_output=True).stdout
+
+
+def _files(settings: Settings) -> Iterator[pathlib.Path]:
+    """Yield the files that settings name, motions in a folder included, and that of an experiment of the user's own."""
+    source = pathlib.Path(inspect.getfile(type(settings)))
+    if not source.is_relative_to(pathlib.Path(hugwbc.__file__).parent):
+        yield source
+    for path in map(pathlib.Path, _texts(dataclasses.asdict(settings))):
+        if path.suffix and path.is_file():
+            yield path
+        elif path.is_dir():
+            yield from sorted(path.glob("*.npz"))
+
+
+def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401  of settings
+    if isinstance(value, str):
+        yield value
+    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
+        yield from _texts(item)
+
+
+def _file_digest(path: pathlib.Path) -> str:
+    return _digest(path.read_bytes())
+
+
+def _digest(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
+
+
+def _key_of(path: pathlib.Path) -> dict[str, Any]:
+    try:
+        with path.open(encoding="utf-8") as file:
+            key = json.loads(file.readline())
+    except (OSError, ValueError):
+        key = None
+    if not isinstance(key, dict) or not isinstance(key.get("settings"), dict):
+        raise ResultFileError(f"{path} is no table of episodes; move it away, or choose another folder for the results")
+    return key
+
+
+def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
+    if _key_of(path) != key:
+        raise ResultFileError(f"{path} has another key than its name says; move it away, or choose another folder")
+    rows: dict[str, Row] = {}
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
+        try:
+            row = json.loads(line)
+            rows[row.pop(_EPISODE)] = row
+        except (ValueError, KeyError, AttributeError, TypeError):
+            continue  # a killed run left half a line: its episode runs again
+    return rows
+
+
+def _append(path: pathlib.Path, key: dict[str, Any], row: Row) -> None:
+    """Append a line, and before the first one the key; a line that was cut off before it stays a line of its own."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(json.dumps(key) + "\n")
+    except FileExistsError:
+        pass
+    with path.open("rb+") as file:
+        file.seek(-1, os.SEEK_END)
+        cut_off = file.read(1) != b"\n"
+    with path.open("a", encoding="utf-8") as file:
+        file.write("\n" * cut_off + json.dumps(row) + "\n")

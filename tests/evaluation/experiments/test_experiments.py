@@ -1,0 +1,129 @@
+"""Every experiment: settings, plans, a short run, figures and pictures."""
+
+import dataclasses
+import json
+import pickle
+
+import pytest
+
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.experiment import frame_of, run_experiment
+from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
+from hugwbc.report.pictures import draw
+from hugwbc.runtime.controllers import ControllerSpec
+
+HOLD = ControllerSpec("hold")
+QUICK = {"duration": 0.3, "settle": 0.1, "conditions": Conditions(timestep=0.005)}
+# The fewest episodes of each, and lengths that it admits; None for those that are too slow for here.
+SHORT = {
+    "single-command": {"gait": "standing", "episodes": 3},
+    "intervention": {"gait": "standing", "episodes": 9},
+    "foot-displacement": {"episodes": 9},
+    "heatmap": {"gait": "standing", "points": 2},
+    "disturbance": {"rollouts": 1, "first": 50.0, "limit": 50.0, "resolution": 0.9, "settle": 0.1, "duration": 2.0},
+    "ramp": {"gait": "standing", "episodes": 1, "settle": 3.0, "duration": 3.3},
+    "tour": {"episodes": 2, "duration": 1.2},
+    "robustness": {"gait": "standing", "samples": 3, "duration": 0.15},
+    "effort": {"speeds": (0.0, 0.5)},
+    "contacts": {"gait": "standing"},
+    "random-commands": {"episodes": 3},
+    "small-velocities": {"episodes": 4},
+    "hands": {"gait": "standing", "episodes": 1, "duration": 0.4},
+    "carry": {"episodes": 1, "settle": 3.0, "duration": 6.0},
+    "estimation": {"episodes": 1, "duration": 0.5},
+    "engines": None, "faults": None, "tasks": None, "pull": None, "press": None, "push": None, "sway": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_plans_are_values_that_settings_alone_decide(name):
+    if name == "engines":
+        pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
+    experiment = EXPERIMENTS[name]
+    settings = experiment.settings()
+    plans = experiment.plan(settings)
+    assert plans and list(map(repr, plans)) == list(map(repr, experiment.plan(experiment.settings())))
+    again = pickle.loads(pickle.dumps((experiment.episode, settings, plans[0])))
+    assert again[:2] == (experiment.episode, settings) and repr(again[2]) == repr(plans[0])
+    assert len(set(map(repr, plans))) == len(plans), "the key of each row is its own"
+    for name in settings.varied & {"payload", "intervention", "friction", "latency"}:
+        value = "noise" if name == "intervention" else 1.0 if name != "latency" else 0.01
+        with pytest.raises(ConfigError, match=f"the experiment sets {name} itself"):
+            experiment.settings(conditions=Conditions(**{name: value}))
+
+
+@pytest.mark.parametrize("name", [name for name, changes in SHORT.items() if changes is not None])
+def test_a_short_run_gives_rows_figures_and_pictures(name):
+    experiment = EXPERIMENTS[name]
+    result = run_experiment(experiment, experiment.settings(**QUICK | SHORT[name]), HOLD)
+    assert result.rows and json.loads(json.dumps(result.rows, allow_nan=False)) == result.rows
+    measured = [figure for figure in result.figures if figure.estimate is not None]
+    assert measured and all(figure.controller == "hold" for figure in measured)
+    assert any("fall" in figure.quantity or "%" in figure.unit or "force" in figure.table for figure in measured)
+    if experiment.section:
+        pictures = experiment.section.pictures([("hold", result.settings, frame_of(result.rows))], ["hold"])
+        assert all(draw(picture, ["hold"]).svg for picture in pictures)
+
+
+def test_every_experiment_is_tried_here_or_by_name():
+    assert SHORT.keys() == EXPERIMENTS.keys()
+
+
+def test_sections_have_runs_in_both_profiles():
+    for experiment in EXPERIMENTS.values():
+        section = experiment.section
+        if section and not section.unavailable():
+            quick, full = section.quick(), section.full()
+            assert section.text and quick and len(quick) <= len(full)
+            work = [sum(len(experiment.plan(s)) * s.duration for s in runs) for runs in (quick, full)]
+            assert work[0] <= work[1]
+
+
+def test_an_experiment_of_a_file(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import dataclasses\nfrom hugwbc.evaluation.experiments.contacts import EXPERIMENT\n"
+        'MINE = dataclasses.replace(EXPERIMENT, name="mine")\nOTHER = 3\n'
+    )
+    assert experiment_of(f"{tmp_path}/mine.py:MINE").name == "mine"
+    for words, message in ((f"{tmp_path}/mine.py:OTHER", "is a int; give an Experiment"), ("contact", "'contacts'")):
+        with pytest.raises(HugwbcError, match=message):
+            experiment_of(words)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("single-command", {"episodes": 7}, "give 8 or more: one per command of the walking gait"),
+        ("intervention", {"episodes": 23}, "give 24 or more: 3 interventions and 8 commands"),
+        ("intervention", {"training": "nois"}, "noise"),
+        ("foot-displacement", {"gait": "walking"}, "that of a standing robot"),
+        ("heatmap", {"points": 1}, "greater than or equal to 2"),
+        ("disturbance", {"duration": 2.0}, "leave 1.5 s for the force"),
+        ("disturbance", {"first": 900.0}, "give 0 < first <= limit"),
+        ("ramp", {"settle": 2.0}, "give 3.0 s or more"),
+        ("ramp", {"gait": "hopping"}, "hopping does not command p and w"),
+        ("tour", {"gait": "standing"}, "needs a gait that moves"),
+        ("tour", {"blow": -1.0}, "blow is -1"),
+        ("robustness", {"samples": 7}, "needs at least 8"),
+        ("effort", {"speeds": (5.0,)}, "walking admits -0.6 to 2 m/s"),
+        ("small-velocities", {"gait": "standing"}, "standing has no velocities"),
+        ("hands", {"duration": 1.9, "settle": 1.0}, "give more than 2 s"),
+        ("carry", {"gait": "jumping"}, "give standing or walking"),
+        ("pull", {"force": -1.0}, "force is -1"),
+        ("press", {"gait": "walking"}, "a hand presses standing"),
+        ("estimation", {"conditions": Conditions(sensing="exact")}, "give --sensing robot"),
+        ("faults", {"only": ("nothing",)}, "no fault has 'nothing'"),
+        ("faults", {"duration": 5.0}, "give 4 s more than settle"),
+        ("engines", {"commands": ("fly",)}, "command 'fly'"),
+        ("tasks", {"task": ("press_button", "press_button")}, "each once"),
+    ],
+)
+def test_bad_settings_say_what_is_valid(name, changes, message):
+    with pytest.raises(HugwbcError, match=message):
+        EXPERIMENTS[name].settings(**changes)
+
+
+def test_settings_are_replaced_as_usual():
+    settings = EXPERIMENTS["ramp"].settings(gait="jumping")
+    assert dataclasses.replace(settings, episodes=2).gait == "jumping"

@@ -1,0 +1,233 @@
+"""Figures of rows that are known by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hugwbc.commands import command_ranges
+from hugwbc.evaluation.experiment import frame_of
+from hugwbc.evaluation.experiments import (
+    contacts,
+    disturbance,
+    engines,
+    estimation,
+    faults,
+    heatmap,
+    intervention,
+    push,
+    ramp,
+    random_commands,
+    robustness,
+    single_command,
+    suite_tasks,
+    sway,
+    tour,
+)
+from hugwbc.evaluation.experiments.hand_forces import HandForceSettings
+from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.state import RobotState
+
+END = {"fell": False, "survived_s": 10.0, "failures": 0}
+SINGLE = {
+    **{"value": 0.5, "error": None, "arm_error": None, "foot_travel": None, "held_foot_contact": None},
+    **{"hop_frequency_error": None, **{f"impact_{name}": None for name in single_command.IMPACTS}, **END},
+}
+
+
+def values(figures):
+    return {(f.table, f.quantity): f.value for f in figures}
+
+
+def by_quantity(figures):
+    return {f.quantity: f for f in figures if f.estimate is not None}
+
+
+def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
+    rows = [
+        SINGLE | {"command": "h", "error_name": "E_h", "error": 0.1, "impact_peak_max": 2.0, "impact_peak_mean": 1.2},
+        SINGLE | {"command": "h", "error_name": "E_h", "error": 0.3, "impact_peak_max": 3.0, "impact_peak_mean": 1.4},
+        SINGLE | {"command": "v_x", "error_name": "E_vx_high", "value": 1.5, "fell": True, "foot_travel": 9.0},
+    ]
+    figures = single_command.figures(single_command.SingleCommandSettings(), frame_of(rows))
+    mine = by_quantity(figures)
+    assert mine["E_h"].value == pytest.approx(0.2) and mine["E_h"].paper == 0.064 and mine["E_h"].unit == "m"
+    assert mine["E_w"].value is None and mine["falls"].value == pytest.approx(100.0 / 3.0)
+    assert mine["falls at up to 0.6 m/s"].value == 0.0 and mine["falls at up to 0.6 m/s"].estimate.samples == 2
+    assert mine["peak foot force of 10 ms, mean of stances"].value == pytest.approx(1.3)
+    highest = mine["peak foot force of 10 ms, maximum"].estimate
+    assert (highest.value, highest.low, highest.samples) == (3.0, None, 2)
+    assert not any("path of both feet" in quantity for quantity in mine), "a fall cut it short"
+    hover = {f.quantity: f for f in figures if f.controller == "HOVER"}
+    assert hover["E_h"].published == 0.27 and "E_f" not in hover
+
+
+def test_samples_cover_each_range_evenly_and_follow_the_seed():
+    settings = single_command.SingleCommandSettings(episodes=35, seed=3)
+    samples = single_command.stratified_samples(settings, 35)
+    assert samples == single_command.stratified_samples(settings, 35)
+    assert samples != single_command.stratified_samples(dataclasses.replace(settings, seed=4), 35)
+    for name in single_command.sampled_commands(Gait.WALKING):
+        low, high = command_ranges(Gait.WALKING)[name].finishing
+        found = np.array([getattr(command, name) for n, command in samples if n == name])
+        part = np.floor((found - low) / (high - low) * len(found)).astype(int)
+        assert part.tolist() == list(range(len(found))), "one sample in each equal part"
+    ends = single_command.SingleCommandSettings(gait="hopping", episodes=16, ends=True)
+    for name in single_command.sampled_commands(Gait.HOPPING_LEFT):
+        for gait in ends.gaits:
+            found = [getattr(p.command, name) for p in single_command.plan(ends) if p.tags["command"] == name]
+            assert sorted(set(found)) == list(command_ranges(gait)[name].finishing)
+
+
+def test_random_commands_beside_those_alone_and_where_the_falls_are():
+    errors = {f"error_{name}": 0.2 for name in ("v_x", "v_y", "omega", "h", "p", "w", "f", "l")}
+    low, high = ({name: r.finishing[end] for name, r in command_ranges(Gait.WALKING).items()} for end in (0, 1))
+    rows = [{"gait": "walking", **low, **errors, **END}, {"gait": "walking", **high, **errors, **END, "fell": True}]
+    alone = [SINGLE | {"command": "h", "error_name": "E_h", "error": 0.1}] * 2
+    settings = random_commands.RandomCommandsSettings(episodes=2)
+    found = by_quantity(random_commands.figures(settings, frame_of(rows), frame_of(alone)))
+    assert found["E_h"].value == 0.2 and found["E_h, over that alone"].value == pytest.approx(2.0)
+    assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
+    assert found["v_x high"].value == 100.0 and "v_x low" not in found and found["v_x high, v_y high"].value == 100.0
+    assert len([name for name in found if "," in name and "alone" not in name]) == 10
+
+
+def test_a_search_of_forces_is_that_of_its_rows():
+    settings = disturbance.DisturbanceSettings(rollouts=1, first=100.0, limit=400.0, resolution=0.5)
+    rows, limits = [], {"constant": 120.0, "second": 1000.0}
+    plans = disturbance.following(settings, rows)
+    assert len(plans) == 16 and {plan.tags["force"] for plan in plans} == {100.0}
+    assert len({repr(plan.conditions) for plan in plans}) == 1, "every force meets the same robot"
+    while plans:
+        rows += [dict(plan.tags) | {"fell": plan.tags["force"] > limits[plan.tags["kind"]]} for plan in plans]
+        plans = disturbance.following(settings, rows)
+    found = {(f.table, f.quantity): f.estimate for f in disturbance.figures(settings, frame_of(rows))}
+    one = found["Tolerated force, constant", "90°"]
+    assert (one.value, one.low, one.high) == (100.0, 100.0, 150.0)
+    assert found["Tolerated force, for one second", "0°"].high is None, "the limit was survived"
+
+
+def test_a_ramp_goes_from_the_minimum_to_the_maximum():
+    settings = ramp.RampSettings(episodes=2)
+    plans = ramp.plan(settings)
+    low, high = command_ranges(Gait.WALKING)["p"].finishing
+    schedule = plans[0].commands
+    assert [schedule.command_at(t).p for t in (0.0, 3.0, 4.0, 14.0)] == pytest.approx([0.0, low, low, high])
+    assert repr(plans[0].conditions) == repr(plans[2].conditions) != repr(plans[1].conditions)
+    rows = [{"command": name, "error": 0.1, "commanded": [0.0], "measured": [0.1], **END} for name in ("p", "p", "w")]
+    found = by_quantity(ramp.figures(settings, frame_of(rows)))
+    assert found["E_p"].value == pytest.approx(0.1) and found["E_p"].paper and found["falls, w"].estimate.samples == 1
+
+
+def test_the_cost_of_a_change_is_a_ratio_of_errors():
+    row = SINGLE | {"command": "h", "error_name": "E_h"}
+    nominal = frame_of([row | {"error": 0.1}, row | {"error": 0.1}])
+    assert robustness.error_ratio(frame_of([row | {"error": 0.2}, row | {"error": 9.0, "fell": True}]), nominal) == 2.0
+    assert robustness.error_ratio(frame_of([row | {"error": 1.0, "fell": True}] * 2), nominal) is None
+
+
+def test_where_one_command_leaves_the_other_alone():
+    settings = heatmap.HeatmapSettings(gait="standing", points=3)
+    plans = heatmap.plan(settings)
+    rows = []
+    for plan in plans:
+        far = plan.tags["second"] == "p" and plan.command.p == settings.values("p")[2]
+        errors = {f"error_{name}": 0.5 if far and name == "h" else 0.1 for name in ("h", "p", "w")}
+        rows.append({**plan.tags, "h": plan.command.h, **errors, **END})
+    found = by_quantity(heatmap.figures(settings, frame_of(rows)))
+    middle = settings.values("p")
+    assert found[f"error of h over p ({middle[0]:g} to {middle[1]:g})"].value == pytest.approx(200.0 / 3.0)
+    (h,) = [f for f in heatmap.figures(settings, frame_of(rows)) if f.table.startswith("Orth") and "of h" in f.quantity]
+    assert h.value == pytest.approx((200.0 / 3.0 + 100.0) / 2.0)
+    assert heatmap.error_map(settings, frame_of(rows), "h", "p")[:, 2].tolist() == [0.5] * 3
+    assert heatmap.error_map(settings, frame_of(rows), "p", "h").tolist() == [[0.1] * 3] * 3
+
+
+def test_only_the_last_blow_can_have_felled_the_robot():
+    assert tour.blow_outcomes(3, True) == [True, True, False] and tour.blow_outcomes(0, False) == []
+    plan = tour.tour_plan(tour.TourSettings(), 0)
+    assert len(plan.forces) == len(plan.commands.waypoints) == tour.WAYPOINTS
+    assert all(0.2 <= force.start / 5.0 % 1.0 <= 0.7 for force in plan.forces)
+    strongest = max(np.linalg.norm(force.vector) for force in plan.forces)
+    assert strongest <= tour.strongest_blow(tour.TourSettings()) == pytest.approx(600.0 * load_robot().mass / 35.0)
+
+
+def test_a_controller_is_compared_with_the_policy_of_its_training():
+    settings = intervention.adapt(intervention.InterventionSettings(), ControllerSpec("hold"))
+    assert settings.training == "noise"
+    rows = [SINGLE | {"intervention": "none", "command": "v_x", "error_name": "E_vx_low", "error": 0.4}]
+    figures = intervention.figures(settings, frame_of(rows))
+    mine = [f for f in figures if f.estimate is not None and f.quantity == "E_vx" and "arms free" in f.table]
+    assert mine[0].value == 0.4 and mine[0].reference == "trained with noise"
+    alone = {f.reference for f in figures if f.estimate is None}
+    assert alone == {"trained with motions", "trained without intervention"}
+    kinds = {plan.conditions.intervention for plan in intervention.plan(settings)}
+    assert kinds == {"none", "noise", "motion"}
+
+
+def test_the_clock_is_shifted_to_where_it_agrees():
+    phases = contacts.clock_phases(Gait.WALKING, 1.5, 0.37, 200)
+    offset, agreement = contacts.fit_clock(phases < 0.5, Gait.WALKING, 1.5)
+    assert offset == pytest.approx(0.37) and agreement == 1.0
+
+
+def test_pushes_get_stronger_until_the_robot_falls():
+    settings, rows = HandForceSettings(episodes=1), []
+    while plans := push.following(settings, rows):
+        rows += [dict(plan.tags) | END | {"fell": plan.tags["change"] > 0.5, "moved": 0.0} for plan in plans]
+    assert len(rows) == 8 * 3 and push.survived(settings, frame_of(rows))[45] == [pytest.approx(0.4)]
+    assert by_quantity(push.figures(settings, frame_of(rows)))["median of all"].value == pytest.approx(0.4)
+
+
+def test_the_acceleration_of_a_hand_that_is_shaken():
+    watch = sway.HandWatch(load_robot())
+    for tick in range(2000):
+        time = sway.SWAYED_FROM - 1.0 + 0.002 * tick
+        shaken = np.array([0.5 * time, 0.01 * np.sin(2.0 * np.pi * 2.0 * time), 1.0])
+        state = RobotState(
+            load_robot().nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), position=shaken, time=time
+        )
+        watch(state, state)
+    assert watch.acceleration() == pytest.approx(0.01 * (4.0 * np.pi) ** 2 / np.sqrt(2.0), rel=0.02)
+
+
+def test_a_fault_for_good_goes_well_if_the_ground_is_reached_softly():
+    settings = faults.FaultsSettings(episodes=2, only=("IMU gone",))
+    speeds = {"touch_speed": 0.5, "first_touch_speed": 0.4, "highest_speed": 1.0}
+    rows = [END | speeds | {"fault": name, "fell": True} for name in settings.faults for _ in range(2)]
+    found = values(faults.figures(settings, frame_of(rows)))
+    assert found["IMU gone for good", "went well"] == 100.0 and found["IMU gone for 200 ms", "went well"] == 0.0
+    plans = faults.plan(settings)
+    assert plans[0].tags["start"] == plans[2].tags["start"] and "imu-gone@" in plans[0].conditions.faults[0]
+
+
+def test_estimates_of_a_consistent_estimator_lie_within_their_bounds():
+    low, high = estimation.chi_square_bounds(200)
+    assert low == pytest.approx(0.8136, abs=2e-3) and high == pytest.approx(1.2053, abs=2e-3)
+    time = np.arange(100) * 0.01
+    true = (time >= 0.3) & (time < 0.7)
+    late = (time >= 0.32) & (time < 0.69)
+    assert estimation.delays(late, true, time, down=True) == pytest.approx([0.02])
+    assert estimation.delays(late, true, time, down=False) == pytest.approx([-0.01])
+    assert estimation.figure_of("v_x", [3.0, 4.0]).value == pytest.approx(np.sqrt(12.5))
+
+
+def test_errors_in_both_engines_and_their_ratio():
+    rows = [
+        {"command": "walk", "engine": engine, "error_v_x": error, "error_v_y": 0.1, "error_omega": None, **END}
+        for engine, error in (("mujoco", 0.1), ("physx", 0.2))
+    ]
+    found = by_quantity(engines.figures(engines.EnginesSettings(commands=("walk",), episodes=1), frame_of(rows)))
+    assert found["E_v_x, ratio"].value == pytest.approx(2.0) and found["falls, physx"].value == 0.0
+
+
+def test_a_task_that_fails_says_why():
+    done = END | {"success": True, "reason": "", "score": 1.0, "seconds": 10.0, "hand_acceleration": 1.0}
+    done |= {"task": "press_button", "energy": 5.0, "gripped": [], "hand_depth": 0.001}
+    rows = [done, done | {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}]
+    settings = suite_tasks.TasksSettings(task=("press_button",), episodes=2)
+    found = by_quantity(suite_tasks.figures(settings, frame_of(rows)))
+    assert found["success"].value == 50.0 and found["failed: too late"].value == 50.0
+    assert found["time of a success"].value == 10.0 and found["idealised gripper"].value == 50.0

@@ -1,0 +1,146 @@
+"""Rows are kept, an interrupted run goes on, and processes share the episodes."""
+
+import dataclasses
+import json
+
+import pytest
+
+from hugwbc import Command
+from hugwbc.errors import HugwbcError, ResultFileError
+from hugwbc.evaluation import episode, store
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.episode import CountedSettings, Settings, ending, simulate
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiment import Experiment, run_experiment
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import Store, commit, table_key
+from hugwbc.gait import Gait
+from hugwbc.runtime.controllers import ControllerSpec
+
+HOLD = ControllerSpec("hold")
+SETTINGS = CountedSettings(
+    duration=0.2, settle=0.1, episodes=4, conditions=Conditions(timestep=0.005, terrain_roughness=0.01)
+)
+
+
+def plan(settings):
+    return [Plan(draw, Command(w=0.1 * draw), {"waist": 0.1 * draw}) for draw in range(settings.episodes)]
+
+
+def measure(controller, settings, plan):
+    trace = simulate(controller, settings, plan).trace
+    return {"place": trace.qpos[-1, :3].tolist(), **ending(trace)}
+
+
+def figures(settings, rows):
+    return [Figure("Places", "x", "m", bootstrap_mean(place[0] for place in rows["place"]))]
+
+
+WAISTS = Experiment("waists", "turn the waist", CountedSettings, plan, measure, figures)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Commanded waist angles of the episodes that are simulated here."""
+    seen, whole = [], episode.rollout
+    monkeypatch.setattr(episode, "rollout", lambda *a, **k: (seen.append(a[1].command_at(0.0).w), whole(*a, **k))[1])
+    return seen
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tmp_path, counted):
+    alone = run_experiment(WAISTS, SETTINGS, HOLD)
+    assert [row["waist"] for row in alone.rows] == counted and alone.figures[0].controller == "hold"
+    counted.clear()
+
+    def stop(done, read):
+        if done == 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path), on_progress=stop)
+    (path,) = tmp_path.iterdir()
+    path.write_text(path.read_text() + '{"_episode": "half a li')  # as a kill leaves it
+    told = []
+    again = run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path), on_progress=lambda *parts: told.append(parts))
+    assert again == alone and counted == pytest.approx([0.0, 0.1, 0.2, 0.3]) and told == [(0.75, 0.5), (1.0, 0.5)]
+    assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)) == alone and len(counted) == 4
+    assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path, fresh=True)) == alone and len(counted) == 8
+    assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)) == alone and len(counted) == 8
+    assert {"waist", "place", "fell"} < set(json.loads(path.read_text().splitlines()[1]))
+
+
+def test_two_processes_give_the_numbers_of_one(tmp_path):
+    from hugwbc.evaluation.experiments.small_velocities import EXPERIMENT, SmallVelocitiesSettings
+
+    settings = SmallVelocitiesSettings(episodes=5, duration=0.3, settle=0.1, conditions=Conditions(timestep=0.005))
+    alone = run_experiment(EXPERIMENT, settings, HOLD)
+    with Execution(2) as execution:
+        assert run_experiment(EXPERIMENT, settings, HOLD, execution=execution, store=Store(tmp_path)) == alone
+
+
+def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_path, monkeypatch):
+    (tmp_path / "clip.npz").write_bytes(b"one")
+    moved = dataclasses.replace(SETTINGS, conditions=Conditions(intervention="motion", motions=str(tmp_path)))
+    keys = [
+        table_key("waists", SETTINGS, HOLD),
+        table_key("other", SETTINGS, HOLD),
+        table_key("waists", SETTINGS, ControllerSpec("qp")),
+        table_key("waists", dataclasses.replace(SETTINGS, seed=1), HOLD),
+        table_key("waists", moved, HOLD),
+    ]
+    (tmp_path / "clip.npz").write_bytes(b"two")
+    keys.append(table_key("waists", moved, HOLD))
+    monkeypatch.setattr(store, "commit", lambda: "another")
+    keys.append(table_key("waists", SETTINGS, HOLD))
+    assert len({json.dumps(key) for key in keys}) == len(keys) and commit()
+
+
+def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
+    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
+    (path,) = tmp_path.iterdir()
+    for text, message in (("no json\n", "is no table of episodes"), ('{"settings": {}}\n', "has another key")):
+        path.write_text(text)
+        with pytest.raises(ResultFileError, match=message):
+            run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
+        assert path.read_text() == text
+
+
+def test_rows_of_another_experiment_count_for_the_same_settings_only(tmp_path):
+    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
+    common = Settings(duration=0.2, settle=0.1, conditions=SETTINGS.conditions)
+    assert len(Store(tmp_path).rows_beside("waists", common, HOLD)) == 4
+    for other in (dataclasses.replace(common, seed=3), dataclasses.replace(common, gait="standing")):
+        assert Store(tmp_path).rows_beside("waists", other, HOLD) == []
+    assert Store(tmp_path).rows_beside("waists", common, ControllerSpec("qp")) == []
+
+
+def test_a_search_goes_on_until_nothing_follows(tmp_path):
+    def following(settings, rows):
+        return [] if len(rows) >= 3 else [Plan(len(rows), Command(w=0.1))]
+
+    search = dataclasses.replace(WAISTS, plan=lambda settings: following(settings, ()), following=following)
+    first = run_experiment(search, SETTINGS, HOLD, store=Store(tmp_path))
+    assert len(first.rows) == 3 and run_experiment(search, SETTINGS, HOLD, store=Store(tmp_path)) == first
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration": 0.5}, "give 0 <= settle < duration"),
+        ({"duration": float("nan")}, "duration"),
+        ({"seed": -1}, "seed is -1"),
+        ({"episodes": 0}, "episodes is 0"),
+        ({"gait": "waking"}, "gait 'waking'. Did you mean 'walking'"),
+        ({"conditions": Conditions(slope=0.05), "duration": 600.0}, "give up to 200 s"),
+    ],
+)
+def test_bad_settings_are_refused(changes, message):
+    with pytest.raises(HugwbcError, match=message):
+        CountedSettings(**changes)
+
+
+def test_hopping_takes_turns():
+    assert CountedSettings(gait="hopping").gaits == (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
+    assert CountedSettings(gait="hopping_right").gaits == (Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT)

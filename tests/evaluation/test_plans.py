@@ -1,0 +1,129 @@
+import dataclasses
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, RobotState, rotations
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.episode import Settings, simulate
+from hugwbc.evaluation.plans import NAVIGATION_LIMITS, Knot, Navigator, Plan, Schedule, Tour, Waypoint
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.sim import Force
+
+WALK = Command(gait=Gait.WALKING, v_x=1.0)
+RAMP = Schedule((Knot(0.0, Command()), Knot(1.0, WALK, ramp=2.0), Knot(4.0, Command(w=0.5))))
+PLAN = Plan(7, RAMP, {"command": "v_x"}, (Force((1.0, 2.0, 3.0), 0.1, 0.2),), Conditions(payload=3.0, friction=0.5))
+
+
+def test_a_schedule_steps_and_ramps():
+    wanted = {-1.0: 0.0, 0.999: 0.0, 1.0: 0.0, 1.5: 0.25, 3.0: 1.0, 3.9: 1.0, 4.0: 0.0, 9.0: 0.0}
+    for t, v_x in wanted.items():
+        assert RAMP.command_at(t).v_x == pytest.approx(v_x), t
+    gaits = [RAMP.command_at(t).gait for t in (0.99, 1.0, 3.9, 4.0)]
+    assert gaits == [Gait.STANDING, Gait.WALKING, Gait.WALKING, Gait.STANDING]
+    assert RAMP.command_at(9.0) == Command(w=0.5)
+
+
+@pytest.mark.parametrize(
+    "knots",
+    [
+        (),
+        (Knot(1.0, Command()),),
+        (Knot(0.0, Command(), ramp=1.0),),
+        (Knot(0.0, Command()), Knot(1.0, Command(), ramp=2.0), Knot(2.0, Command())),
+        (Knot(0.0, Command()), Knot(2.0, Command()), Knot(1.0, Command())),
+    ],
+)
+def test_bad_schedules_are_refused(knots):
+    with pytest.raises(ConfigError, match=r"knot"):
+        Schedule(knots)
+
+
+def test_plans_are_values():
+    assert pickle.loads(pickle.dumps(PLAN)) == PLAN and repr(PLAN) == repr(dataclasses.replace(PLAN))
+    content = json.loads(json.dumps(dataclasses.asdict(PLAN), allow_nan=False))
+    assert content["commands"]["knots"][1]["command"]["v_x"] == 1.0
+    assert content["forces"] == [
+        {"vector": [1.0, 2.0, 3.0], "start": 0.1, "duration": 0.2, "link": "torso_link", "frame": "world"}
+    ]
+    assert content["conditions"]["friction"] == 0.5 and content["draw"] == 7
+    assert PLAN.command == Command() and Plan(0, WALK).command == WALK
+
+
+def run(*plans: Plan, **settings):
+    config = Settings(duration=0.3, settle=0.1, **settings)
+    return [simulate(HoldController(), config, plan).trace for plan in plans]
+
+
+def test_the_forces_of_a_plan_push_the_robot():
+    still, pushed = run(Plan(0), Plan(0, forces=(Force((300.0, 0.0, 0.0), 0.1, 0.1),)))
+    np.testing.assert_array_equal(still.qpos[:6], pushed.qpos[:6])
+    assert pushed.qpos[-1, 0] - still.qpos[-1, 0] > 0.01
+
+
+def test_conditions_of_a_plan_come_before_those_of_the_settings():
+    plans = (Plan(0), Plan(0, conditions=Conditions()))
+    loaded, free = run(*plans, conditions=Conditions(payload=10.0))
+    np.testing.assert_array_equal(free.qpos, run(plans[0])[0].qpos)
+    assert not np.array_equal(loaded.qpos, free.qpos)
+
+
+def test_the_draw_decides_and_not_the_place_in_the_list():
+    plans = [Plan(draw) for draw in (3, 4, 3)]
+    first, other, same = run(*plans, conditions=Conditions(terrain_roughness=0.02, intervention="noise"))
+    np.testing.assert_array_equal(first.target, same.target)
+    assert not np.array_equal(first.target, other.target)
+
+
+def test_a_schedule_is_followed():
+    (trace,) = run(Plan(0, Schedule((Knot(0.0, Command()), Knot(0.1, Command(w=0.2), ramp=0.1)))))
+    np.testing.assert_allclose(trace.command[[0, 5, 7, 10, 14], 7], [0.0, 0.0, 0.08, 0.2, 0.2], atol=1e-9)
+
+
+def seen(x: float, y: float, yaw: float) -> RobotState:
+    orientation = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
+    return RobotState(np.zeros(19), np.zeros(19), orientation, np.zeros(3), position=np.array([x, y, 0.98]))
+
+
+def test_commands_are_in_the_heading_frame_and_limited():
+    navigator = Navigator(Tour((Waypoint(1.0, 2.0, math.pi),), 5.0))
+    navigator.follow(seen(1.0, 1.8, math.pi / 2))  # looks along y, the goal 0.2 m ahead and a quarter turn to the left
+    command = navigator.command_at(0.0)
+    assert (command.v_x, command.v_y) == pytest.approx((0.2, 0.0)) and command.gait is Gait.WALKING
+    assert command.omega == NAVIGATION_LIMITS["omega"][1]
+    navigator.follow(seen(-9.0, 9.0, 0.0))
+    command = navigator.command_at(0.0)
+    assert (command.v_x, command.v_y) == (NAVIGATION_LIMITS["v_x"][1], NAVIGATION_LIMITS["v_y"][0])
+
+
+def test_a_state_that_is_not_finite_is_not_followed():
+    navigator = Navigator(Tour((Waypoint(0.5, 0.0, 0.0),), 5.0))
+    navigator.follow(seen(0.25, 0.0, 0.0))
+    navigator.follow(seen(float("nan"), 0.0, 0.0))
+    assert navigator.command_at(0.0).v_x == pytest.approx(0.25)
+
+
+def test_a_robot_that_executes_the_commands_arrives_everywhere():
+    tour = Tour((Waypoint(1.5, 0.5, 1.0), Waypoint(1.8, 1.9, 2.0), Waypoint(0.8, 1.9, -2.9)), 5.0)
+    navigator, pose, dt = Navigator(tour), np.zeros(3), 0.02
+    for step in range(750):
+        t = step * dt
+        navigator.follow(seen(*pose))
+        command = navigator.command_at(t)
+        pose[:2] += dt * rotations.rotation_z(pose[2])[:2, :2] @ [command.v_x, command.v_y]
+        pose[2] += dt * command.omega
+        if (step + 1) % 250 == 0:
+            goal = tour.waypoint_at(t)
+            assert math.hypot(goal.x - pose[0], goal.y - pose[1]) < 0.12, t
+            assert abs(rotations.wrap_angle(goal.yaw - pose[2])) < 0.05, t
+
+
+def test_the_last_waypoint_holds():
+    tour = Tour((Waypoint(1.0, 0.0, 0.0), Waypoint(2.0, 0.0, 0.0)), 5.0)
+    assert [tour.waypoint_at(t).x for t in (0.0, 4.99, 5.0, 9.0, 99.0)] == [1.0, 1.0, 2.0, 2.0, 2.0]
+    with pytest.raises(ConfigError, match="0 waypoints"):
+        Tour((), 5.0)
