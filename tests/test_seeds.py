@@ -1,7 +1,7 @@
 import dataclasses
 
 from hugwbc.evaluation.episode import Settings
-from hugwbc.learned.config import DistillationConfig, ImitationConfig, TrainConfig
+from hugwbc.learned.config import RecordConfig, TrainConfig
 from hugwbc.seeds import REPORT_SEEDS, SELECTION_SEEDS, TRAINING_SEEDS, seed_class
 
 
@@ -15,5 +15,5 @@ def test_every_seed_has_one_class():
 
 def test_defaults_are_of_the_class_of_their_use():
     assert seed_class(Settings().seed) == "report"
-    fields = [f for kind in (TrainConfig, ImitationConfig, DistillationConfig) for f in dataclasses.fields(kind)]
-    assert [seed_class(field.default) for field in fields if field.name == "seed"] == ["training"] * 3
+    fields = [f for kind in (TrainConfig, RecordConfig) for f in dataclasses.fields(kind)]
+    assert [seed_class(field.default) for field in fields if field.name == "seed"] == ["training"] * 2

@@ -79,7 +79,7 @@ def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads
         iterations: number of iterations to measure.
         threads: threads of simulation and learner.
     """
-    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_interval=0)
+    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_steps=0)
     trainer = Trainer(config)
     trainer.iterate()
     rows = [trainer.iterate() for _ in range(iterations)]

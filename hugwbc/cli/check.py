@@ -1,25 +1,61 @@
-"""`hugwbc check`: try every part of this installation and print what works."""
+"""`hugwbc check`: try every part of this installation, or verify how a policy was made."""
 
 import dataclasses
 from collections.abc import Sequence
 
 from hugwbc.cli.output import parse, progress, say
-from hugwbc.evaluation.installation import run_checks
 
 CHECK_FAILED = 1
 
 
 @dataclasses.dataclass(frozen=True)
 class CheckOptions:
-    """Verify the models, versions, controllers and the training environment; exit code 1 if anything is wrong."""
+    """Verify models, versions, controllers and the training; or how a policy was made. Exit code 1 if it is wrong."""
+
+    policy: str | None = None
+    """Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which
+    commit, at which cost, and check that each took what the one before wrote."""
 
 
 def run(words: Sequence[str]) -> int:
     """Run all checks and print a line for each."""
-    parse(CheckOptions, words, "check", CheckOptions.__doc__)
+    options = parse(CheckOptions, words, "check", CheckOptions.__doc__)
+    if options.policy is not None:
+        return _policy(options.policy)
+    from hugwbc.evaluation.installation import run_checks
+
     with progress("check") as advance:
         outcomes = run_checks(advance)
     failed = sum(not outcome.passed for outcome in outcomes)
     say("\n".join(f"{'ok   ' if outcome.passed else 'FAIL '} {outcome.name}: {outcome.text}" for outcome in outcomes))
     say("all is well" if not failed else f"{failed} of {len(outcomes)} checks failed")
     return CHECK_FAILED if failed else 0
+
+
+def _policy(name_or_path: str) -> int:
+    from hugwbc.evaluation.tables import format_table
+    from hugwbc.learned.recipe.ancestry import verify
+
+    records, problems = verify(name_or_path)
+    if records:
+        headings = ("stage", "kind", "steps", "discarded", "core-hours", "seed", "commit", "from", "wrote")
+        rows: list[tuple[object, ...]] = [
+            (
+                one.stage,
+                one.kind,
+                f"{one.steps:.4g}",
+                f"{one.discarded_steps:.4g}",
+                f"{one.core_seconds / 3600.0:.3f}",
+                one.seed,
+                " ".join(commit[:10] + "+" * commit.endswith("+") for commit in one.commits),
+                ", ".join(parent.stage or "elsewhere" for parent in one.parents.values()),
+                ", ".join(f"{name.partition('.')[0]} {digest[:8]}" for name, digest in one.outputs.items()),
+            )
+            for one in records
+        ]
+        say(format_table(headings, rows))
+        hours = sum(one.core_seconds for one in records) / 3600.0
+        steps = sum(one.steps + one.discarded_steps for one in records)
+        say(f"recipe {records[-1].recipe}, {steps:.4g} steps and {hours:.2f} core-hours in all; +: with other changes")
+    say("\n".join(f"PROBLEM {one}" for one in problems) if problems else "the chain is whole")
+    return CHECK_FAILED if problems else 0

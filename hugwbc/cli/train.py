@@ -1,46 +1,92 @@
-"""`hugwbc train`: reinforcement learning of a policy."""
+"""`hugwbc train`: reinforcement learning of a policy, by options or by a recipe."""
 
+import dataclasses
 import math
+import pathlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 
-from hugwbc.cli.output import output_folder, parse_settings, progress, say
+from hugwbc.cli import INTERRUPTED
+from hugwbc.cli.output import output_folder, parse, parse_settings, progress, say
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
+_DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
+
+With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RecipeOptions:
+    """Make a policy by a recipe, or go on with its run; Ctrl-C stops, and the same command goes on."""
+
+    recipe: str
+    """Name of a shipped recipe, or path of a recipe file that ends in .yaml."""
+    out: pathlib.Path | None = None
+    """Folder of the run; runs/NAME by default."""
+    smoke: bool = False
+    """Divide every size, to see in a minute that all of it runs."""
+    workers: int = 1
+    """Processes that share the episodes of a calibration."""
 
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    description = "Train a policy. Ctrl-C saves and stops; --resume continues."
-    config = parse_settings(TrainConfig, words, "train", description)
+    if any(word.partition("=")[0] == "--recipe" for word in words):
+        return _run_recipe(parse(RecipeOptions, words, "train", RecipeOptions.__doc__))
+    config = parse_settings(TrainConfig, words, "train", _DESCRIPTION)
     with output_folder(config.out), progress(f"training {config.out}") as advance:
         from hugwbc.learned.rl import train
 
-        trainer = train(config, _reporter(config.steps, advance), say)
+        line = _Line()
+
+        def report(figures: Mapping[str, float], gates: Mapping[str, str]) -> None:
+            advance(figures["steps"] / config.steps)
+            line(figures, gates)
+
+        trainer = train(config, report, say)
     if trainer.leads:
         say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0
 
 
-def _reporter(total_steps: float, advance: Callable[[float], None]) -> Callable[[dict, dict], None]:
-    last = -LINE_INTERVAL
+def _run_recipe(options: RecipeOptions) -> int:
+    from hugwbc.evaluation.recipe_services import RecipeServices
+    from hugwbc.learned.recipe.recipe import load_recipe
+    from hugwbc.learned.recipe.run import run_recipe
 
-    def report(figures: dict[str, float], gates: dict[str, str]) -> None:
-        nonlocal last
-        advance(figures["steps"] / total_steps)
+    recipe = load_recipe(options.recipe, smoke=options.smoke)
+    out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
+    places, line = list(recipe.stages), _Line()
+    with output_folder(out), progress(f"recipe {recipe.name}") as advance:
+
+        def report(stage: str, figures: Mapping[str, float]) -> None:
+            advance((places.index(stage) + figures["progress"]) / len(places))
+            if "iteration" in figures:
+                line(figures, {})
+
+        finished = run_recipe(recipe, out, RecipeServices(options.workers), report=report, say=say)
+    say(f"finished; the policy is in {out}" if finished else f"stopped; the same command goes on with {out}")
+    return 0 if finished else INTERRUPTED
+
+
+class _Line:
+    """Prints a line of figures now and then, and every evaluation."""
+
+    def __init__(self) -> None:
+        self._last = -LINE_INTERVAL
+
+    def __call__(self, figures: Mapping[str, float], gates: Mapping[str, str]) -> None:
         evaluation = {name: value for name, value in figures.items() if name.startswith("evaluation/")}
         if any(math.isfinite(value) for value in evaluation.values()):
             parts = [f"{name.removeprefix('evaluation/')} {value:.3f}" for name, value in evaluation.items()]
             say(f"evaluation at iteration {figures['iteration']:.0f}: {', '.join(parts)}")
-        if time.monotonic() - last < LINE_INTERVAL:
+        if time.monotonic() - self._last < LINE_INTERVAL:
             return
-        last = time.monotonic()
+        self._last = time.monotonic()
         say(
             f"iteration {figures['iteration']:.0f}  steps {figures['steps']:.3g}  "
             f"{figures['steps_per_second']:.0f} steps/s  reward {figures['reward']:.3f}  "
             f"episode {figures['episode_length']:.0f} steps  falls {figures['falls']:.0f}  "
             + "; ".join(f"{gate}: {state}" for gate, state in gates.items())
         )
-
-    return report

@@ -1,7 +1,7 @@
 """The learned controller: the HugWBC policy (Xue et al., RSS 2025), its training in MuJoCo, and shipped policies.
 
 `policy` runs a network and needs nothing of the training; `config` holds every number of the training; `env` is the
-environment, `rl` learns in it, and `imitation` learns from teachers in it. The constants here are the paper's interface
+environment, `rl` learns in it, and `recipe` makes a policy of them. The constants here are the paper's interface
 between policy and robot, from which both a training and a policy file start.
 """
 

@@ -49,6 +49,12 @@ def own_path(path: pathlib.Path) -> pathlib.Path:
     return path.with_stem(f"{path.stem}-rank{rank()}") if rank() else path
 
 
+def barrier() -> None:
+    """Wait until all processes are here."""
+    if size() > 1:
+        dist.barrier()
+
+
 def total(value: torch.Tensor) -> torch.Tensor:
     """Return the sum of a tensor over all processes."""
     if size() > 1:

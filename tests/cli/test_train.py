@@ -49,12 +49,3 @@ def test_help_shows_the_common_options_and_lists_the_groups(capsys):
     assert info.value.code == 0
     full = capsys.readouterr().out
     assert "--ppo.gamma" in full and len(full.splitlines()) > 300
-
-
-@pytest.mark.parametrize("verb", ["imitate", "distil"])
-def test_the_other_verbs_that_learn_explain_themselves_likewise(verb, capsys):
-    with pytest.raises(SystemExit) as info:
-        main([verb, "--help"])
-    assert info.value.code == 0
-    text = capsys.readouterr().out
-    assert "--samples " in text and "--env.command.*" in text and f"hugwbc {verb} --help-all" in text

@@ -72,4 +72,4 @@ def test_add_an_experiment(folder: pathlib.Path) -> None:
 @pytest.mark.slow
 def test_make_a_policy_again(folder: pathlib.Path) -> None:
     follow(HOW_TO / "make-a-policy-again.md", folder)
-    assert (folder / "runs" / "walk" / "stages" / "policy" / "policy.safetensors").exists()
+    assert (folder / "runs" / "walk" / "policy.safetensors").exists()

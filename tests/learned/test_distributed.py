@@ -35,7 +35,7 @@ with distributed.process_group("gloo"):
     env.update_curriculum()
     torch.set_default_dtype(torch.float64)
     torch.manual_seed(0)
-    config = PPOConfig(horizon=horizon, epochs=3, minibatches=1, mixed_precision=False, target_kl=1e-4)
+    config = PPOConfig(horizon=horizon, epochs=3, minibatches=1, target_kl=1e-4)
     learner = PPO(config, count, torch.Generator().manual_seed(distributed.rank()))
     learner.allocate(samples["critic"].shape[2])
     for name in samples.keys() - {"tracking"}:
@@ -84,7 +84,7 @@ def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
 @pytest.mark.slow
 def test_torchrun_trains_saves_and_resumes(tmp_path: pathlib.Path) -> None:
     words = ["-m", "hugwbc.cli", "train", "--env.count", 4, "--ppo.horizon", 8, "--threads", 1, "--out", tmp_path]
-    words += ["--evaluation-interval", 2, "--evaluation-robots", 4, "--evaluation-seconds", 0.1]
+    words += ["--evaluation-steps", 128, "--evaluation-robots", 4, "--evaluation-seconds", 0.1]
     launcher = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
     output = python(*launcher, *words, "--steps", 128)
     assert "stopped after 2 iterations, 128 steps" in output and output.count("stopped") == 1

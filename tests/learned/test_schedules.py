@@ -1,23 +1,25 @@
 import pytest
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import HugwbcError
 from hugwbc.learned.config import PPOConfig, Schedule, TrainConfig
 
 
 def test_a_value_is_linear_between_points_and_stays_outside() -> None:
-    schedule = Schedule("ppo.entropy_weight", (10.0, 20.0, 40.0), (1.0, 3.0, 2.0))
+    schedule = Schedule({10: 1.0, 20: 3.0, 40: 2.0})
     assert [schedule.at(steps) for steps in (0.0, 10.0, 15.0, 20.0, 30.0, 99.0)] == [1.0, 1.0, 2.0, 3.0, 2.5, 2.0]
-    halved = Schedule("ppo.std_limit", (0.0, 10.0), (0.8, 0.2), "log")
-    assert halved.at(5.0) == pytest.approx(0.4)
+    assert Schedule({0: 0.8, 10: 0.2}, "geometric").at(5.0) == pytest.approx(0.4)
+    steps = Schedule({0: "network", 10: "none"}, "steps")
+    assert [steps.at(place) for place in (0, 9, 10, 11)] == ["network"] * 2 + ["none"] * 2
+    assert schedule.stretched(2.0).at(30.0) == schedule.at(15.0)
 
 
-def test_a_training_adopts_the_values_of_its_steps() -> None:
+def test_a_training_has_the_values_of_its_steps() -> None:
     config = TrainConfig(
-        schedules=(
-            Schedule("env.rewards.feet_slip", (0.0, 1e6), (0.0, -0.4)),
-            Schedule("env.loads.payload", (0.0, 1e6), (0.0, 4.0)),
-            Schedule("ppo.horizon", (0.0, 1e6), (10.0, 20.0)),
-        )
+        schedules={
+            "env.rewards.feet_slip": Schedule({0: 0.0, 1e6: -0.4}),
+            "env.loads.payload": Schedule({0: 0.0, 1e6: 4.0}),
+            "ppo.horizon": Schedule({0: 10, 1e6: 20}),
+        }
     )
     now = config.at(0.5e6)
     assert (now.env.rewards.feet_slip, now.env.loads.payload, now.ppo.horizon) == (-0.2, 2.0, 15)
@@ -28,26 +30,26 @@ def test_settings_that_depend_on_each_other_change_together() -> None:
     """The fractions of the gaits sum to at most 1; one after the other, they would pass through 1.3."""
     shares = {"walking_fraction": (0.7, 0.1), "standing_fraction": (0.1, 0.4), "hopping_fraction": (0.2, 0.5)}
     for names in (tuple(shares), tuple(reversed(shares))):
-        schedules = tuple(Schedule(f"env.command.{name}", (0.0, 1e6), shares[name]) for name in names)
+        schedules = {f"env.command.{n}": Schedule({0: shares[n][0], 1e6: shares[n][1]}) for n in names}
         now = TrainConfig(schedules=schedules).at(1e6).env.command
         assert [getattr(now, name) for name in shares] == pytest.approx([0.1, 0.4, 0.5])
 
 
 @pytest.mark.parametrize(
-    ("schedule", "said"),
+    ("name", "points", "shape", "said"),
     [
-        (("env.count", (0.0,), (4.0,)), "env.count"),
-        (("ppo.entropy_weight", (1.0, 0.0), (1.0, 1.0)), "ascending"),
-        (("ppo.entropy_weight", (0.0, 1.0), (1.0,)), "one for each value"),
-        (("ppo.std_limit", (0.0, 1.0), (0.0, 1.0), "log"), "above 0"),
-        (("env.rewards.feet_slop", (0.0,), (1.0,)), "feet_slop"),
-        (("ppo.symmetry", (0.0,), (1.0,)), "no such number"),
-        (("ppo.entropy_weight", (0.0, 5.0), (0.1, -1.0)), "entropy_weight"),
+        ("ppo.entropy_weight", {1.0: 1.0, 0.0: 1.0}, "linear", "ascending"),
+        ("ppo.entropy_weight", {}, "linear", "one or more"),
+        ("ppo.std_limit", {0.0: 0.0, 1.0: 1.0}, "geometric", "above 0"),
+        ("ppo.symmetry", {0.0: "none"}, "linear", "needs numbers"),
+        ("ppo.symmetry", {0.0: "nothing"}, "steps", "nothing"),
+        ("env.rewards.feet_slop", {0.0: 1.0}, "linear", "feet_slip"),
+        ("ppo.entropy_weight", {0.0: 0.1, 5.0: -1.0}, "linear", "entropy_weight"),
     ],
 )
-def test_what_cannot_be_is_refused_before_the_training(schedule: tuple, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        TrainConfig(schedules=(Schedule(*schedule),))
+def test_what_cannot_be_is_refused_before_the_training(name: str, points: dict, shape: str, said: str) -> None:
+    with pytest.raises(HugwbcError, match=said):
+        TrainConfig(schedules={name: Schedule(points, shape)})  # type: ignore[arg-type]
 
 
 def test_without_schedules_nothing_changes() -> None:

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc.cli import main
 from hugwbc.errors import ConfigError
-from hugwbc.scripts.motion import load_motions
 from hugwbc.upper_ik.motion_library import make_library
 
 
@@ -20,9 +18,3 @@ def test_clips_differ_repeat_for_a_seed_and_keep_the_joint_limits(robot):
     assert not np.allclose(clips[0].positions, clips[1].positions)
     with pytest.raises(ConfigError, match="count 0"):
         make_library(seed=0, count=0)
-
-
-def test_the_command_writes_motion_files(tmp_path, capsys):
-    assert main(["motions", "--out", str(tmp_path / "m"), "--count", "2", "--duration", "0.5", "--seed", "3"]) == 0
-    assert [motion.name for motion in load_motions(tmp_path / "m")] == ["hands-3-00", "hands-3-01"]
-    assert "wrote 2 motions" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Every number of training, imitation and distillation, with its meaning; each is a flag of its verb."""
+"""Every number of the training, with its meaning; each is a flag of `hugwbc train` and a setting of recipes."""
 
 from hugwbc.learned.config.environment import (
     CommandConfig,
@@ -8,26 +8,30 @@ from hugwbc.learned.config.environment import (
     RewardWeights,
     TerrainConfig,
 )
-from hugwbc.learned.config.imitation_settings import CALIBRATED_COMMANDS, DistillationConfig, ImitationConfig
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
-from hugwbc.learned.config.schedules import Schedule, scheduled
-from hugwbc.learned.config.training_settings import PPOConfig, TrainConfig
+from hugwbc.learned.config.schedules import Schedule
+from hugwbc.learned.config.training_settings import (
+    CALIBRATED_COMMANDS,
+    CalibrationConfig,
+    PPOConfig,
+    RecordConfig,
+    TrainConfig,
+)
 
 __all__ = [
     "CALIBRATED_COMMANDS",
     "ArmServoGains",
+    "CalibrationConfig",
     "CommandConfig",
     "CurriculumConfig",
-    "DistillationConfig",
     "EnvConfig",
     "ExtraWeights",
-    "ImitationConfig",
     "LoadConfig",
     "PPOConfig",
     "RandomizationConfig",
+    "RecordConfig",
     "RewardWeights",
     "Schedule",
     "TerrainConfig",
     "TrainConfig",
-    "scheduled",
 ]

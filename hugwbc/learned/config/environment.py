@@ -13,11 +13,10 @@ from hugwbc.learned.config.own_settings import registered_curricula, registered_
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.policy.terms import further_terms
 from hugwbc.robot import Robot, load_robot
+from hugwbc.settings import settings
 
-_FASTEST_HOP = 5.0  # [Hz], at which a control step is a tenth of a cycle
 
-
-@dataclasses.dataclass(frozen=True)
+@settings
 class CommandConfig:
     """How training draws commands. Gaits are drawn in the fractions below; the rest is jumping."""
 
@@ -28,9 +27,6 @@ class CommandConfig:
     hopping_fraction: float = 0.0
     """Fraction of the commands that are for one-leg hopping, half on each leg. The paper trains it alone: standing 0.1,
     walking 0, hopping 0.9."""
-    hopping_frequency: tuple[float, float] = (2.0, 2.0)
-    """Range of f while hopping [Hz]; a trained policy is asked for 2. Policies find a rhythm near 4 by themselves, so a
-    training that starts there and lowers the range keeps them in step with the clock."""
     default_fraction: float = 0.5
     """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
     zero_velocity_fraction: float = 0.1
@@ -47,13 +43,6 @@ class CommandConfig:
         total = sum(getattr(self, name) for name in gaits)
         # Decimal fractions that sum to 1 may exceed it by rounding.
         require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
-        low, high = self.hopping_frequency
-        require(
-            0.0 < low <= high <= _FASTEST_HOP,
-            "command.hopping_frequency",
-            (low, high),
-            f"0 < low <= high <= {_FASTEST_HOP:g}",
-        )
         require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
 
     def fractions(self) -> dict[str, float]:
@@ -63,7 +52,7 @@ class CommandConfig:
         return given | {"jumping": rest if rest > 1e-9 else 0.0}
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class CurriculumConfig:
     """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima.
 
@@ -86,11 +75,6 @@ class CurriculumConfig:
     """Change of the noise level per decision (the paper's)."""
     alpha_interval: int = 3
     """Iterations between two decisions on alpha, so that the averages reflect the new level."""
-    speed: Literal["range", "grid"] = "range"
-    """How the speeds of the agile group grow: as one range, or by the paper's grid-adaptive rule, which opens a cell of
-    the (v_x, omega) plane when its neighbours are tracked well."""
-    speed_angular_threshold: float = 0.4
-    """Relative angular tracking reward that a command on the grid needs to pass, in addition to the linear one."""
     speed_threshold: float = 0.7
     """Relative linear tracking reward of moving robots of the agile group above which its speed grows."""
     speed_step: float = 0.02
@@ -122,7 +106,7 @@ if not TYPE_CHECKING:  # the same class unless another package registers curricu
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class TerrainConfig:
     """Rough ground of several levels; each robot has its own level. Without roughness the ground is a plane."""
 
@@ -134,9 +118,6 @@ class TerrainConfig:
     """Highest level on which robots start; they are spread evenly over the levels from 0 up to it."""
     threshold: float = 0.7
     """Relative linear tracking reward from which a robot that did not fall moves one level up; a fall moves it down."""
-    mastered: float = 0.0
-    """Mean level, as a fraction of the highest, below which the curricula of noise and speed wait. The paper has them
-    wait until the hardest ground is mastered; 0 moves all curricula at once."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -144,10 +125,9 @@ class TerrainConfig:
         require(0.0 <= self.roughness < 1.0, "terrain.roughness", self.roughness, "0 to 1 m")
         require(self.levels >= 2, "terrain.levels", self.levels, "at least 2")
         require(0 <= self.start_level < self.levels, "terrain.start_level", self.start_level, "0 to levels - 1")
-        require(0.0 <= self.mastered <= 1.0, "terrain.mastered", self.mastered, "0 to 1")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class RewardWeights:
     """Weights of the paper's reward table, one per row. Every reward is multiplied by the control period."""
 
@@ -178,7 +158,7 @@ class RewardWeights:
             require(value > 0.0, f"rewards.{name}", value, "above 0: the curricula compare the reward with its maximum")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class ExtraWeights:
     """Weights of terms that the paper's table lacks; 0 switches a term off. The reasons are in docs/learned.md."""
 
@@ -236,7 +216,7 @@ if not TYPE_CHECKING:  # the same class unless another package registers terms
     ExtraWeights = with_registered(ExtraWeights, registered_rewards(), "reward", _OF_THE_PAPER)
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class EnvConfig:
     """The training environment."""
 
@@ -264,17 +244,13 @@ class EnvConfig:
     """Factor on the damping of hip yaw and waist. With the paper's gains (1) they resonate near 2 Hz, the frequency of
     the stride."""
     starts: pathlib.Path | None = None
-    """File of recorded motion in which a share of the episodes starts, instead of from a stand; `hugwbc imitate` writes
-    one as starts.safetensors."""
+    """File of recorded motion in which a share of the episodes starts, instead of from a stand; a recipe's stage that
+    records writes one as starts.safetensors."""
     starts_share: float = 0.7
     """Share of the episodes that start in recorded motion, among those whose gait was recorded."""
     held_foot_grace: float = 0.0
     """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
     episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
-    flight_grace: float = 0.0
-    """Time after a new command in which a robot that shall jump or hop may stay on the ground [s]. From then on, and at
-    once in an episode that starts in motion, a foot on the ground for more than a moment of a flight's time ends the
-    episode. 0 switches the rule off."""
     waist_rate: float = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
@@ -320,8 +296,7 @@ class EnvConfig:
         require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
         for name in ("squat_gain", "swing_gain", "starts_share"):
             require(0.0 <= getattr(self, name) <= 1.0, f"env.{name}", getattr(self, name), "0 to 1")
-        for name in ("held_foot_grace", "flight_grace"):
-            require(0.0 <= getattr(self, name) < math.inf, f"env.{name}", getattr(self, name), "0 or a time")
+        require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         unused = self.motions is not None and self.intervention != "motion"
         require(not unused, "env.motions", self.motions, "none without env.intervention motion")
@@ -344,3 +319,14 @@ class EnvConfig:
         scaled = values.copy()
         scaled[robot.yaw_joints] *= factor
         return scaled
+
+
+# What an environment can take over while its robots go on.
+ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain", "starts_share")
+
+
+def same_robots(one: EnvConfig, other: EnvConfig) -> bool:
+    """Return whether the robots of one environment can go on in the other; otherwise they must be built anew."""
+    kept = [field.name for field in dataclasses.fields(one) if field.name not in ADOPTED]
+    hops = (one.command.hopping_fraction > 0.0) == (other.command.hopping_fraction > 0.0)
+    return hops and all(getattr(one, name) == getattr(other, name) for name in kept)

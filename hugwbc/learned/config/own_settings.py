@@ -16,6 +16,7 @@ import tyro
 
 from hugwbc import extensions
 from hugwbc.errors import ConfigError
+from hugwbc.settings import settings as checked
 
 REWARDS, PENALTIES, RANDOMIZATIONS = "hugwbc.rewards", "hugwbc.penalties", "hugwbc.randomizations"
 CURRICULA = "hugwbc.curricula"
@@ -92,10 +93,6 @@ def with_registered(
         (name, Annotated[float, tyro.conf.arg(help=f"Of another package: {entry.value}; off by default.")], 0.0)
         for name, entry in entries.items()
     ]
-    return dataclasses.make_dataclass(
-        settings.__name__,
-        fields,
-        bases=(settings,),
-        frozen=True,
-        namespace={"__doc__": settings.__doc__, "__module__": settings.__module__},
-    )
+    namespace = {"__doc__": settings.__doc__, "__module__": settings.__module__} | {name: 0.0 for name, _, _ in fields}
+    namespace["__annotations__"] = {name: kind for name, kind, _ in fields}
+    return checked(type(settings.__name__, (settings,), namespace))  # type: ignore[return-value]

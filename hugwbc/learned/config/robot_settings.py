@@ -1,6 +1,5 @@
 """Settings of the training robots: differences from their description, loads, and gains of moved arms."""
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING
 
@@ -9,9 +8,10 @@ import numpy as np
 from hugwbc.learned.config.checks import require, require_finite
 from hugwbc.learned.config.own_settings import registered_randomizations, with_registered
 from hugwbc.robot import Robot
+from hugwbc.settings import settings
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class RandomizationConfig:
     """Model parameters of each robot, drawn once, and disturbances. Factors multiply the nominal value."""
 
@@ -95,7 +95,7 @@ if not TYPE_CHECKING:  # the same class unless another package registers randomi
     RandomizationConfig = with_registered(RandomizationConfig, registered_randomizations(), "randomization")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class LoadConfig:
     """What hands carry and what pulls and pushes the robot; the largest values, from which training draws downwards.
 
@@ -132,7 +132,7 @@ class LoadConfig:
         require(0.0 <= self.loaded_share <= 1.0, "loads.loaded_share", self.loaded_share, "0 to 1")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class ArmServoGains:
     """Gains of the arms while they are under external control.
 

@@ -1,96 +1,79 @@
 """Settings that change during a training, as functions of its steps, instead of by hand between two trainings."""
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Literal, TypeVar
 
-from hugwbc.errors import ConfigError
-from hugwbc.learned.config.checks import require
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.settings import settings
 
-# Groups of settings that the learner and the environment read anew in every iteration.
+# Groups of settings that the learner and the environment take over at once. Others wait until the robots are rebuilt.
 SCHEDULED = ("ppo", "env.command", "env.rewards", "env.extra", "env.loads", "env.curriculum", "env.squat_gain")
 
 Settings = TypeVar("Settings")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Schedule:
-    """A number of the settings as a function of the environment steps, linear between points.
+    """A setting as a function of the environment steps of a training."""
 
-    Raises:
-        ConfigError: if the setting is not one that may change, or the points are not in order.
-    """
-
-    setting: str
-    """Name of the setting from the training's configuration on, such as ppo.entropy_weight or env.rewards.feet_slip."""
-    steps: tuple[float, ...]
-    """Environment steps of the points, ascending; before the first and after the last the value stays."""
-    values: tuple[float, ...]
-    """Value at each point; a whole number, such as the horizon, is rounded."""
-    scale: Literal["linear", "log"] = "linear"
-    """Whether the value or its logarithm is linear between the points."""
+    points: dict[float, Any]
+    """Value by number of steps, ascending; before the first point and after the last the value stays."""
+    shape: Literal["linear", "geometric", "steps"] = "linear"
+    """Between two points: the value is linear, its logarithm is, or it stays until the next point."""
 
     def __post_init__(self) -> None:
-        """Check the name and the points."""
-        group = self.setting.rpartition(".")[0]
-        require(
-            group in SCHEDULED or self.setting in SCHEDULED,
-            "schedule of",
-            self.setting,
-            f"a number of {', '.join(SCHEDULED)}",
-        )
-        ordered = all(a < b for a, b in zip(self.steps, self.steps[1:], strict=False))
-        name = f"schedule of {self.setting}: steps"
-        require(ordered and 0 < len(self.steps) == len(self.values), name, self.steps, "ascending, one for each value")
-        positive = self.scale == "linear" or all(value > 0.0 for value in self.values)
-        finite = all(map(math.isfinite, self.values))
-        require(
-            positive and finite, f"schedule of {self.setting}: values", self.values, "finite; above 0 if scale is log"
-        )
+        """Check the points."""
+        places = list(self.points)
+        if not places or places != sorted(places):
+            raise ConfigError(f"the points of a schedule are at {places}; give one or more, ascending", at=("points",))
+        numbers = all(type(value) in (int, float) for value in self.points.values())
+        if self.shape != "steps" and not numbers:
+            raise ConfigError(f"a {self.shape} schedule needs numbers; use the shape steps", at=("points",))
+        if self.shape == "geometric" and not all(value > 0.0 for value in self.points.values()):
+            raise ConfigError("a geometric schedule needs numbers above 0; use the shape linear", at=("points",))
 
-    def at(self, steps: float) -> float:
+    def at(self, steps: float) -> Any:  # noqa: ANN401  whatever the setting is
         """Return the value after a number of environment steps."""
-        if steps <= self.steps[0]:
-            return self.values[0]
-        for k in range(1, len(self.steps)):
-            if steps <= self.steps[k]:
-                share = (steps - self.steps[k - 1]) / (self.steps[k] - self.steps[k - 1])
-                low, high = self.values[k - 1], self.values[k]
-                return low * (high / low) ** share if self.scale == "log" else low + share * (high - low)
-        return self.values[-1]
+        places = list(self.points)
+        after = next((k for k, place in enumerate(places) if place > steps), len(places))
+        if after == 0 or after == len(places) or self.shape == "steps":
+            return self.points[places[max(after - 1, 0)]]
+        begin, end = places[after - 1], places[after]
+        low, high = self.points[begin], self.points[end]
+        share = (steps - begin) / (end - begin)
+        return low * (high / low) ** share if self.shape == "geometric" else low + share * (high - low)
+
+    def stretched(self, factor: float) -> "Schedule":
+        """Return the same schedule over `factor` times as many steps."""
+        return Schedule({place * factor: value for place, value in self.points.items()}, self.shape)
 
 
-def scheduled(settings: Settings, schedules: Sequence[Schedule], steps: float) -> Settings:
+def scheduled(settings: Settings, schedules: Mapping[str, Schedule], steps: float) -> Settings:
     """Return settings with the scheduled ones at their values after a number of environment steps.
 
-    Raises:
-        ConfigError: if a schedule names no number of the settings.
+    Args:
+        settings: a dataclass of settings, which may hold others.
+        schedules: by dotted name of the setting, such as ppo.horizon. Whole numbers are rounded.
+        steps: environment steps.
     """
-    values: dict[str, float] = {}
-    for schedule in schedules:
+    values: dict[str, Any] = {}
+    for name, schedule in schedules.items():
         old: Any = settings
-        for name in schedule.setting.split("."):
-            old = getattr(old, name, None)
-        if isinstance(old, bool) or not isinstance(old, int | float):
-            valid = ", ".join(SCHEDULED)
-            raise ConfigError(f"schedule of {schedule.setting}: there is no such number; valid: a number of {valid}")
+        for part in name.split("."):
+            names = [field.name for field in dataclasses.fields(old)] if dataclasses.is_dataclass(old) else []
+            if part not in names:
+                raise UnknownNameError("scheduled setting", name, names, at=(name,))
+            old = getattr(old, part)
         value = schedule.at(steps)
-        values[schedule.setting] = round(value) if isinstance(old, int) else value
+        values[name] = round(value) if type(old) is int else value
     return replaced(settings, values)
 
 
 def replaced(settings: Settings, values: Mapping[str, Any]) -> Settings:
-    """Return settings with other values.
+    """Return settings with other values, by dotted name such as ppo.horizon.
 
-    All values of a group are replaced at once, so that a group is checked with all of them.
-
-    Args:
-        settings: a frozen dataclass, which may hold others.
-        values: new values by dotted name, such as ppo.horizon.
-
-    Raises:
-        ConfigError: if a value is out of its range.
+    All values of a group are replaced at once: the shares of the gaits are only valid together.
     """
     own: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
@@ -100,9 +83,5 @@ def replaced(settings: Settings, values: Mapping[str, Any]) -> Settings:
             groups.setdefault(head, {})[rest] = value
         else:
             own[head] = value
-    for head, inner in groups.items():
-        own[head] = replaced(getattr(settings, head), inner)
-    try:
-        return dataclasses.replace(settings, **own)  # type: ignore[type-var]
-    except TypeError as error:
-        raise ConfigError(f"the values of {', '.join(own)} do not fit together: {error}") from error
+    own |= {head: replaced(getattr(settings, head), inner) for head, inner in groups.items()}
+    return dataclasses.replace(settings, **own)  # type: ignore[type-var]

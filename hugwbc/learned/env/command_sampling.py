@@ -5,12 +5,10 @@ import torch
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait, hopping as hopping_gait
 from hugwbc.learned.config import CommandConfig
-from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, SPEED_COLUMNS, Curriculum
+from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
 
-_V_X, _OMEGA = SPEED_COLUMNS
+_V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
 _HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
-_F = COMMAND_NAMES.index("f")
-_SPEEDS = torch.tensor(SPEED_COLUMNS)
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
@@ -31,11 +29,11 @@ def draw_commands(
     """Draw gaits and commands.
 
     Each command is uniform over its initial range. v_x and omega of the agile group are uniform over the range that
-    the curriculum has reached, or over the cells that its grid has opened. Each behaviour command is at its default
-    with probability `default_fraction`. Standing and stepping in place have no velocity.
+    the curriculum has reached. Each behaviour command is at its default with probability `default_fraction`. Standing
+    and stepping in place have no velocity.
 
     Hopping has the paper's smaller command space: v_x, v_y, omega and h. The other commands stay at their defaults, so
-    that their tracking rewards act as regularisers; only f may be drawn from another range (`hopping_frequency`).
+    that their tracking rewards act as regularisers.
 
     Args:
         agile: whether each robot belongs to the agile group, shape (k,), bool.
@@ -60,10 +58,6 @@ def draw_commands(
     turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
     columns[_OMEGA] = uniform(generator, count, -turn, turn)
     command = torch.stack(columns, dim=1)
-    if curriculum.grid is not None:
-        gridded = (agile & ~standing).nonzero().squeeze(1)
-        if gridded.numel():
-            command[gridded[:, None], _SPEEDS] = curriculum.grid.draw(gait[gridded], generator)
     for i in _BEHAVIOUR:
         at_default = torch.rand(count, generator=generator) < config.default_fraction
         command[at_default, i] = ranges[COMMAND_NAMES[i]].default
@@ -71,7 +65,6 @@ def draw_commands(
     command[standing | still, : _OMEGA + 1] = 0.0
     # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
     command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
-    command[hopping, _F] = uniform(generator, int(hopping.sum()), *config.hopping_frequency)
     return command, gait
 
 

@@ -17,7 +17,7 @@ from hugwbc.sim.batch import BatchSimulation
 
 # Tensors of the environment, parts with a state of their own, and arrays of the simulation.
 _STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "posture", "bias")
-_STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "flight", "statistics")
+_STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "statistics")
 _STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 

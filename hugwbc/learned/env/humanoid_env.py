@@ -73,7 +73,6 @@ class HumanoidEnv:
         action_scale: radians of joint target per unit of action, shape (19,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
         held_foot: rule that ends hops on both feet; None if it is off.
-        flight: rule that ends jumps and hops that do not fly; None if it is off.
     """
 
     # Construction ---------------------------------------------------------------------------------------------------
@@ -136,7 +135,8 @@ class HumanoidEnv:
         self._own_noise = obs.noise_amplitude(self.own)
         self.noise = obs.noise_amplitude(obs.FRAME) * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
-        self.held_foot, self.flight = self._rule(config.held_foot_grace), self._rule(config.flight_grace)
+        grace = config.held_foot_grace
+        self.held_foot = FeetRule(self.count, grace, self.dt) if grace > 0.0 else None
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
         self.command = torch.zeros(self.count, len(COMMAND_NAMES))
         self.gait = torch.zeros(self.count, dtype=torch.long)
@@ -151,15 +151,8 @@ class HumanoidEnv:
         self.begin_episodes(torch.arange(self.count))
         self._check_rewards()
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
-        for rule in self._rules:
-            rule.due += self.age * self.dt
-
-    def _rule(self, grace: float) -> FeetRule | None:
-        return FeetRule(self.count, grace, self.dt) if grace > 0.0 else None
-
-    @property
-    def _rules(self) -> tuple[FeetRule, ...]:
-        return tuple(rule for rule in (self.held_foot, self.flight) if rule is not None)
+        if self.held_foot is not None:
+            self.held_foot.due += self.age * self.dt
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
@@ -227,7 +220,6 @@ class HumanoidEnv:
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
         final = self.observe(ended)
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
-        self._judge_speeds(done, due, fallen)
         self._draw_commands(due)
         disturbed[due] = True
         if self.ground is not None:
@@ -280,9 +272,6 @@ class HumanoidEnv:
         fallen = terminations.fallen(self.readings, self.robot)
         if self.held_foot is not None:
             fallen |= self.held_foot.broken(terminations.held_foot_down(self.readings, self.gait), self.age)
-        if self.flight is not None:
-            contact = gaits.expected_contact(self.bar_phase())
-            fallen |= self.flight.broken(terminations.missed_flight(self.readings, self.gait, contact), self.age)
         return fallen
 
     @property
@@ -321,19 +310,11 @@ class HumanoidEnv:
 
     # Curricula ------------------------------------------------------------------------------------------------------
 
-    def _judge_speeds(self, done: torch.Tensor, due: torch.Tensor, fallen: torch.Tensor) -> None:
-        """Report to the curriculum how well the agile group tracked the commands that end with this step."""
-        over = done & self.agile
-        over[due] = self.agile[due]
-        tracking = self.statistics.tracking[over] * ~fallen[over, None]
-        self.curriculum.judge(self.gait[over], self.command[over], tracking)
-
     def update_curriculum(self) -> None:
         """Move the curricula after an iteration, based on the tracking rewards of moving robots of both groups."""
         self.curriculum.update(
             self.statistics.gate("speed") if bool(self.agile.any()) else None,
             self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,
-            terrain_mastered=self.ground is None or self.ground.mastered,
         )
         self._follow_levels()
         if self.ground is not None:
@@ -400,8 +381,8 @@ class HumanoidEnv:
                 loaded=self.loads.payload[robots].any(1),
             )
             self.bias[robots] = 0.0
-            for rule in self._rules:
-                rule.restart(robots, self.age[robots])
+            if self.held_foot is not None:
+                self.held_foot.restart(robots, self.age[robots])
 
     def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
         """Replace the stand of some robots, just set up, by recorded motion of their gait.
@@ -436,8 +417,8 @@ class HumanoidEnv:
         if self.latency is not None:
             self.latency.reset(ids, target.numpy())
         self.simulation.forward(ids)
-        for rule in self._rules:
-            rule.restart(moving, self.age[moving], in_motion=True)
+        if self.held_foot is not None:
+            self.held_foot.restart(moving, self.age[moving], in_motion=True)
         return moving
 
     def recorded(self, robots: torch.Tensor) -> dict[str, torch.Tensor]:

@@ -138,11 +138,6 @@ class RoughGround:
         """Mean level of all robots of all processes, from 0 to levels - 1."""
         return float(distributed.mean(self.level.float().mean()))
 
-    @property
-    def mastered(self) -> bool:
-        """Whether the mean level is high enough for the other curricula to move."""
-        return self.mean_level >= self._config.mastered * (self._config.levels - 1)
-
     def report(self) -> str:
         """Describe in words what happened since the last call."""
         moves, reward = self._moves, self._held_reward

@@ -57,7 +57,7 @@ class RecordedStarts:
             if not rows or found != (rows, *shape):
                 raise PolicyFileError(
                     f"{path} has no usable recorded starts: '{name}' has the shape {found}, not {(rows, *shape)}; give "
-                    "a file that this version's 'hugwbc imitate' wrote"
+                    "a file that this version recorded"
                 )
         self.columns = dict(columns)
 

@@ -1,8 +1,8 @@
-"""Early ends of episodes: falls, hops on both feet, and jumps without a flight."""
+"""Early ends of episodes: falls, and hops on both feet."""
 
 import torch
 
-from hugwbc.gait import Gait, flies
+from hugwbc.gait import Gait
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
@@ -29,17 +29,6 @@ def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
     """
     left, right = feet_on_ground(readings.foot_force).unbind(1)
     return ((gait == Gait.HOPPING_LEFT) & right) | ((gait == Gait.HOPPING_RIGHT) & left)
-
-
-def missed_flight(readings: Readings, gait: torch.Tensor, contact: torch.Tensor) -> torch.Tensor:
-    """Return whether a foot is on the ground while a jump or a hop should fly, shape (n,), bool.
-
-    Args:
-        readings: state of the robots.
-        gait: values of `Gait`, shape (n,).
-        contact: expected contacts of both feet, shape (n, 2).
-    """
-    return flies(gait) & (contact < 0.5).all(1) & feet_on_ground(readings.foot_force).any(1)
 
 
 class FeetRule:

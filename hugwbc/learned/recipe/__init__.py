@@ -1,1 +1,1 @@
-"""Recipes: a declarative file from which one command makes a policy, with the ancestry of everything it writes."""
+"""Recipes: a policy made by one file, stage by stage, and what its files say of how they were made."""

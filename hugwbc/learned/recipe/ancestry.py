@@ -1,279 +1,158 @@
-"""Ancestry: a record for everything that a recipe's stages write, chained to the records of what went into it.
+"""Ancestry: what a policy and other files of tensors say of how they were made.
 
-A finished stage has a record: what was done, with which code, from what, at which cost. The digests of its files stand
-in the record, and the digests of its parents' records as well. Policies and snapshots carry the records of all their
-ancestors in their metadata, so that a policy by itself says how it was made.
+Each stage of a recipe has a record: with which code and seed it was made, from what, and at which cost. A file carries
+the records of all stages that led to it in its metadata, each after those that it took something from. A record names
+what the stage wrote, and what it took, by the digests of their tensors.
 """
 
-import dataclasses
+import hashlib
 import json
 import pathlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hugwbc.errors import HugwbcError, PolicyFileError, RecipeError
-from hugwbc.files import file_digest, write_whole
-from hugwbc.learned.policy import checkpoint
-from hugwbc.learned.policy.policy_files import read_header
-from hugwbc.learned.recipe.ledger import Spent
-from hugwbc.learned.recipe.recipe_records import json_digest
+from pydantic import TypeAdapter, ValidationError
 
-FORMAT = "hugwbc ancestry 1"
-KEY = "ancestry"
-RECORD_FILE, CHAIN_FILE = "record.json", "ancestry.json"
-_SEALED = ("policy", "checkpoint", "starts", "labels")  # kinds of files whose metadata take records
-_LONGEST_HEADER = 100_000_000  # [byte]
+from hugwbc.errors import HugwbcError, PolicyFileError
+from hugwbc.learned.policy import checkpoint, load_policy, policy_file
+from hugwbc.settings import settings
+
+KEY = "made"
+KINDS = {"policy.safetensors": "policy", "snapshot.safetensors": "checkpoint", "starts.safetensors": "starts"}
+_DIGITS = 32
 
 
-@dataclasses.dataclass(frozen=True)
-class Discarded:
-    """Work that is in no artefact: a branch that was rolled back, a repeated part, a stage that was given up.
+@settings(kw_only=True)
+class Parent:
+    """A file that a stage took: digest of its tensors, and the stage that wrote it, if one did."""
 
-    Attributes:
-        reason: what happened.
-        steps, labels: how much work it was.
-    """
-
-    reason: str
-    steps: float = 0.0
-    labels: float = 0.0
+    stage: str | None
+    digest: str
 
 
-@dataclasses.dataclass(frozen=True)
-class Record:
+@settings(kw_only=True)
+class StageRecord:
     """How the files of a stage were made.
 
     Attributes:
-        stage, kind: name and kind of the stage.
-        outcome: finished, skipped (given up, and passed on what it started from), or kept best (given up, and went on
-            with its best checkpoint).
-        recipe, profile, recipe_digest, stage_digest: the recipe, and the digests of all and of this part of it.
-        seeds: seeds of its random numbers.
-        commits: commits of the source tree, in the order of the sessions.
-        uncommitted_changes: whether any session ran with changes that are in no commit.
-        versions: versions of Python, machine and packages, of the last session.
-        settings: all settings at the begin, defaults included.
-        plan: schedules, gates, tables and measurements, as the recipe has them.
-        parents: digests of the records of the stages that it took inputs from.
-        inputs: digests of the files that it read, by name of the input.
+        stage, kind: name of the stage, and what it did.
+        recipe, settings: name of the recipe, and digest of all settings of the stage.
+        seed: seed of its random numbers.
+        commits: commits of the source tree, in the order of the sessions; "+" at the end: with other changes.
+        versions: versions of Python, machine and packages.
+        steps: environment steps that led to the files.
+        discarded_steps: steps that did not: after the checkpoint that was kept.
+        core_seconds: processor time, killed sessions included as far as they wrote it down [s].
+        figures: evaluation of the checkpoint that was kept, or of the calibration.
+        parents: what it took, by the name of the setting.
         outputs: digests of the files that it wrote.
-        spent: all work and computing time on this stage, discarded parts included.
-        steps, labels: work that led to the outputs.
-        discarded: work that did not.
-        figures: what was measured last, or of the checkpoint that was kept.
-        run_spent: what everything in the folder of the run had cost until then.
         ended: date and time.
     """
 
     stage: str
     kind: str
-    outcome: str
     recipe: str
-    profile: str
-    recipe_digest: str
-    stage_digest: str
-    seeds: tuple[int, ...]
+    settings: str
+    seed: int
     commits: tuple[str, ...]
-    uncommitted_changes: bool
-    versions: Mapping[str, str]
-    settings: Mapping[str, Any]
-    plan: Mapping[str, Any]
-    parents: Mapping[str, str]
-    inputs: Mapping[str, str]
-    outputs: Mapping[str, str]
-    spent: Spent
-    steps: float
-    labels: float
-    discarded: tuple[Discarded, ...]
-    figures: Mapping[str, float]
-    run_spent: Spent
+    versions: dict[str, str]
+    steps: float = 0.0
+    discarded_steps: float = 0.0
+    core_seconds: float = 0.0
+    figures: dict[str, float | None]
+    parents: dict[str, Parent]
+    outputs: dict[str, str]
     ended: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the record as JSON."""
-        return json.loads(json.dumps(dataclasses.asdict(self), default=str))
 
-    @property
-    def digest(self) -> str:
-        """Digest of the whole record, which its children name."""
-        return json_digest(self.as_dict())
+@settings(kw_only=True)
+class Ancestry:
+    """The records of a file, its own stage last, and the text of the recipe."""
 
-    @classmethod
-    def read(cls, content: Any) -> "Record":  # noqa: ANN401  JSON
-        """Build a record from JSON.
-
-        Raises:
-            ValueError: if the content is not that of a record.
-        """
-        names = {field.name for field in dataclasses.fields(cls)}
-        if not isinstance(content, dict) or set(content) != names:
-            raise ValueError("its fields are not those of a record")
-        try:
-            values = dict(content)
-            values |= {name: Spent.read(content[name]) for name in ("spent", "run_spent")}
-            values |= {name: tuple(content[name]) for name in ("seeds", "commits")}
-            values["discarded"] = tuple(Discarded(**one) for one in content["discarded"])
-            for name in ("versions", "settings", "plan", "parents", "inputs", "outputs", "figures"):
-                if not isinstance(content[name], dict):
-                    raise ValueError(f"{name} is not a mapping")
-        except TypeError as error:
-            raise ValueError(str(error)) from error
-        return cls(**values)
+    recipe: str
+    stages: tuple[StageRecord, ...]
 
 
-def content_digest(path: pathlib.Path) -> str:
-    """Return the digest of a file: of a file of tensors, that of names, types, shapes and bytes of its tensors.
+def text_digest(text: str) -> str:
+    """Return the digest of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
-    The metadata of such a file may thus carry its own record.
 
-    Raises:
-        PolicyFileError: if a file of tensors is damaged.
-        OSError: if the file cannot be read.
-    """
-    if path.suffix != ".safetensors":
-        return file_digest(path)
-    kind = file_kind(path)
+def content_digest(path: pathlib.Path, kind: str) -> str:
+    """Return the digest of names, types, shapes and bytes of a file's tensors; its metadata may carry its record."""
     tensors, _ = checkpoint.load_file(path, kind)
-    return checkpoint.tensor_digest(tensors, kind)[:32]
+    return checkpoint.tensor_digest(tensors, kind)[:_DIGITS]
 
 
-def file_kind(path: pathlib.Path) -> str:
-    """Return the kind of a file of tensors that hugwbc wrote.
-
-    Raises:
-        PolicyFileError: if it is none.
-    """
-    kind = read_header(path).get("kind")
-    if not isinstance(kind, str):
-        raise PolicyFileError(f"{path} was not written by hugwbc; use a file as it wrote it")
-    return kind
-
-
-def seal(path: pathlib.Path, records: Sequence[Record]) -> None:
-    """Write records into the metadata of a policy or snapshot; other files stay as they are. Doing it twice is once.
-
-    Args:
-        path: path of the file.
-        records: of all ancestors and of the file itself, each after its parents.
-    """
-    if path.suffix != ".safetensors" or file_kind(path) not in _SEALED:
-        return
-    kind = file_kind(path)
+def seal(path: pathlib.Path, ancestry: Ancestry) -> None:
+    """Write an ancestry into the metadata of a file."""
+    kind = KINDS[path.name]
     tensors, metadata = checkpoint.load_file(path, kind)
-    home = metadata.setdefault("training", {}) if kind == "policy" else metadata
-    home[KEY] = {"format": FORMAT, "records": [record.as_dict() for record in records]}
+    home = metadata["training"] if kind == "policy" else metadata
+    home[KEY] = TypeAdapter(Ancestry).dump_python(ancestry, mode="json")
     checkpoint.save_file(path, tensors, kind, metadata)
 
 
-def ancestry_of(path: pathlib.Path) -> list[Record]:
-    """Return the records in a policy or snapshot; an empty list if it has none.
+def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | None:
+    """Return the ancestry in the metadata of a file; None if it has none.
 
     Raises:
-        PolicyFileError: if the file is damaged.
-        RecipeError: if its ancestry is.
+        PolicyFileError: if it is damaged.
     """
-    kind = file_kind(path)
-    _, metadata = checkpoint.load_file(path, kind)
-    home = metadata.get("training") if kind == "policy" else metadata
+    home = metadata.get("training", metadata)
     content = home.get(KEY) if isinstance(home, dict) else None
-    if content is None:
-        return []
-    return read_chain(content, path)
-
-
-def read_chain(content: Any, origin: object) -> list[Record]:  # noqa: ANN401  JSON
-    """Return the records of a chain in JSON.
-
-    Raises:
-        RecipeError: if it is damaged.
-    """
     try:
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, this hugwbc reads {FORMAT}")
-        return [Record.read(one) for one in content["records"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise RecipeError(f"the ancestry in {origin} is damaged: {error}; use the file as hugwbc wrote it") from error
+        return None if content is None else TypeAdapter(Ancestry).validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise PolicyFileError(f"the ancestry in {path} is damaged at {first['loc']}: {first['msg']}") from error
 
 
-def write_record(folder: pathlib.Path, record: Record) -> None:
-    """Write the record of a finished stage to its folder."""
-    write_whole(folder / RECORD_FILE, json.dumps(record.as_dict(), indent=1) + "\n")
-
-
-def read_record(folder: pathlib.Path) -> Record | None:
-    """Return the record of a stage; None if it is not finished.
+def read_record(path: pathlib.Path) -> StageRecord | None:
+    """Return the record of a finished stage; None without such a file.
 
     Raises:
-        RecipeError: if the record is damaged.
+        PolicyFileError: if it is damaged.
     """
-    path = folder / RECORD_FILE
     if not path.exists():
         return None
     try:
-        return Record.read(json.loads(path.read_text(encoding="utf-8")))
+        return TypeAdapter(StageRecord).validate_python(json.loads(path.read_text()))
     except (OSError, ValueError) as error:
-        raise RecipeError(
-            f"{path} is damaged ({error}); copy it back, or begin the stage again with `--redo {folder.name}`"
-        ) from error
+        raise PolicyFileError(f"{path} is damaged ({error}); remove its folder to make the stage again") from error
 
 
-def lineage(record: Record, by_stage: Mapping[str, Record]) -> list[Record]:
-    """Return the records of all ancestors and of the record itself, each once and after its parents."""
-    found: dict[str, Record] = {}
-
-    def visit(one: Record) -> None:
-        for parent in one.parents:
-            if parent not in found:
-                visit(by_stage[parent])
-        found[one.stage] = one
-
-    visit(record)
-    return list(found.values())
-
-
-def chain_problems(records: Sequence[Record]) -> list[str]:
-    """Return what is wrong with a chain: parents that are missing or were changed, and inputs that nobody wrote."""
-    problems: list[str] = []
-    earlier: dict[str, Record] = {}
-    for record in records:
-        for name, digest in record.parents.items():
-            if name not in earlier:
-                problems.append(f"{record.stage}: the record of its parent {name} is missing")
-            elif earlier[name].digest != digest:
-                problems.append(f"{record.stage}: the record of its parent {name} is not the one that it was made from")
-        written = {digest for name in record.parents if name in earlier for digest in earlier[name].outputs.values()}
-        problems += [
-            f"{record.stage}: its input {name} was written by none of its parents"
-            for name, digest in record.inputs.items()
-            if digest not in written
-        ]
-        earlier[record.stage] = record
-    return problems
-
-
-def file_problems(folder: pathlib.Path, outputs: Mapping[str, str], made_by: str) -> list[str]:
-    """Return which files of a stage are missing or were changed since.
+def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], list[str]]:
+    """Return the records of a policy, and what is wrong with the policy or its chain.
 
     Args:
-        folder: folder of the files.
-        outputs: their digests by name.
-        made_by: who wrote them, for the messages.
+        name_or_path: name of a shipped policy, or path of a policy or its folder.
+
+    Raises:
+        HugwbcError: if there is no such policy, or its file is damaged.
     """
-    problems = []
-    for name, digest in outputs.items():
+    path = policy_file(name_or_path)
+    load_policy(path, threads=None)  # which runs its self-test
+    _, metadata = checkpoint.load_file(path, "policy")
+    ancestry = ancestry_in(metadata, path)
+    if ancestry is None or not ancestry.stages:
+        return (), [f"{path} has no ancestry: no recipe made it, so that nobody can say how it was made"]
+    problems, written = [], dict[str, str]()
+    for record in ancestry.stages:
+        for name, parent in record.parents.items():
+            if parent.stage is None:
+                problems.append(f"{record.stage}: no stage of this recipe made its {name}")
+            elif written.get(parent.digest) != parent.stage:
+                problems.append(f"{record.stage}: stage {parent.stage} did not write its {name}")
+        written |= dict.fromkeys(record.outputs.values(), record.stage)
+    own = ancestry.stages[-1]
+    for name in {path.name, *KINDS} & {one.name for one in path.parent.glob("*.safetensors")}:
+        kind = KINDS.get(name, "policy")
         try:
-            if content_digest(folder / name) != digest:
-                problems.append(f"{folder / name} is not the file that {made_by} wrote")
-        except OSError as error:
-            problems.append(f"{folder / name} cannot be read: {error.strerror}")
+            made_here = written.get(content_digest(path.parent / name, kind))
         except HugwbcError as error:
             problems.append(str(error))
-    return problems
-
-
-def total(records: Iterable[Record]) -> Spent:
-    """Return what the stages of some records have cost."""
-    spent = Spent()
-    for record in records:
-        spent += record.spent
-    return spent
+            continue
+        if made_here is None or (kind == "policy" and made_here != own.stage):
+            problems.append(f"{path.parent / name} is not what stage {own.stage} or its ancestors wrote")
+    return ancestry.stages, problems

@@ -1,4 +1,4 @@
-"""PPO with losses of estimation, cloning and symmetry: the whole algorithm, readable from top to bottom.
+"""PPO with losses of estimation and symmetry: the whole algorithm, readable from top to bottom.
 
 Proximal policy optimisation: Schulman et al., "Proximal Policy Optimization Algorithms", arXiv:1707.06347 (2017).
 Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generalized Advantage Estimation", ICLR 2016.
@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import nn
 
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
@@ -19,12 +18,11 @@ from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic, SymmetricCritic
 from hugwbc.learned.policy.observations import Observation
-from hugwbc.learned.rl.cloning import Labels, cloning_loss
 
 OnSkip = Callable[[dict[str, torch.Tensor], dict[str, float]], None]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "cloning_loss", "kl")
+_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
 _GROUPS = torch.tensor([min(gait, gait.mirrored()) for gait in Gait])  # of advantages: hops on either leg are alike
 
 
@@ -85,12 +83,6 @@ def surrogate_loss(
     return -torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
 
 
-def value_loss(value: torch.Tensor, old_value: torch.Tensor, returns: torch.Tensor, clip: float) -> torch.Tensor:
-    """Return the clipped value loss: mean max((V - R)^2, (V_old + clip(V - V_old, -c, c) - R)^2); c may be inf."""
-    clipped = old_value + (value - old_value).clamp(-clip, clip)
-    return torch.max((value - returns).square(), (clipped - returns).square()).mean()
-
-
 def explained_variance(value: torch.Tensor, returns: torch.Tensor) -> float:
     """Return 1 - var(R - V) / var(R): 1 for a critic that knows the returns, 0 for one that says the same of all."""
     return float(1.0 - (returns - value).var() / returns.var().clamp(min=1e-12))
@@ -143,7 +135,6 @@ class PPO:
         network: actor, critic and exploration std.
         config: the settings, which may change between iterations.
         learning_rate: current learning rate of the actor, adapted to the KL divergence.
-        labels: labels of a teacher; None without cloning.
         skipped: number of updates left out because a loss or gradient was not finite.
     """
 
@@ -163,12 +154,7 @@ class PPO:
             generator: source of exploration noise and minibatches, on the CPU.
             device: device of networks and experience; observations and actions are exchanged on the CPU.
             own: observation terms of other packages.
-
-        Raises:
-            ConfigError: if there are such terms, and labels of a teacher, which do not have them.
         """
-        if own and config.labels is not None:
-            raise ConfigError("labels of a teacher have no observation terms of other packages; give one or the other")
         self.config = config
         self.device = torch.device(device)
         symmetric = config.symmetry == "network"
@@ -181,7 +167,6 @@ class PPO:
             [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}],
             fused=True,
         )
-        self.labels = None if config.labels is None else Labels(config.labels, self.network, generator)
         self._count = count
         self._rollout: Rollout | None = None
         self.skipped = 0
@@ -228,8 +213,9 @@ class PPO:
             gait: values of `Gait`, shape (n,).
         """
         seen = self.network.prepare(observation)
-        if self._rollout is None or len(self._rollout.reward) != self.config.horizon:
-            self.allocate(seen.critic.shape[1])
+        r, width = self._rollout, seen.critic.shape[1]  # rough ground adds columns for the critic
+        if r is None or len(r.reward) != self.config.horizon or r.critic.shape[2] != width:
+            self.allocate(width)
         r = self.rollout
         for field in dataclasses.fields(seen):
             getattr(r, field.name)[t] = getattr(seen, field.name)
@@ -265,9 +251,7 @@ class PPO:
         return self._value(critic.prepare(rows) if isinstance(critic, SymmetricCritic) else rows)
 
     def _value(self, prepared: torch.Tensor) -> torch.Tensor:
-        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
-            value = self.network.critic.prepared(prepared)
-        return value.float()
+        return self.network.critic.prepared(prepared)
 
     # Learning -------------------------------------------------------------------------------------------------------
 
@@ -291,8 +275,8 @@ class PPO:
         # Targets of the critic keep the scale of the rewards; only the advantages are standardised.
         batch["returns"] = advantage.flatten() + batch["value"]
         explained = explained_variance(batch["value"], batch["returns"])
-        groups = batch.pop("group") if c.advantages == "gait" else None
-        batch["advantage"] = distributed.standardised(advantage.flatten(), groups, len(_GROUPS))
+        # By gait: over all, the rare falls of a hard gait would hide the small errors of an easy one.
+        batch["advantage"] = distributed.standardised(advantage.flatten(), batch.pop("group"), len(_GROUPS))
         old_log_std = self.network.exploration().detach().clone()
         sums: dict[str, float] = {}
         count = 0
@@ -328,18 +312,16 @@ class PPO:
         value = self._value(b["critic"])
         log_prob = log_probability(b["action"], mean, log_std)
 
-        l_value = value_loss(value, b["value"], b["returns"], c.value_clip or math.inf)
+        l_value = (value - b["returns"]).square().mean()
         l_policy = surrogate_loss(log_prob, b["log_prob"], b["advantage"], c.clip)
         l_estimation = (estimate - b["estimate"]).square().mean()
         l_symmetry = self._symmetry_loss(b["history"], b["command"], mean)
-        l_cloning = self._cloning_loss()
         entropy = log_std.sum()
         loss = (
             l_value
             + c.policy_weight * l_policy
             + c.estimation_weight * l_estimation
             + c.beta * l_symmetry
-            + c.cloning_weight * l_cloning
             - c.entropy_weight * entropy
         )
 
@@ -350,7 +332,7 @@ class PPO:
         if network.log_std.requires_grad:
             self._adapt_learning_rate(kl)
         applied = self._descend(loss)
-        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry, l_cloning)]
+        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
         return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
 
     def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
@@ -360,19 +342,10 @@ class PPO:
         """
         if self.config.symmetry != "loss":
             return mean.new_zeros(())
-        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.config.mixed_precision):
-            mirrored, _ = self.network.actor(
-                obs.mirror_history(history), obs.mirror_command_observation(command, self.network.own)
-            )
-        return (mean.detach() - obs.mirror_action(mirrored.float())).square().mean()
-
-    def _cloning_loss(self) -> torch.Tensor:
-        """Return the cloning loss of random labels; zero without labels or weight."""
-        if self.labels is None or self.config.cloning_weight == 0.0:
-            return torch.zeros((), device=self.device)
-        batch = {name: column.to(self.device) for name, column in self.labels.sample(self.config.cloning_batch).items()}
-        mean, _ = self.network.actor.prepared(batch["history"], batch["command"])
-        return cloning_loss(mean, batch["action"], batch["weight"])
+        mirrored, _ = self.network.actor(
+            obs.mirror_history(history), obs.mirror_command_observation(command, self.network.own)
+        )
+        return (mean.detach() - obs.mirror_action(mirrored)).square().mean()
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""

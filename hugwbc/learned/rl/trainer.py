@@ -1,10 +1,11 @@
 """The training loop: collect, learn, move the curricula, log, save; it stops and resumes cleanly."""
 
+import contextlib
 import copy
 import math
 import pathlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
@@ -12,6 +13,7 @@ import torch
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
+from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.contract import Contract, policy_contract
@@ -41,7 +43,9 @@ class Trainer:
     are those of its own robots.
 
     Attributes:
-        iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions.
+        iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions, those
+            of the run that this one starts from included.
+        begin: iteration and steps at which this run began.
         evaluation: figures of the last evaluation and its iteration; empty before the first.
         best: the same of the best evaluation, whose policy is in the folder `best`.
         leads: whether this is the first process.
@@ -61,24 +65,37 @@ class Trainer:
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
+        path = config.out / CHECKPOINT_NAME if config.resume else config.start_from
+        tensors, metadata = ({}, {}) if path is None else checkpoint.load_file(path, "checkpoint")
+        self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self.begin = {"iteration": 0, "steps": 0}
+        if path is not None:
+            self._read_counters(metadata, path)
+        now = config.at(self.run_steps)
         # The networks start equal in all processes; robots, commands and noise must not.
         own_seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.generator = torch.Generator().manual_seed(own_seed)
-        self.env = HumanoidEnv(config.env, seed=own_seed, threads=config.threads)
-        self.ppo = PPO(config.ppo, config.env.count, self.generator, config.device, self.env.own)
+        self.env = self._robots(now.env)
+        self.ppo = PPO(now.ppo, config.env.count, self.generator, config.device, self.env.own)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
-        self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self._evaluated = self.run_steps  # at the last evaluation
         self.stop = Stop()
         self.remark = ""
-        if config.resume:
-            self._restore(config.out / CHECKPOINT_NAME)
-        elif config.start_from is not None:
-            self._restore(config.start_from)
-            self.best = {}  # it belongs to the other run: this run's folder has no such policy
-        self._actor_learns_from = self.iteration + config.critic_warm_up
+        if path is not None:
+            self._restore(tensors, metadata, path)
+
+    @property
+    def run_steps(self) -> int:
+        """Environment steps of this run alone."""
+        return self.steps - self.begin["steps"]
+
+    def _robots(self, config: EnvConfig) -> HumanoidEnv:
+        seed = self.config.seed + _SEED_STEP * distributed.rank()
+        self._env_config = config
+        return HumanoidEnv(config, seed=seed, threads=self.config.threads)
 
     # Training -------------------------------------------------------------------------------------------------------
 
@@ -94,7 +111,7 @@ class Trainer:
             append_session(self.config.out, {"versions": versions(), **record})
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
-        while self.steps < self.config.steps and not distributed.anywhere(
+        while self.run_steps < self.config.steps and not distributed.anywhere(
             self.stop.requested or time.monotonic() - start >= 3600.0 * self.config.hours
         ):
             row = self.iterate() | self._evaluate()
@@ -118,7 +135,7 @@ class Trainer:
             reward += float(result.reward.mean()) / horizon
             observation = self.env.observe()
         collected = time.monotonic()
-        critic_only = self.iteration < self._actor_learns_from
+        critic_only = self.iteration - self.begin["iteration"] < self.config.critic_warm_up
         losses = self.ppo.update(observation, critic_only=critic_only, on_skip=self._dump)
         self.iteration += 1
         steps = horizon * self.config.env.count * distributed.size()
@@ -148,10 +165,17 @@ class Trainer:
 
     def _adopt_schedules(self) -> None:
         """Give learner and environment the settings of the present number of steps."""
-        if self.config.schedules:
-            now = self.config.at(self.steps)
-            self.ppo.config = now.ppo
+        if not self.config.schedules:
+            return
+        now = self.config.at(self.run_steps)
+        self.ppo.config = now.ppo
+        if same_robots(self._env_config, now.env):
             self.env.adopt(now.env)
+        else:
+            state = self.env.state_dict()
+            self.env = self._robots(now.env)
+            self.env.load_state_dict(state)
+        self._env_config = now.env
 
     def _actor(self) -> Actor:
         """Return the policy in the form in which it runs, on the CPU."""
@@ -159,10 +183,11 @@ class Trainer:
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
-        if not c.evaluation_interval or not self.leads:
+        if not c.evaluation_steps or not self.leads:
             return None
+        # In the environment of the end, so that all evaluations of a run compare.
         return Evaluator(
-            c.env,
+            c.at(c.steps).env,
             count=c.evaluation_robots,
             seconds=c.evaluation_seconds,
             threads=c.threads,
@@ -173,13 +198,15 @@ class Trainer:
         """Return the figures of an evaluation, NaN where none is due, and keep the best policy."""
         if self.evaluator is None:
             return {}
-        if self.iteration % self.config.evaluation_interval:
+        every, steps = self.config.evaluation_steps, self.run_steps
+        over = steps >= self.config.steps
+        if not over and steps // every == self._evaluated // every:
             return dict.fromkeys(self.evaluator.names, math.nan)
-        begin = time.monotonic()
-        self.evaluator.adopt(self.config.at(self.steps).env)
+        begin, self._evaluated = time.monotonic(), steps
+        self.evaluator.adopt(self.config.at(steps).env)
         figures = self.evaluator.run(self._actor())
         finite = {name: value for name, value in figures.items() if math.isfinite(value)}
-        self.evaluation = finite | {"iteration": self.iteration}
+        self.evaluation = finite | {"iteration": self.iteration, "steps": self.steps}
         if figures[SCORE] < self.best.get(SCORE, math.inf):
             self.best = self.evaluation
             self._save_product(self.config.out / BEST_FOLDER)
@@ -200,7 +227,7 @@ class Trainer:
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.ppo.network, self.config.at(self.steps).env, self._metadata())
+        save_product(folder, self.ppo.network, self.config.at(self.run_steps).env, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
@@ -220,6 +247,7 @@ class Trainer:
             "iteration": self.iteration,
             "steps": self.steps,
             "seconds": self.seconds,
+            "begin": self.begin,
             "learning_rate": self.ppo.learning_rate,
             "skipped": self.ppo.skipped,
             "curriculum": self.env.curriculum.state_dict(),
@@ -243,13 +271,19 @@ class Trainer:
 
     # Restoring ------------------------------------------------------------------------------------------------------
 
-    def _restore(self, path: pathlib.Path) -> None:
+    def _read_counters(self, metadata: dict[str, Any], path: pathlib.Path) -> None:
+        with _readable(path):
+            self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
+            self.seconds = float(metadata["seconds"])
+            here = {"iteration": self.iteration, "steps": self.steps}
+            self.begin = {name: int(metadata["begin"][name]) for name in here} if self.config.resume else here
+
+    def _restore(self, tensors: dict[str, torch.Tensor], metadata: dict[str, Any], path: pathlib.Path) -> None:
         """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser.
 
         Raises:
             PolicyFileError: if the file cannot be used, or holds another number of robots.
         """
-        tensors, metadata = checkpoint.load_file(path, "checkpoint")
         if not self.leads:
             tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
@@ -265,16 +299,16 @@ class Trainer:
             self._restore_robots(groups["env"], tensors, path)
         if groups["optimiser"]:
             self._restore_optimiser(groups["optimiser"])
-        try:
+        with _readable(path):
             if not groups["env"]:
                 self.env.restore_levels(metadata["curriculum"])
-            self._restore_counters(metadata)
-            self.remark = _other_gains(metadata, self.config.env, path)
-        except (KeyError, TypeError, ValueError) as error:
-            raise PolicyFileError(
-                f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
-            ) from error
-        self.ppo.bound_std(self.steps)
+            self.ppo.set_learning_rate(float(metadata["learning_rate"]))
+            self.ppo.skipped = int(metadata["skipped"])
+            self.remark = _other_gains(metadata, self._env_config, path)
+            if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
+                self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
+        if not self.config.resume:
+            self.ppo.bound_std(self.steps)
 
     def _restore_robots(
         self, state: dict[str, torch.Tensor], tensors: dict[str, torch.Tensor], path: pathlib.Path
@@ -308,12 +342,16 @@ class Trainer:
             )
         optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
-    def _restore_counters(self, metadata: dict[str, Any]) -> None:
-        self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
-        self.seconds = float(metadata["seconds"])
-        self.ppo.set_learning_rate(float(metadata["learning_rate"]))
-        self.ppo.skipped = int(metadata["skipped"])
-        self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
+
+@contextlib.contextmanager
+def _readable(path: pathlib.Path) -> Iterator[None]:
+    """Refuse metadata that lacks something or holds something else."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyFileError(
+            f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
+        ) from error
 
 
 def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:

@@ -48,14 +48,6 @@ def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> No
     torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
 
 
-def test_hops_are_drawn_at_the_frequencies_of_their_own_setting() -> None:
-    command, gait = draw(dataclasses.replace(HOPPING, hopping_frequency=(3.0, 4.0)))
-    frequency = command[gait >= Gait.HOPPING_LEFT, 3]
-    assert 3.0 <= frequency.min() < 3.1 and 3.9 < frequency.max() <= 4.0
-    with pytest.raises(ConfigError, match=r"hopping_frequency = \(4\.0, 3\.0\); valid: 0 < low <= high <= 5"):
-        dataclasses.replace(HOPPING, hopping_frequency=(4.0, 3.0))
-
-
 def test_small_velocities_are_drawn_as_they_are() -> None:
     """Nothing between standing still and the range's ends is left out or zeroed."""
     command, gait = draw(CommandConfig())

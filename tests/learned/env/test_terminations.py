@@ -4,7 +4,7 @@ import torch
 
 from hugwbc.gait import Gait
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down, missed_flight
+from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down
 
 
 def test_inclinations_and_a_low_pelvis_are_falls_and_nothing_less_is(small_env: HumanoidEnv) -> None:
@@ -24,17 +24,6 @@ def test_the_held_foot_is_the_other_one_than_hops(small_env: HumanoidEnv) -> Non
     gait = torch.tensor([Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.WALKING, Gait.STANDING] * 2)
     readings = dataclasses.replace(small_env.readings, foot_force=force)
     assert held_foot_down(readings, gait).tolist() == [False, True] + [False] * 6
-
-
-def test_a_flight_is_missed_if_a_foot_is_on_the_ground_in_its_time(small_env: HumanoidEnv) -> None:
-    force = torch.zeros(8, 2, 3)
-    force[:4, 0, 2] = 50.0  # the left foot of the first four
-    contact = torch.ones(8, 2)
-    contact[[0, 1, 3, 4]] = 0.1
-    contact[2, 0] = 0.1
-    gait = torch.tensor([Gait.JUMPING, Gait.HOPPING_RIGHT, Gait.JUMPING, Gait.WALKING] * 2)
-    readings = dataclasses.replace(small_env.readings, foot_force=force)
-    assert missed_flight(readings, gait, contact).tolist() == [True, True] + [False] * 6
 
 
 def test_a_held_foot_may_brush_the_ground_and_has_time_after_a_command(small_env: HumanoidEnv) -> None:

@@ -216,7 +216,7 @@ def test_a_self_test_of_nan_is_refused(policy_file: pathlib.Path) -> None:
 def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
     script = (
         "import sys; from hugwbc.learned.policy import load_policy; load_policy(sys.argv[1]);"
-        "print([n for n in ('mujoco', *('hugwbc.learned.' + m for m in ('env', 'rl', 'imitation', 'config')))"
+        "print([n for n in ('mujoco', *('hugwbc.learned.' + m for m in ('env', 'rl', 'recipe', 'config')))"
         " if n in sys.modules])"
     )
     result = subprocess.run([sys.executable, "-c", script, policy_file], capture_output=True, text=True, check=True)

@@ -68,17 +68,9 @@ def test_surrogate_clips_on_the_right_side() -> None:
     assert ppo.surrogate_loss(log_prob, old, advantage, 0.2).item() == pytest.approx(expected, rel=1e-5)
 
 
-def test_value_loss_takes_the_larger_of_both() -> None:
-    value, old, returns = torch.tensor([1.0, 0.5]), torch.tensor([0.0, 0.4]), torch.tensor([1.0, 1.0])
-    # First: the unclipped error is 0, the clipped value 0.2 errs by 0.8; second: within the clip, 0.5.
-    assert ppo.value_loss(value, old, returns, 0.2).item() == pytest.approx((0.64 + 0.25) / 2)
-    assert ppo.value_loss(value, old, returns, math.inf).item() == pytest.approx((0.0 + 0.25) / 2)
-
-
-@pytest.mark.parametrize(("value_clip", "least", "most"), [(0.0, 3.0, 5.0), (0.2, 0.1, 2.0)])
-def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: float, least: float, most: float) -> None:
+def test_nothing_limits_how_far_a_value_moves_in_an_update() -> None:
     torch.manual_seed(0)
-    config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3, value_clip=value_clip)
+    config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3)
     learner = PPO(config, 64, torch.Generator().manual_seed(0))
     observation = Observation(
         torch.zeros(64, 315), torch.zeros(64, 18), torch.zeros(64, CRITIC_SIZE), torch.zeros(64, 6)
@@ -89,7 +81,7 @@ def test_a_value_moves_in_an_update_as_far_as_its_limit_lets_it(value_clip: floa
         done, nobody = torch.ones(64, dtype=torch.bool), torch.empty(0, dtype=torch.long)
         learner.record(t, StepResult(torch.full((64,), before + 4.0), done, nobody, torch.empty(0, CRITIC_SIZE)))
     learner.update(observation, critic_only=True)
-    assert least < float(learner.value(observation.critic).detach().mean()) - before < most
+    assert 3.0 < float(learner.value(observation.critic).detach().mean()) - before < 5.0
 
 
 def test_explained_variance_of_perfect_and_constant_critics() -> None:
@@ -130,7 +122,7 @@ def test_non_finite_loss_is_skipped() -> None:
 
 
 def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
-    learner = make_learner(mixed_precision=False, symmetry="loss")
+    learner = make_learner(symmetry="loss")
     history, command = torch.randn(6, 315), torch.randn(6, 18)
     mean, _ = learner.network.actor(history, command)
     assert learner._symmetry_loss(history, command, mean).item() > 0.0

@@ -17,6 +17,7 @@ from hugwbc.learned.config import (
     LoadConfig,
     PPOConfig,
     RandomizationConfig,
+    Schedule,
     TerrainConfig,
     TrainConfig,
 )
@@ -35,17 +36,17 @@ PPO = PPOConfig(horizon=4, epochs=2, minibatches=2)
 
 
 def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig:
-    changes = {"evaluation_interval": 0} | changes
+    changes = {"evaluation_steps": 0} | changes
     return TrainConfig(out=out, steps=iterations * 64, threads=1, env=ENV, ppo=PPO, **changes)
 
 
 LATE = RandomizationConfig(latency=(0.0, 0.02))
 SETTINGS = [
-    {"curriculum": dataclasses.replace(ENV.curriculum, speed="grid", speed_interval=2), "intervention": "motion"},
+    {"curriculum": dataclasses.replace(ENV.curriculum, speed_interval=2), "intervention": "motion"},
     {"loads": LoadConfig(4.0, 40.0, 60.0, hand_interval=0.05, trunk_interval=0.05), "episode_steps": 4},
     {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
 ]
-EVALUATE = {"evaluation_interval": 2, "evaluation_robots": 8, "evaluation_seconds": 0.1}
+EVALUATE = {"evaluation_steps": 128, "evaluation_robots": 8, "evaluation_seconds": 0.1}
 
 
 def run(settings: TrainConfig) -> Trainer:
@@ -103,7 +104,7 @@ def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     assert torch.equal(resumed.ppo.network.log_std, trainer.ppo.network.log_std)
     assert resumed.env.curriculum.alpha == trainer.env.curriculum.alpha
     resumed.run(lambda row, gates: None)
-    assert resumed.iteration == 3
+    assert resumed.iteration == 5, "steps count from where the run began"
 
 
 def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.Path) -> None:
@@ -117,13 +118,13 @@ def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.P
 
 
 def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scores = iter([3.0, 1.0, 2.0])
+    scores = iter([3.0, 4.0, 1.0, 2.0, 2.0])
     monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
     run(config(tmp_path, 3, **EVALUATE))
     assert load_policy(tmp_path / "best").training["iteration"] == 2
     # The best survives a resumption: 1.0 is better, 2.0 afterwards is not.
     trainer = run(config(tmp_path, 7, resume=True, **EVALUATE))
-    assert trainer.best == {"evaluation/score": 1.0, "iteration": 4}
+    assert trainer.best == {"evaluation/score": 1.0, "iteration": 4, "steps": 256}
     best = load_policy(tmp_path / "best").training
     assert best["iteration"] == 4 and best["evaluation"]["evaluation/score"] == 1.0
     assert load_policy(tmp_path).training["iteration"] == 7
@@ -134,12 +135,12 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
 def test_evaluations_are_in_the_log_where_they_were_made(tmp_path: pathlib.Path) -> None:
     run(config(tmp_path, 3, **EVALUATE))
     rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
-    assert [bool(row["evaluation/score"]) for row in rows] == [False, True, False]
+    assert [bool(row["evaluation/score"]) for row in rows] == [False, True, True]
     assert 0.0 <= float(rows[1]["evaluation/falls"]) <= 1.0
 
 
 def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib.Path) -> None:
-    """A recipe makes one trainer for each segment: those that wait for the garbage collector fill the memory."""
+    """A recipe makes one trainer for each stage: those that wait for the garbage collector fill the memory."""
     gc.disable()
     try:
         trainer = Trainer(config(tmp_path, 1))
@@ -286,3 +287,27 @@ def test_tensors_of_a_part_that_is_unknown_are_refused(tmp_path: pathlib.Path) -
     checkpoint.save_file(tmp_path / "odd", tensors | {"memory.rows": torch.zeros(1)}, "checkpoint", metadata)
     with pytest.raises(PolicyFileError, match=r"odd holds 'memory'"):
         Trainer(config(tmp_path, 2, start_from=tmp_path / "odd"))
+
+
+def test_schedules_begin_with_the_run_and_survive_a_resumption(tmp_path: pathlib.Path) -> None:
+    """Ground that becomes rough in the middle needs new robots, which go on where the others were."""
+    run(config(tmp_path / "start", 3))
+    start = tmp_path / "start" / SNAPSHOT_NAME
+    schedules = {
+        "env.terrain.roughness": Schedule({0: 0.0, 128: 0.02}, "steps"),
+        "env.command.hopping_fraction": Schedule({0: 0.0, 64: 0.2}, "steps"),
+        "ppo.std_limit": Schedule({0: 0.5, 256: 0.3}, "geometric"),
+    }
+
+    def go(folder: str, iterations: int, *, resume: bool = False) -> Trainer:
+        first = {"resume": True} if resume else {"start_from": start}
+        return run(config(tmp_path / folder, iterations, schedules=schedules, **first))
+
+    straight = go("a", 4)
+    assert straight.iteration == 7 and straight.run_steps == 256 and straight.env.ground is not None
+    assert float(straight.ppo.network.exploration().exp().max()) < 0.36
+    go("b", 1)
+    go("b", 2, resume=True)
+    resumed = go("b", 4, resume=True)
+    for name, value in straight.env.state_dict().items():
+        assert torch.equal(value, resumed.env.state_dict()[name]), name

@@ -1,0 +1,334 @@
+"""The run of a recipe: one stage after the other, from wherever an earlier session ended, on this machine or another.
+
+Everything that a run needs is in its folder. A folder for each stage holds what the stage wrote, its record once it is
+finished, and until then what it takes to go on.
+"""
+
+import contextlib
+import dataclasses
+import datetime
+import fcntl
+import json
+import pathlib
+import resource
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+from pydantic import TypeAdapter
+
+from hugwbc.errors import RecipeError
+from hugwbc.files import write_whole
+from hugwbc.learned import distributed
+from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
+from hugwbc.learned.config.schedules import replaced
+from hugwbc.learned.env.start_recorder import Teacher, record_starts
+from hugwbc.learned.policy.records import versions
+from hugwbc.learned.recipe.ancestry import (
+    KINDS,
+    Ancestry,
+    Parent,
+    StageRecord,
+    content_digest,
+    read_record,
+    seal,
+    text_digest,
+)
+from hugwbc.learned.recipe.calibration import ROUNDS, calibrate
+from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, Recipe, Stage
+from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, Trainer
+from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
+from hugwbc.robot import Robot, load_robot
+
+RECORD, SPENT, LOCK = "record.json", "spent.json", "run.lock"
+_NO_LIMIT = 1e6  # [h]
+_WRITE_INTERVAL = 5.0  # [s]; what a killed process has spent since is not in the record
+_TAKEN = {"env.starts": STARTS, "start_from": SNAPSHOT, "policy": POLICY}  # of another stage, by the setting's name
+
+Report = Callable[[str, Mapping[str, float]], None]
+
+
+class Services(Protocol):
+    """What stages need from rooms above `learned`: a controller that drives, and episodes in the arena."""
+
+    def teacher(self, robot: Robot) -> Callable[[float], Teacher]:
+        """Return what makes a controller for a control period [s]."""
+        ...
+
+    def executed(
+        self, policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
+    ) -> list[dict[str, float]]:
+        """Return what a policy executes under some commands: see `calibration.Executed`."""
+        ...
+
+
+def run_recipe(
+    recipe: Recipe,
+    out: pathlib.Path,
+    services: Services,
+    *,
+    report: Report = lambda stage, figures: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> bool:
+    """Run a recipe from wherever its folder is, until it is finished or asked to stop.
+
+    Under torchrun all processes train; the first one alone does the rest.
+
+    Args:
+        recipe: the recipe.
+        out: folder of the run.
+        services: the controller that drives, and the arena.
+        report: called with the name of the stage and the figures of each iteration of a training.
+        say: prints a line.
+
+    Returns:
+        Whether the recipe is finished; False if a signal stopped it.
+    """
+    with distributed.process_group("cpu:gloo"), stopped_by_signals() as stop:
+        leads = distributed.rank() == 0
+        with _only_process(out) if leads else contextlib.nullcontext():
+            if leads:
+                write_whole(out / "recipe.yaml", recipe.source)
+            try:
+                for name in recipe.stages:
+                    _Work(recipe, name, out, services, stop, report, say if leads else lambda line: None).run()
+            except StoppedError:
+                return False
+            if leads:
+                _finish(recipe, out)
+    return True
+
+
+@contextlib.contextmanager
+def _only_process(folder: pathlib.Path) -> Iterator[None]:
+    """Keep other processes from working on the same run; a killed process leaves no lock behind."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise RecipeError(f"another process is working on {folder}; wait for it or stop it") from error
+        yield
+
+
+def _finish(recipe: Recipe, out: pathlib.Path) -> None:
+    """Put the last policy, and the last snapshot, into the folder of the run."""
+    for name in (POLICY, SNAPSHOT):
+        files = [out / stage / name for stage in recipe.stages if (out / stage / name).exists()]
+        if files:
+            write_whole(out / name, files[-1].read_bytes())
+
+
+@dataclasses.dataclass
+class _Work:
+    """A stage at work."""
+
+    recipe: Recipe
+    name: str
+    out: pathlib.Path
+    services: Services
+    stop: Stop
+    report: Report
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self.stage: Stage = self.recipe.stages[self.name]
+        self.folder = self.out / self.name
+        self.digest = text_digest(json.dumps(TypeAdapter(Stage).dump_python(self.stage, mode="json"), sort_keys=True))
+        self.inputs = {
+            setting: self.out / str(path) / _TAKEN[setting] if str(path) in self.recipe.stages else path
+            for setting, path in self.stage.inputs().items()
+        }
+
+    def run(self) -> None:
+        """Run the stage, unless it is finished, and write its record."""
+        leads = distributed.rank() == 0
+        self.stop.check()
+        if self.stage.kind == "train":
+            distributed.barrier()  # until the first process has made what this stage takes
+        elif not leads:
+            return
+        finished = read_record(self.folder / RECORD)
+        self._check_settings(finished)
+        if finished is not None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        spent = _Spent(self.folder, self.digest) if leads else None
+        own_seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
+        config = replaced(self.stage.config, {**self.inputs, **own_seed})
+        if isinstance(config, TrainConfig):
+            steps, discarded, figures = self._train(config, spent)
+        elif isinstance(config, RecordConfig):
+            steps, discarded, figures = self._record(config)
+        else:
+            steps, discarded, figures = self._calibrate(config, spent)
+        if spent is None:
+            return
+        spent.write()
+        self._write_record(config.seed, steps, discarded, figures, spent)
+        self.say(f"{self.name}: finished, {spent.core_seconds / 3600.0:.2f} core-hours")
+        for path in [*self.folder.glob("checkpoint*"), self.folder / SPENT, self.folder / ROUNDS]:
+            path.unlink(missing_ok=True)
+        shutil.rmtree(self.folder / BEST_FOLDER, ignore_errors=True)
+
+    def _check_settings(self, finished: StageRecord | None) -> None:
+        """Refuse to go on with a stage that was begun with other settings."""
+        begun = finished.settings if finished is not None else _Spent.begun(self.folder)
+        if begun is not None and begun != self.digest:
+            raise RecipeError(
+                f"the recipe says something else than when stage {self.name} was begun. Give another --out, or remove "
+                f"{self.folder} and the folders of the stages after it, to make them again"
+            )
+
+    def _train(self, config: TrainConfig, spent: "_Spent | None") -> tuple[float, float, dict[str, float | None]]:
+        resumed = (self.folder / CHECKPOINT_NAME).exists()
+        start = None if resumed else config.start_from
+        trainer = Trainer(
+            dataclasses.replace(config, out=self.folder, resume=resumed, start_from=start, hours=_NO_LIMIT)
+        )
+        trainer.stop = self.stop
+
+        def report(row: dict[str, float], _gates: dict[str, str]) -> None:
+            if spent is not None:
+                spent.add()
+            self.report(self.name, row | {"progress": min(1.0, trainer.run_steps / config.steps)})
+
+        trainer.run(report)
+        if trainer.run_steps < config.steps:
+            raise StoppedError
+        steps = trainer.best.get("steps", trainer.steps) - trainer.begin["steps"]
+        if trainer.best:
+            for name in (POLICY, SNAPSHOT):
+                write_whole(self.folder / name, (self.folder / BEST_FOLDER / name).read_bytes())
+        return steps, trainer.run_steps - steps, dict(trainer.best)
+
+    def _record(self, config: RecordConfig) -> tuple[float, float, dict[str, float | None]]:
+        def report(fraction: float) -> None:
+            self.stop.check()
+            self.report(self.name, {"progress": fraction})
+
+        robot = load_robot(config.env.robot)
+        teacher = self.services.teacher(robot if config.env.drives == "real" else robot.with_ideal_drives())
+        recorder = record_starts(config, teacher, report)
+        recorder.save(self.folder / STARTS)
+        return 0.0, 0.0, {"states": float(recorder.count)}
+
+    def _calibrate(self, config: CalibrationConfig, spent: "_Spent | None") -> tuple[float, float, dict[str, Any]]:
+        def executed(
+            policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
+        ) -> list[dict[str, float]]:
+            found = self.services.executed(policy, commands, config)
+            if spent is not None:
+                spent.add()
+            self.stop.check()
+            return found
+
+        def on_round(number: int, error: float) -> None:
+            self.say(f"{self.name}: round {number} of {config.rounds}, mean error {error:.4f}")
+            self.report(self.name, {"progress": (number + 1.0) / (config.rounds + 1.0)})
+
+        return 0.0, 0.0, calibrate(config, self.folder, executed, on_round)
+
+    def _write_record(
+        self, seed: int, steps: float, discarded: float, figures: Mapping[str, float | None], spent: "_Spent"
+    ) -> None:
+        """Write how the files were made, into them and beside them; the stage is finished with the latter."""
+        parents = {}
+        for setting, path in self.inputs.items():
+            kind = KINDS[_TAKEN[setting]]
+            source = str(self.stage.inputs()[setting])
+            stage = source if source in self.recipe.stages else None
+            parents[setting] = Parent(stage=stage, digest=content_digest(path, kind))
+        files = [self.folder / name for name in KINDS if (self.folder / name).exists()]
+        record = StageRecord(
+            stage=self.name,
+            kind=self.stage.kind,
+            recipe=self.recipe.name,
+            settings=self.digest,
+            seed=seed,
+            commits=tuple(spent.commits),
+            versions=versions(),
+            steps=steps,
+            discarded_steps=discarded,
+            core_seconds=spent.core_seconds,
+            figures=dict(figures),
+            parents=parents,
+            outputs={path.name: content_digest(path, KINDS[path.name]) for path in files},
+            ended=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        )
+        ancestry = Ancestry(recipe=self.recipe.source, stages=(*self._ancestors(record.parents), record))
+        for path in files:
+            seal(path, ancestry)
+        content = TypeAdapter(StageRecord).dump_python(record, mode="json")
+        write_whole(self.folder / RECORD, json.dumps(content, indent=1) + "\n")
+
+    def _ancestors(self, parents: Mapping[str, Parent]) -> Sequence[StageRecord]:
+        """Return the records of the stages that this one rests on, in the order of the recipe."""
+        names, waiting = set[str](), [parent.stage for parent in parents.values()]
+        records = {name: read_record(self.out / name / RECORD) for name in self.recipe.stages}
+        while waiting:
+            name = waiting.pop()
+            record = records.get(name or "")
+            if name is not None and record is not None and name not in names:
+                names.add(name)
+                waiting += [parent.stage for parent in record.parents.values()]
+        return [record for name, record in records.items() if record is not None and name in names]
+
+
+class _Spent:
+    """What all sessions have spent on a stage so far, and with which code.
+
+    Attributes:
+        commits: commits of the source tree.
+        core_seconds: processor time of this process and its finished children [s].
+    """
+
+    def __init__(self, folder: pathlib.Path, settings: str) -> None:
+        self._path, self._settings = folder / SPENT, settings
+        before = json.loads(self._path.read_text()) if self._path.exists() else {"commits": [], "core_seconds": 0.0}
+        self.commits = list(dict.fromkeys([*before["commits"], source_commit()]))
+        self._before, self._began, self._written = before["core_seconds"], _cpu_seconds(), 0.0
+        self.write()
+
+    @staticmethod
+    def begun(folder: pathlib.Path) -> str | None:
+        """Return the digest of the settings with which a stage was begun; None if it was not."""
+        path = folder / SPENT
+        return json.loads(path.read_text())["settings"] if path.exists() else None
+
+    @property
+    def core_seconds(self) -> float:
+        """Processor time of all sessions [s]; of torchrun's processes, each is taken to spend as much as this one."""
+        return self._before + distributed.size() * (_cpu_seconds() - self._began)
+
+    def add(self) -> None:
+        """Write what was spent if the last time is a few seconds ago."""
+        if time.monotonic() - self._written >= _WRITE_INTERVAL:
+            self.write()
+
+    def write(self) -> None:
+        """Write what was spent."""
+        content = {"settings": self._settings, "commits": self.commits, "core_seconds": self.core_seconds}
+        write_whole(self._path, json.dumps(content) + "\n")
+        self._written = time.monotonic()
+
+
+def _cpu_seconds() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+def source_commit() -> str:
+    """Return the commit of the source tree, with "+" if it has other changes; "unknown" outside of a checkout."""
+    git = shutil.which("git")
+    words = [git or "", "-C", str(pathlib.Path(__file__).parent)]
+    try:
+        commit, changes = (
+            subprocess.run([*words, *rest], capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+            for rest in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return commit + ("+" if changes else "")

@@ -1,0 +1,170 @@
+"""A recipe: read, run, killed, resumed; and what its files say of how they were made."""
+
+import json
+import pathlib
+from typing import Any
+
+import pytest
+
+from hugwbc.cli import main
+from hugwbc.errors import HugwbcError, RecipeError
+from hugwbc.learned.policy import checkpoint, load_policy
+from hugwbc.learned.recipe.ancestry import KEY, verify
+from hugwbc.learned.recipe.recipe import load_recipe
+from hugwbc.learned.recipe.run import RECORD, run_recipe
+from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
+from hugwbc.learned.stopping import StoppedError
+from hugwbc.mbc import WholeBodyController
+
+RECIPE = """
+about: A walk.
+seed: 2001
+stages:
+  starts:
+    record: {states: 16, env: {count: 2, command: {standing_fraction: 1, walking_fraction: 0}}}
+  walk:
+    train:
+      steps: 256
+      evaluation_steps: 128
+      evaluation_robots: 2
+      evaluation_seconds: 0.1
+      save_interval: 1
+      threads: 1
+      env: {count: 8, starts: starts, starts_share: 0.5}
+      ppo: {horizon: 8, minibatches: 1, epochs: 1}
+      schedules: {ppo.std_limit: {shape: geometric, points: {0: 0.5, 256: 0.2}}}
+  more:
+    train:
+      start_from: walk
+      steps: 64
+      evaluation_steps: 0
+      threads: 1
+      env: {count: 8}
+      ppo: {horizon: 8, minibatches: 1, epochs: 1}
+  calibrated:
+    calibrate: {policy: more, knots: 2, rounds: 1, gaits: [walking], commands: [v_x]}
+"""
+
+
+class Services:
+    """The QP, and an arena in which a policy walks at 0.9 of what it is asked for."""
+
+    def teacher(self, robot):
+        return lambda period: WholeBodyController(period=period, robot=robot)
+
+    def executed(self, policy, commands, config):
+        asked = load_policy(policy).contract.feed_forward.get("walking", {}).get("v_x")
+        asked = dict(map(tuple, asked or []))
+        return [{"v_x": 0.9 * asked.get(one["v_x"], one["v_x"])} for one in commands]
+
+
+@pytest.fixture
+def recipe(tmp_path: pathlib.Path) -> pathlib.Path:
+    path = tmp_path / "walk.yaml"
+    path.write_text(RECIPE)
+    return path
+
+
+def tensors(path: pathlib.Path, kind: str) -> dict[str, Any]:
+    return checkpoint.load_file(path, kind)[0]
+
+
+def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, tmp_path, monkeypatch, capsys) -> None:
+    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    iterate, count = Trainer.iterate, 0
+
+    def killed(trainer: Trainer) -> dict[str, float]:
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        return iterate(trainer)
+
+    monkeypatch.setattr(Trainer, "iterate", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run_recipe(load_recipe(recipe), tmp_path / "b", Services())
+    assert (tmp_path / "b" / "walk" / CHECKPOINT_NAME).exists() and not (tmp_path / "b" / "walk" / RECORD).exists()
+    (tmp_path / "b").rename(tmp_path / "elsewhere")  # on another machine
+    assert run_recipe(load_recipe(recipe), tmp_path / "elsewhere", Services())
+    for stage, name, kind in (("more", "snapshot", "checkpoint"), ("calibrated", "policy", "policy")):
+        one, other = (tensors(tmp_path / run / stage / f"{name}.safetensors", kind) for run in ("a", "elsewhere"))
+        assert all(bool((one[key] == other[key]).all()) for key in one)
+    assert not list((tmp_path / "a").glob("*/checkpoint*")), "what only an unfinished stage needs is removed"
+    records, problems = verify(tmp_path / "a")
+    assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "calibrated"]
+    assert [one.steps + one.discarded_steps for one in records] == [0.0, 256.0, 64.0, 0.0]
+    assert records[1].parents["env.starts"].digest == records[0].outputs["starts.safetensors"]
+    assert all(one.core_seconds > 0.0 and one.commits for one in records)
+    assert load_policy(tmp_path / "a").training[KEY]["recipe"] == RECIPE
+    assert load_policy(tmp_path / "a").contract.feed_forward
+    assert main(["check", "--policy", str(tmp_path / "a")]) == 0
+    assert "the chain is whole" in capsys.readouterr().out
+
+
+def test_a_policy_that_was_changed_does_not_pass(recipe, tmp_path, capsys) -> None:
+    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    path = tmp_path / "a" / "policy.safetensors"
+    (tmp_path / "a" / "snapshot.safetensors").write_bytes((tmp_path / "a/walk/snapshot.safetensors").read_bytes())
+    assert verify(path)[1] == [], "the snapshot of an ancestor belongs to it"
+    values, metadata = checkpoint.load_file(path, "policy")
+    metadata["training"][KEY]["stages"][2]["parents"]["start_from"]["digest"] = "0" * 32
+    checkpoint.save_file(path, values, "policy", metadata)
+    assert verify(path)[1] == ["more: stage walk did not write its start_from"]
+    assert main(["check", "--policy", str(path)]) == 1 and "PROBLEM" in capsys.readouterr().out
+    del metadata["training"][KEY]
+    checkpoint.save_file(path, values, "policy", metadata)
+    assert "has no ancestry" in verify(path)[1][0]
+
+
+def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypatch) -> None:
+    def stopped(trainer: Trainer, report: Any) -> None:
+        raise StoppedError
+
+    monkeypatch.setattr(Trainer, "run", stopped)
+    assert not run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    recipe.write_text(RECIPE.replace("horizon: 8", "horizon: 4"))
+    with pytest.raises(RecipeError, match="says something else than when stage walk was begun"):
+        run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    assert json.loads((tmp_path / "a" / "starts" / RECORD).read_text())["stage"] == "starts"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (
+            "start_from: walk",
+            "start_from: wlak",
+            r":\d+:7: unknown earlier stage in start_from 'wlak'.*'walk'",
+        ),
+        ("{policy: more,", "{policy: calibrated,", "unknown earlier stage in policy 'calibrated'"),
+        ("steps: 256", "steps: 0", "greater than 0"),
+        (
+            "horizon: 8",
+            "horizom: 8",
+            r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'",
+        ),
+        ("ppo.std_limit", "ppo.std_limits", "std_limit"),
+        ("seed: 2001", "seed: 7", "2000"),
+        ("calibrate: {", "train: {", "CalibrationConfig|TrainConfig"),
+        ("about: A walk.", "measure: 3", "unknown Recipe field 'measure'"),
+    ],
+)
+def test_a_mistake_is_refused_with_its_line(recipe, before: str, after: str, said: str) -> None:
+    recipe.write_text(RECIPE.replace(before, after))
+    with pytest.raises(HugwbcError, match=said):
+        load_recipe(recipe)
+
+
+def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
+    stages = load_recipe("h1").stages
+    gaits = stages["gaits"].train
+    assert gaits is not None and list(stages) == ["starts", "gaits", "precision", "exact", "calibrated"]
+    early, late = gaits.at(5e6), gaits.at(36e6)
+    assert (early.ppo.horizon, late.ppo.horizon) == (20, 24) and late.env.terrain.roughness == 0.02
+    assert late.env.command.fractions() == pytest.approx(
+        {"standing": 0.15, "walking": 0.3, "hopping": 0.2, "jumping": 0.35}
+    )
+    smoke = load_recipe("h1", smoke=True).stages["gaits"].train
+    assert smoke is not None and smoke.at(smoke.steps).env.rewards == late.env.rewards
+    assert main(["check", "--policy", "h1"]) == 0
+    assert "9305c338" in capsys.readouterr().out
