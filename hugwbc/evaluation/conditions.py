@@ -2,20 +2,17 @@
 
 import dataclasses
 import functools
-import importlib.metadata
 import math
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.files import file_digest
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Arena, Engine, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.faults import Fault
-from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 
 if TYPE_CHECKING:
@@ -117,18 +114,6 @@ class Conditions:
     def declared_faults(self) -> tuple[Fault, ...]:
         """The faults of sensors and motors."""
         return tuple(map(Fault.parse, self.faults))
-
-    def identity(self) -> dict[str, Any]:
-        """Return the settings as JSON, with digests of the motion files in place of their folder."""
-        fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        fields |= dataclasses.asdict(self.chosen)  # two ways to name one arena have one identity
-        fields["told"] = self.told_arena.robot
-        fields["version"] = self.chosen.version
-        if self.engine == PhysxSimulation.engine:
-            fields["sapien"] = importlib.metadata.version("sapien")
-        if self.motions is not None:
-            fields["motions"] = [file_digest(path) for path in sorted(pathlib.Path(self.motions).glob("*.npz"))]
-        return fields
 
     @property
     def is_level(self) -> bool:

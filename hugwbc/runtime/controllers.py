@@ -7,7 +7,6 @@ told, with its drives, or None for the default one.
 The built-in controllers are registered in the same way.
 """
 
-import ast
 import dataclasses
 import functools
 import hashlib
@@ -267,7 +266,7 @@ class ControllerSpec:
         return None if path.suffix in _CONTRACTS else trained_with(path)
 
     def identity(self) -> dict[str, Any]:
-        """Return what the behaviour depends on, as JSON: name, package, modules, digests of files.
+        """Return what the behaviour depends on, as JSON: name, package, digests of files.
 
         Equal controllers have equal identities on any machine, because no path is part of it.
 
@@ -290,7 +289,6 @@ class ControllerSpec:
         return {
             "name": self.name if self.name in controller_names() else known,
             "package": package,
-            "modules": _modules_of(self.files()[0]) if in_file else [entry.module if entry else __name__],
             "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
             "policy": word,
             **(robot if self.takes_robot else {}),
@@ -331,14 +329,3 @@ def _check_members(controller: Any, origin: str) -> None:  # noqa: ANN401  what 
         raise ConfigError(f"{origin} has name = {controller.name!r}; give a short text for tables")
     if type(controller.period) not in (int, float) or not 0.0 < controller.period < math.inf:
         raise ConfigError(f"{origin} has period = {controller.period!r}; give the time between two calls of act [s]")
-
-
-def _modules_of(path: pathlib.Path) -> list[str]:
-    """Return the dotted names that a Python file imports; results depend on those of this package."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return sorted(name for name in names if name.partition(".")[0] == hugwbc.__name__)

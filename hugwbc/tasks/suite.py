@@ -31,15 +31,6 @@ TASK_NAMES = (
 )
 
 
-def modules_of(name: str) -> tuple[str, ...]:
-    """Return the dotted names of the modules of this package on which a task may depend, beside those of every task.
-
-    Args:
-        name: one of `TASK_NAMES`, a registered task, or the path of a Python file.
-    """
-    return (f"hugwbc.tasks.{name}",) if name in TASK_NAMES else ("hugwbc.tasks.boxes", "hugwbc.tasks.judges")
-
-
 @functools.cache
 def registered_tasks() -> dict[str, EntryPoint]:
     """Return the tasks that other packages register, by name."""

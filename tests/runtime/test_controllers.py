@@ -149,7 +149,7 @@ def test_identity_is_that_of_the_files(tmp_path):
     copy = ControllerSpec("learned", tmp_path / "copy").identity()
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
-        "name": "qp", "package": default["package"], "modules": ["hugwbc.mbc"], "files": [],
+        "name": "qp", "package": default["package"], "files": [],
         "policy": None, "robot": DEFAULT_ROBOT, "drives": "real",
     }  # fmt: skip
     network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
