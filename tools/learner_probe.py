@@ -220,7 +220,7 @@ def slope(ppo: PPO, advantage: torch.Tensor, commands: torch.Tensor, column: int
     r, step = ppo.rollout, 0.05
     walking = r.group == int(Gait.WALKING)
     more = torch.zeros(*commands.shape[:2], obs.COMMAND_SIZE)
-    more[..., column] = step * commands[..., column] * obs.command_scale()[column]
+    more[..., column] = step * commands[..., column] * torch.tensor(obs.COMMAND[0].scale)[column]
     change = EvenOdd(obs.command_mirror())(more.flatten(0, 1)).view_as(more)
     log_std = ppo.network.exploration()
     moves = [
