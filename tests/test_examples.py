@@ -175,7 +175,7 @@ BAD_VALUES = {
     "01_hold_and_reach.py": ("--duration", "0"),
     "02_walk_with_qp.py": ("--v-x", "nan"),
     "03_reach_while_walking.py": ("--duration", "1"),
-    "04_walk_with_a_cup.py": ("--duration", "2.5"),
+    "04_walk_with_a_cup.py": ("--duration", "2"),
     "05_pick_from_the_floor.py": ("--height", "nan"),
     "06_carry_a_box.py": ("--controller", "foo"),
     "07_compare_controllers.py": ("--script", "none"),

@@ -97,7 +97,6 @@ def test_the_results_of_a_file_depend_on_what_is_in_it(tmp_path):
     path = tmp_path / "balance.py"
     path.write_text(HOLD)
     before = ControllerSpec(f"{path}:Mine").identity()
-    assert before["modules"] == ["hugwbc.runtime", "hugwbc.runtime.HoldController"]
     path.write_text(HOLD + "\nOther = Mine\n")
     after = ControllerSpec(f"{path}:Mine")
     assert after.identity() != before and after.identity() != ControllerSpec(f"{path}:Other").identity()

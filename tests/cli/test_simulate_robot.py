@@ -12,8 +12,8 @@ from hugwbc.cli import main
         (["--domain", "-1"], "DDS domain is -1"),
         (["--slower", "0.1"], "times slower"),
         (["--duration", "0"], "duration is 0"),
-        (["--loss", "1"], "loss of packets is 1"),
-        (["--jitter", "-1"], "jitter of packets is -1"),
+        (["--loss", "1"], "loss is 1"),
+        (["--jitter", "-1"], "jitter is -1"),
         (["--robot", "g1"], "unknown robot 'g1'"),
     ],
 )

@@ -30,5 +30,5 @@ def test_something_can_be_added_while_it_runs() -> None:
     ["Start", "x Start", "1 Stat", "1", "1 ly", "1 ly=x", "1 ly=2", "-1 A", "nan A", "inf A", "1 A B", "1 A=0.5"],
 )
 def test_what_is_not_understood_is_refused(text) -> None:
-    with pytest.raises(ConfigError, match="not understood; give TIME and one of R1"):
+    with pytest.raises(ConfigError, match="is not valid; give TIME and one of R1"):
         Schedule.parse(text)
