@@ -164,6 +164,14 @@ def test_onnx_only(tmp_path):
     )
 
 
+@pytest.mark.slow
+def test_a_task_of_your_own(run):
+    out = run("12_a_task_of_your_own.py")
+    assert number(r"y = ([\d.]+) m", out) == pytest.approx(0.55, abs=0.1)
+    assert number(r"([\d.]+) m above the floor", out) == pytest.approx(1.0, abs=0.01)
+    assert "the task is done" in out
+
+
 def test_every_example_is_tested_and_short():
     here = pathlib.Path(__file__).read_text(encoding="utf-8")
     for path in EXAMPLES.glob("*.py"):
@@ -183,6 +191,7 @@ BAD_VALUES = {
     "09_drive_live.py": ("--duration", "-1"),
     "10_write_a_controller.py": ("--push", "inf"),
     "11_onnx_only.py": ("--policy", "none.onnx"),
+    "12_a_task_of_your_own.py": ("--controller", "foo"),
 }
 
 

@@ -5,19 +5,16 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.scripts.behaviours import Course, Failure, View, WalkTo, seen
-from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH
+from hugwbc.scripts.behaviours.hand_motion import HALF_WIDTH, LEVEL, LOWEST
 from hugwbc.scripts.behaviours.view import SeenObject
 from hugwbc.targets import HandFrame
-from hugwbc.tasks.moves import LOWEST, SPEED, Moves, hands_in, up
+from hugwbc.tasks.moves import SPEED, Moves, hands_in, up
 
 BESIDE = 0.07  # [m], between a hand and the box before the grasp
 SQUEEZE = 60.0  # [N]: about what shoulder yaw can give; a box of 3 kg slips with less (docs/log/tasks.md)
 INTO = 0.01  # [m], how far the targets of squeezing hands are inside the box
 DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
 CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
-# [m], height of the hands at which the forearms of a robot that stands upright are about level. Legs lift and lower
-# boxes: a forearm that rises turns up, and a box turns with it.
-LEVEL = 1.13
 STANDING = 0.98  # [m], height of the pelvis
 # Slope with which the forearms point inwards, so that their tips press. Where the rear edges of the box take a share of
 # the force, the tips slip, which carry most of the weight.

@@ -6,7 +6,7 @@ from hugwbc.blends import smooth_step
 from hugwbc.commands import Command
 from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Grip, View, run, standing
-from hugwbc.scripts.behaviours.hand_motion import in_frame, points_in, wait
+from hugwbc.scripts.behaviours.hand_motion import LOWEST, in_frame, points_in, wait
 from hugwbc.targets import HandFrame, HandTargets
 
 SPEED = 0.25  # [m/s], mean speed of a gliding hand
@@ -15,7 +15,6 @@ HOOKED = 0.5  # [s], in which an idealised gripper has to take hold
 LOAD_GAIN = 1.0  # [1/s], at which targets move against the sag of hands that carry a load
 LARGEST_SAG = 0.15  # [m]
 COMFORTABLE = 1.05  # [m], height at which hands work while the robot stands upright
-LOWEST = -0.25  # [m], of the commanded h
 NO_FORCE = np.zeros((2, 3))
 NO_HAND = np.full(3, np.nan)
 Directions = tuple[np.ndarray | None, np.ndarray | None]

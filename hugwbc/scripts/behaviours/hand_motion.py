@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.blends import smooth_step
+from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.scripts.behaviours.behaviour import Behaviour, Course, Failure, check_within, seen
@@ -20,6 +21,8 @@ SHORTEST = 0.4  # [s], of a motion
 ARRIVED = 0.03  # [m]
 HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
 TIP = 0.04  # [m], from the hand's origin to the end of the forearm
+LEVEL = 1.13  # [m], height of the hands at which the forearms of a robot that stands upright are about level
+LOWEST = -0.25  # [m], of the commanded h
 _PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
 
 STIFFNESS = 1000.0  # [N/m], about that of a hand in front of the body
@@ -83,7 +86,13 @@ def now(view: View) -> np.ndarray:
 
 
 def move(
-    behaviour: Behaviour, view: View, aim: Aim, *, speed: float = HAND_SPEED, tolerance: float = ARRIVED
+    behaviour: Behaviour,
+    view: View,
+    aim: Aim,
+    *,
+    speed: float = HAND_SPEED,
+    tolerance: float = ARRIVED,
+    level: bool = False,
 ) -> Course:
     """Move the hands to targets that may move, on a straight line with a minimum-jerk profile, and wait for them.
 
@@ -93,6 +102,7 @@ def move(
         aim: returns the targets for a view, in one and the same frame.
         speed: highest speed of a hand [m/s].
         tolerance: distance of a hand from its target at which it has arrived [m]; infinite not to wait.
+        level: whether the legs keep the forearms level (`levelled`).
     """
     goal = aim(view)
     start = points_in(view, now(view), goal.frame)
@@ -112,7 +122,16 @@ def move(
                 return view
         else:
             behaviour.progress = "the hands are on their way"
-        view = yield Action(standing(view), hands)
+        view = yield Action(levelled(view, hands) if level else standing(view), hands)
+
+
+def levelled(view: View, hands: HandTargets) -> Command:
+    """Return the standing command with which the forearms are level at these targets.
+
+    The legs lift and lower what both hands hold: a forearm that rises turns up, and the object turns with it.
+    """
+    height = float(np.nanmean(points_of(view, hands)[:, 2]))
+    return Command(h=float(np.clip(height - LEVEL, LOWEST, 0.0)))
 
 
 def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:

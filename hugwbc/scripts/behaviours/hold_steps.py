@@ -19,6 +19,7 @@ from hugwbc.scripts.behaviours.hand_motion import (
     check_speed,
     held_targets,
     in_frame,
+    levelled,
     move,
     now,
     points_of,
@@ -30,6 +31,7 @@ from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.targets import HandTargets, position
 
 _LAG = 0.012  # [m], distance of a hand from its target at which it has met something
+_SHORT = 0.02  # [m], by which the arms, stretched to both sides of an object, stay behind their targets
 _ROOM = 0.06  # [m], between hands and object before they close
 _SHIFTED = 0.08  # [m], by which an object has moved that does not stand where it was put
 _LOST = 0.12  # [m], by which an object has moved in the hands that have lost it
@@ -50,7 +52,7 @@ class Squeeze(Behaviour):
         self,
         object: str,
         *,
-        force: float = 30.0,
+        force: float = 60.0,
         width: float = 0.4,
         at: Point = (0.0, 0.0, 0.03),
         whole_body: bool = False,
@@ -82,8 +84,8 @@ class Squeeze(Behaviour):
         start = now(view)
         # First up and apart where the hands are, so that they do not meet the object or the table on their way.
         away = min(float((start - middle).mean(axis=0) @ ahead), -0.15)
-        view = yield from move(self, view, lambda _: self._targets(view, open_half, away), tolerance=0.1)
-        view = yield from move(self, view, lambda v: self._targets(v, open_half), tolerance=0.04)
+        view = yield from move(self, view, lambda _: self._targets(view, open_half, away), tolerance=0.1, level=True)
+        view = yield from move(self, view, lambda v: self._targets(v, open_half), tolerance=0.04, level=True)
         return (yield from self._close(view, open_half))
 
     def _place(self, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,7 +101,7 @@ class Squeeze(Behaviour):
         """Return targets at a distance of each hand from the middle [m], and ahead of it, with a force [N]."""
         middle, ahead, aside = self._place(view)
         left, right = np.broadcast_to(half, 2)
-        point = middle + (away - TIP) * ahead
+        point = middle + (away + _SHORT - TIP) * ahead
         return HandTargets(
             point + left * aside,
             point - right * aside,
@@ -126,15 +128,16 @@ class Squeeze(Behaviour):
             self.progress = f"the hands are {100 * half.sum():.0f} cm apart and have met {met.sum()} of 2 sides"
             if half.min() < 0.0:
                 raise Failure(f"the {SIDES[int(np.argmin(half))]} hand met nothing at '{self.object}'")
-            view = yield Action(standing(view), hands)
+            view = yield Action(levelled(view, hands), hands)
         middle, _, aside = self._place(view)
         touch = np.abs((view.hands - middle) @ aside)
         begin, depth = view.time, self.force / STIFFNESS
         while (share := min((view.time - begin) / 0.6, 1.0)) < 1.0:
-            view = yield Action(standing(view), self._targets(view, touch - share * depth, force=share * self.force))
+            hands = self._targets(view, touch - share * depth, force=share * self.force)
+            view = yield Action(levelled(view, hands), hands)
         # From now on the object goes with the hands: what is seen of it must not move them any more.
         hands = self._targets(view, touch - depth, force=self.force)
-        view = yield Action(standing(view), hands)
+        view = yield Action(levelled(view, hands), hands)
         return (yield from wait(view, 0.4))
 
 
@@ -203,7 +206,7 @@ class Lift(Behaviour):
     def course(self, view: View) -> Course:  # noqa: D102
         before = seen(view, self.object).position
         goal = shifted(in_frame(view, held_targets(view), "world"), np.array([0.0, 0.0, self.height]))
-        view = yield from move(self, view, lambda _: goal, speed=self.speed, tolerance=math.inf)
+        view = yield from move(self, view, lambda _: goal, speed=self.speed, tolerance=math.inf, level=goal.together)
         view = yield from wait(view, self.hold)
         rise = float(seen(view, self.object).position[2] - before[2])
         if rise < 0.5 * self.height:
@@ -291,7 +294,7 @@ class Place(Behaviour):
             way = goal - seen(view, self.object).position
             way[2] = 0.0
             over = shifted(hands, way)
-            view = yield from move(self, view, lambda _: over, speed=0.2, tolerance=0.1)
+            view = yield from move(self, view, lambda _: over, speed=0.2, tolerance=0.1, level=over.together)
             hands = over
         view = yield from wait(view, 0.3)
         top, begin = seen(view, self.object).position[2], view.time
@@ -304,7 +307,8 @@ class Place(Behaviour):
                 break
             if down > self.lower:
                 raise Failure(f"'{self.object}' stands on nothing after {100 * sunk:.0f} cm")
-            view = yield Action(standing(view), shifted(hands, np.array([0.0, 0.0, -down])))
+            lower = shifted(hands, np.array([0.0, 0.0, -down]))
+            view = yield Action(levelled(view, lower) if hands.together else standing(view), lower)
         stood = seen(view, self.object).position
         view = yield from run(Release(), view)
         moved = float(np.linalg.norm(seen(view, self.object).position - stood))
