@@ -14,6 +14,7 @@ from hugwbc.viz.show import at_real_time, fate, keep_replay, open_view, run_scri
 TABLE = Table(name="table", position=(1.6, 0.0), size=(0.5, 0.5), height=0.9)
 SHELF = Shelf(name="shelf", position=(1.6, 0.55), size=(0.4, 0.5), boards=(0.9,))
 BOX = Box(name="box", on="table", position=(-0.1, 0.0), size=(0.2, 0.24, 0.2), mass=1.0)
+SCENE = Scene((TABLE, SHELF, BOX))
 
 
 def steps() -> Sequence:
@@ -34,7 +35,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
         show: show the robot live in the browser.
     """
     source, robot = BehaviourSource(steps()), load_controller(controller)
-    simulation = Simulation(scene=Scene((TABLE, SHELF, BOX)), seed=seed)
+    simulation = Simulation(scene=SCENE, seed=seed)
     draw = at_real_time(open_view(robot.name, scene=simulation.scene), simulation) if show else None
     trace = rollout(
         robot, source, simulation, UpperBodySource(), duration=duration, on_moment=draw, until=lambda: source.done

@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.sim import Arena, Engine, Simulation, Variation, rough_terrain
+from hugwbc.sim import Arena, Engine, Scene, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
@@ -144,12 +144,13 @@ class Conditions:
         friction, payload, gain = (rng.uniform(*r) for r in (ranges.friction, ranges.torso_mass, ranges.gains))
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
-    def simulation(self, duration: float, seed: tuple[int, ...]) -> Engine:
+    def simulation(self, duration: float, seed: tuple[int, ...], scene: Scene | None = None) -> Engine:
         """Return the simulation of one episode.
 
         Args:
             duration: duration of the episode [s], which determines the size of the ground.
             seed: seed of the ground and of the sensor noise.
+            scene: objects around the robot.
         """
         make = functools.partial(
             self.chosen.simulation_in,
@@ -159,6 +160,7 @@ class Conditions:
             latency=self.latency,
             faults=self.declared_faults,
             seed=int(np.random.SeedSequence(seed).generate_state(1)[0]),
+            scene=scene,
         )
         if self.is_level:
             return make()

@@ -7,6 +7,8 @@ from hugwbc import extensions
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import (
+    arrive,
+    behaviours,
     carry,
     contacts,
     disturbance,
@@ -26,6 +28,7 @@ from hugwbc.evaluation.experiments import (
     robustness,
     single_command,
     small_velocities,
+    stops,
     suite_tasks,
     sway,
     tour,
@@ -47,6 +50,8 @@ EXPERIMENTS: Mapping[str, Experiment[Any]] = {
         contacts,
         random_commands,
         small_velocities,
+        stops,
+        arrive,
         hands,
         carry,
         pull,
@@ -57,6 +62,7 @@ EXPERIMENTS: Mapping[str, Experiment[Any]] = {
         faults,
         engines,
         suite_tasks,
+        behaviours,
     )
 }
 

@@ -1,0 +1,101 @@
+"""Does `walk_to` arrive? Goals at any distance and heading, with the defaults of the behaviour.
+
+A box far away makes the place a scene, in which the robot's pose is told as by motion capture, without drift.
+"""
+
+import math
+
+import numpy as np
+import polars as pl
+
+from hugwbc.controller import Controller
+from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+from hugwbc.evaluation.plans import Plan
+from hugwbc.rotations import wrap_angle
+from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.behaviours import BehaviourSource, Status, WalkTo
+from hugwbc.settings import Count, Positive, settings
+from hugwbc.sim import Scene
+from hugwbc.sim.scenes import Box
+from hugwbc.upper_ik import UpperBodySource
+
+DISTANCE = (0.3, 3.0)  # [m]
+FAR = Scene((Box(name="far", position=(9.0, 9.0), size=(0.2, 0.2, 0.2), mass=1.0),))
+
+
+@settings(kw_only=True)
+class ArriveSettings(CountedSettings):
+    """Settings of arrive, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of goals.
+        duration: longest time of an episode [s].
+    """
+
+    episodes: Count = 20
+    duration: Positive = 60.0
+
+
+def plan(settings: ArriveSettings) -> list[Plan]:
+    """Return an episode for each goal: distances and bearings are uniform, and so is the heading at the goal."""
+    plans = []
+    for draw in range(settings.episodes):
+        rng = np.random.default_rng((settings.seed, draw))
+        distance, bearing = rng.uniform(*DISTANCE), rng.uniform(-math.pi, math.pi)
+        goal = {"x": distance * math.cos(bearing), "y": distance * math.sin(bearing)}
+        plans.append(Plan(draw, tags={**goal, "yaw": float(rng.uniform(-math.pi, math.pi))}))
+    return plans
+
+
+def episode(controller: Controller, settings: ArriveSettings, plan: Plan) -> Row:
+    """Return whether and when the behaviour ended with success, and how far the robot truly stood from the goal.
+
+    - `seconds`: time until the robot stood at the goal [s]; `distance`: of the pelvis from the goal [m]; `angle`: of
+      the heading from that of the goal [deg]. None for walks that did not arrive.
+    """
+    conditions = settings.conditions
+    x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
+    source = BehaviourSource(WalkTo((x, y), yaw))
+    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene=FAR)
+    trace = rollout(
+        controller,
+        source,
+        simulation,
+        UpperBodySource(robot=simulation.known_robot),
+        duration=settings.duration,
+        estimator=conditions.estimator(),
+        until=lambda: source.done,
+    )
+    row = {**ending(trace), "success": source.status is Status.SUCCESS and not trace.fell, "ending": source.ending}
+    if not row["success"]:
+        return row | {"seconds": None, "distance": None, "angle": None}
+    state = simulation.state()
+    assert state.position is not None
+    away = math.hypot(state.position[0] - x, state.position[1] - y)
+    angle = abs(math.degrees(float(wrap_angle(state.yaw - yaw))))
+    return row | {"seconds": simulation.time, "distance": away, "angle": angle}
+
+
+def figures(settings: ArriveSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the share of goals that were reached, time and true error of these, and the falls."""
+    table, done = "Goals of 0.3 to 3 m, any heading", rows.filter(pl.col("success"))
+    found = [
+        Figure(table, "arrived", "% of goals", wilson_percentage(rows["success"].to_list()), higher_is_better=True),
+        Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
+        Figure(table, "true distance", "m", bootstrap_mean(done["distance"])),
+        Figure(table, "true angle", "deg", bootstrap_mean(done["angle"])),
+    ]
+    return [*found, falls_figure(table, rows["fell"])]
+
+
+EXPERIMENT = Experiment(
+    "arrive",
+    "walk_to goals of 0.3 to 3 m and any heading: how often it arrives, how fast, how exactly",
+    ArriveSettings,
+    plan,
+    episode,
+    figures,
+)

@@ -1,0 +1,112 @@
+"""A behaviour of the user's own, played again and again: how often it is done, how long it takes, why it fails."""
+
+from typing import Any
+
+import polars as pl
+
+from hugwbc import extensions
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
+from hugwbc.evaluation.plans import Plan
+from hugwbc.runtime.rollout import rollout
+from hugwbc.scripts.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
+from hugwbc.settings import Count, Positive, settings
+from hugwbc.sim import Scene, load_scene
+from hugwbc.upper_ik import UpperBodySource
+
+
+@settings(kw_only=True)
+class BehavioursSettings(CountedSettings):
+    """Settings of behaviours, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next.
+        behaviour: name of a shipped behaviour, a YAML file, or FILE.py:NAME of a function that returns a behaviour.
+        scene: name of a shipped scene, a YAML file, or FILE.py:NAME of a scene.
+        duration: longest time of an episode [s].
+    """
+
+    episodes: Count = 10
+    behaviour: str = "fetch_cup"
+    scene: str = "cupboard"
+    duration: Positive = 120.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        scene_of(self.scene)
+        behaviour_of(self.behaviour)
+
+
+def scene_of(words: str) -> Scene:
+    """Return a scene by name, path or `FILE.py:NAME`."""
+    return _of(words, Scene) if extensions.names_object(words) else load_scene(words)
+
+
+def behaviour_of(words: str) -> Behaviour:
+    """Return a new behaviour by name, path or `FILE.py:NAME`."""
+    return _of(words, Behaviour) if extensions.names_object(words) else load_behaviour(words)
+
+
+def _of(words: str, kind: type) -> Any:  # noqa: ANN401  an object of `kind`
+    found = extensions.load_object(words, kind.__name__.lower())
+    found = found() if callable(found) and not isinstance(found, kind) else found
+    if not isinstance(found, kind):
+        raise ConfigError(
+            f"{words} is a {type(found).__name__}; give a {kind.__name__}, or a function that returns one"
+        )
+    return found
+
+
+def plan(settings: BehavioursSettings) -> list[Plan]:
+    """Return the episodes."""
+    return [Plan(draw) for draw in range(settings.episodes)]
+
+
+def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
+    """Return whether the behaviour ended with success, when [s], how it ended, and where the objects then were [m]."""
+    conditions, source = settings.conditions, BehaviourSource(behaviour_of(settings.behaviour))
+    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene_of(settings.scene))
+    trace = rollout(
+        controller,
+        source,
+        simulation,
+        UpperBodySource(robot=simulation.known_robot),
+        duration=settings.duration,
+        estimator=conditions.estimator(),
+        until=lambda: source.done,
+    )
+    success = source.status is Status.SUCCESS and not trace.fell
+    return {
+        **ending(trace),
+        "success": success,
+        "seconds": simulation.time if success else None,
+        "ending": "a fall" if trace.fell else source.ending,
+        "objects": {name: pose.position.round(3).tolist() for name, pose in simulation.objects.items()},
+    }
+
+
+def figures(settings: BehavioursSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return how often it was done, its time, and the other endings."""
+    table, done = settings.behaviour, rows.filter(pl.col("success"))
+    success = wilson_percentage(rows["success"].to_list())
+    endings = rows.filter(~pl.col("success")).group_by("ending", maintain_order=True).len()
+    return [
+        Figure(table, "done", "% of episodes", success, higher_is_better=True),
+        Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
+        *(Figure(table, words, "% of episodes", wilson_of(n, len(rows))) for words, n in endings.iter_rows()),
+        falls_figure(table, rows["fell"]),
+    ]
+
+
+EXPERIMENT = Experiment(
+    "behaviours",
+    "a behaviour of your own, again and again: how often it is done, and why not",
+    BehavioursSettings,
+    plan,
+    episode,
+    figures,
+)

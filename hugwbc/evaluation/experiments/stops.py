@@ -1,0 +1,104 @@
+"""Told to stand at once while it moves: does the robot brake and stay up?
+
+Every episode moves at one of several speeds and is told to stand at a random time of its stride, as by a key or by the
+end of a connection. The change of gait waits for the brake of the safety filter.
+"""
+
+import dataclasses
+from typing import Annotated
+
+import numpy as np
+import polars as pl
+from pydantic import Field
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+from hugwbc.evaluation.plans import Knot, Plan, Schedule
+from hugwbc.settings import Positive, settings
+
+SPEEDS = (0.6, 1.0, 1.5)  # [m/s]
+WAYS = {
+    "forwards": lambda speed: Command(v_x=speed),
+    "sideways": lambda speed: Command(v_y=speed),
+    "turning": lambda speed: Command(v_x=speed, omega=0.6),
+}
+STRIDE = 0.5  # [s] at the default frequency
+STILL = 0.1  # [m/s], below which a robot has stopped
+
+
+@settings(kw_only=True)
+class StopsSettings(CountedSettings):
+    """Settings of stops, in addition to `CountedSettings`.
+
+    Attributes:
+        episodes: number of episodes of each speed and way; speeds beyond the range of a command are left out.
+        speeds: commanded speeds [m/s].
+        settle: time of moving before the robot is told to stand [s].
+    """
+
+    episodes: Annotated[int, Field(ge=1)] = 6
+    speeds: tuple[Positive, ...] = SPEEDS
+    settle: Positive = 3.0
+    duration: Positive = 9.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gait == "standing":
+            raise ConfigError("a standing robot need not stop; choose another gait")
+
+
+def plan(settings: StopsSettings) -> list[Plan]:
+    """Return the episodes of each way and speed that the gait admits; each stops at another time of a stride."""
+    gait, ways = settings.gaits[0], {}
+    for way, command in WAYS.items():
+        for speed in settings.speeds:
+            wanted = dataclasses.replace(command(speed), gait=gait)
+            if not wanted.clamp()[1]:
+                ways[f"{way} at {speed:g} m/s"] = wanted
+    plans = []
+    for cell, (name, wanted) in enumerate(ways.items()):
+        for number in range(settings.episodes):
+            draw = cell * settings.episodes + number
+            at = settings.settle + STRIDE * float(np.random.default_rng((settings.seed, draw)).uniform())
+            commands = Schedule((Knot(0.0, wanted), Knot(at, Command())))
+            plans.append(Plan(draw, commands, {"way": name, "at": at}))
+    return plans
+
+
+def episode(controller: Controller, settings: StopsSettings, plan: Plan) -> Row:
+    """Return the time from the word to stand until the pelvis is slow for good [s], and the way until the end [m]."""
+    trace, at = simulate(controller, settings, plan).trace, float(plan.tags["at"])
+    speed = np.linalg.norm(trace.measured[:, :2], axis=1)
+    fast = np.flatnonzero(speed > STILL)
+    stopped = trace.time[fast[-1]] if fast.size else 0.0
+    after = trace.time >= at
+    moved = np.linalg.norm(np.diff(trace.qpos[after, :2], axis=0), axis=1).sum() if after.any() else 0.0
+    return {"stop_s": max(0.0, float(stopped) - at), "moved": float(moved), **ending(trace)}
+
+
+def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return falls of each way and speed, and time and distance of the stops without a fall."""
+    table, found = f"Told to stand, {settings.gait}", []
+    for (way,), part in rows.group_by("way", maintain_order=True):
+        upright = part.filter(~pl.col("fell"))
+        found += [
+            Figure(table, f"{way}: falls", "% of episodes", wilson_percentage(part["fell"].to_list())),
+            Figure(table, f"{way}: time until still", "s", bootstrap_mean(upright["stop_s"])),
+            Figure(table, f"{way}: way until still", "m", bootstrap_mean(upright["moved"])),
+        ]
+    return [*found, falls_figure(table, rows["fell"])]
+
+
+EXPERIMENT = Experiment(
+    "stops",
+    "told to stand at once at several speeds: who falls, and how far it goes on",
+    StopsSettings,
+    plan,
+    episode,
+    figures,
+)
