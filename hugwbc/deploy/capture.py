@@ -75,9 +75,14 @@ class Capture:
 
 
 class CapturedWorld:
-    """View of robot, objects and grippers for a behaviour, from the last capture."""
+    """View of robot, objects and grippers for a behaviour, from the last capture.
+
+    Attributes:
+        grips: what was last asked of the grippers, to be published.
+    """
 
     def __init__(self) -> None:
+        self.grips: tuple[Grip, ...] = ()
         self._last: Capture | None = None
         self._now = 0.0
 
@@ -104,6 +109,10 @@ class CapturedWorld:
     def held(self, side: str) -> str | None:
         """Return what a hand holds; None for nothing."""
         return None if self._last is None else self._last.held[SIDES.index(side)]
+
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Note what is asked of the grippers."""
+        self.grips = grips
 
 
 def text_of_grips(grips: Iterable[Grip]) -> str:

@@ -7,10 +7,7 @@ given, in their order, so that a recording of these can be replayed bit for bit.
 import dataclasses
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from hugwbc.commands import Command
-from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.controller import Controller, JointCommand
 from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
 from hugwbc.deploy.remote import ButtonWatch, Request
@@ -18,13 +15,11 @@ from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
 from hugwbc.runtime.contact import ContactParams
+from hugwbc.runtime.control_period import ArmSource, ControlPeriod
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
-from hugwbc.runtime.loop import ArmSource
-from hugwbc.runtime.moment import PlanView
-from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.behaviours import Grip
-from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.scripts.command_source import CommandSource
 from hugwbc.state import GRAVITY, RobotState
 
 _ROUNDING = 1e-9  # [s]
@@ -54,7 +49,6 @@ class Pilot:
         estimate: the last estimate; None before the first state.
         estimator: the only source of the controller's state.
         plan: what the controller plans, for pictures.
-        grips: what the source asked of the idealised grippers at the last call of the controller.
     """
 
     def __init__(
@@ -80,25 +74,28 @@ class Pilot:
         """
         self.limits = limits or Limits()
         self.machine = StateMachine(robot, tell)
-        self.safe = SafetyFilter(controller, robot=robot)
         # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(EstimatorParams(contact=ContactParams(base_weight=0.0)), robot=robot)
-        self.estimate: RobotState | None = None
-        self._source, self._upper_body, self._robot = source, upper_body, robot
-        self._steer = getattr(source, "steer", None)
-        self._seeing = source if isinstance(source, SeeingSource) else None
         self._world = CapturedWorld()
-        self._sight = Sight(self._world, robot)
-        self.grips: tuple[Grip, ...] = ()
-        self.plan = PlanView(controller)
+        self._control = ControlPeriod(
+            controller,
+            source,
+            Sight(self._world, robot),
+            robot=robot,
+            estimator=self.estimator,
+            upper_body=upper_body,
+        )
+        self.safe, self.plan = self._control.safe, self._control.plan
+        self.estimate: RobotState | None = None
+        self._robot = robot
+        self._steer = getattr(source, "steer", None)
         self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
         self._weight = GRAVITY * robot.mass
         self._estimating = False
         self._last: JointCommand | None = None
         self._last_time: float | None = None
         self._due = self._run_start = 0.0
-        self._arms: np.ndarray | None = None
 
     @property
     def mode(self) -> Mode:
@@ -109,6 +106,11 @@ class Pilot:
     def carried(self) -> float:
         """Part of the weight that the feet carry, as the torques of the legs tell."""
         return float(self.estimator.foot_force[:, 2].sum()) / self._weight
+
+    @property
+    def grips(self) -> tuple[Grip, ...]:
+        """What the source asked of the idealised grippers at the last call of the controller."""
+        return self._world.grips
 
     def see(self, capture: Capture) -> None:
         """Take a motion capture of robot and objects, for a source that uses it."""
@@ -141,12 +143,13 @@ class Pilot:
         return Decision(state.time, self._last, new=True)
 
     def _estimate(self, state: RobotState) -> None:
-        if not self._estimating:
-            self._estimating = state.is_usable
-            self.estimate = self.estimator.reset(state) if state.is_usable else state
-        else:
-            planned = self.plan.acceleration if self.mode is Mode.RUN else None
-            self.estimate = self.estimator.update(state, planned)
+        control = self._control
+        if self._estimating:
+            control.observe(state, driven=self.mode is Mode.RUN)
+        elif state.is_usable:
+            self._estimating = True
+            control.locate(state)
+        self.estimate = control.estimate if self._estimating else state
 
     def _fault(self, message: StateMessage) -> str | None:
         """Return the fault of the body or of the time between two states; None if there is none."""
@@ -182,20 +185,13 @@ class Pilot:
     def _begin(self, state: RobotState) -> None:
         """Start the controller from a robot that stands still."""
         self.machine.enter(Mode.RUN, f"asked to run, with {100 * self.carried:.0f} % of the weight on the feet", state)
-        self.estimate = self.estimator.reset(state)
-        self.safe.reset(self.estimate)
-        if self._upper_body is not None:
-            self._upper_body.reset()
-        self._arms = None
-        self._sight.reset()
-        if self._seeing is not None:
-            self._seeing.restart()
+        self._control.start(state)
+        self.estimate = self._control.estimate
         self._run_start = self._due = state.time
 
     def _run(self, message: StateMessage) -> Decision:
         """Call the controller if its period is over; else repeat its last command."""
-        time, estimate = message.state.time, self.estimate
-        assert estimate is not None
+        time = message.state.time
         if time < self._due - _ROUNDING and self._last is not None:
             return Decision(time, self._last, new=False)
         # After a gap the controller goes on from now; it does not catch up.
@@ -203,26 +199,9 @@ class Pilot:
         self._due = (self._due if on_time else time) + self.safe.period
         if self._steer is not None:
             self._steer(message.remote, time)
-        placed = self._look(self._seeing, estimate, time) if self._seeing is not None else estimate
-        command, arms = self._arm_targets(placed, self._source.command_at(time - self._run_start), time)
-        self._last = self.safe.act(estimate, command, arms)
-        self._arms = self._last.q[self._robot.arms]
-        return Decision(time, self._last, new=True)
-
-    def _look(self, source: SeeingSource, estimate: RobotState, time: float) -> RobotState:
-        """Update the source's view; return the state in the world that it sees."""
         self._world.advance(time)
-        view = dataclasses.replace(self._sight.look(time, estimate), time=time - self._run_start)
-        source.see(view)
-        self.grips = source.grips
-        return view.state
-
-    def _arm_targets(self, estimate: RobotState, command: Command, time: float) -> tuple[Command, UpperBody]:
-        if self._upper_body is None:
-            return command, UpperBody.none()
-        hands = self._source.hands_at(time - self._run_start)
-        arms, command = self._upper_body.update(estimate, hands, command, self.safe.period, self._arms)
-        return command, arms
+        self._last = self._control.decide(time - self._run_start)
+        return Decision(time, self._last, new=True)
 
     @property
     def commanded(self) -> JointCommand | None:

@@ -78,7 +78,7 @@ class Episode:
     def _decide(self) -> None:
         """Take the joint command of the next period, and a sample where one is due."""
         self._command = self._loop.decide(self.time)
-        self._judge.sample(self.time, world_targets(self._loop.hands, self.simulation.state()))
+        self._judge.sample(self.time, world_targets(self._loop.control.hands, self.simulation.state()))
 
     def judge(self) -> Verdict:
         """Return the verdict on the episode, as if it ended now."""

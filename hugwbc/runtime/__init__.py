@@ -4,10 +4,11 @@ The names below are what users need. Modules of hugwbc itself import the submodu
 """
 
 from hugwbc.arm_servo import ArmServo, ArmServoConfig
+from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
-from hugwbc.runtime.loop import ArmSource, ControlLoop
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport

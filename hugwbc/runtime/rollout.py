@@ -8,10 +8,12 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
+from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.loop import ArmSource, CommandSource, ControlLoop
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
 from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
+from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState
 
@@ -68,7 +70,7 @@ def rollout(
         joint_command = loop.decide(t)
         recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
         if upper_body is not None:
-            recorder.ik_ms.append(loop.ik_s * 1e3)
+            recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if recorder.due(t):
             moment = recorder.sample(t, joint_command)
             if on_moment is not None:
@@ -115,7 +117,7 @@ class Recorder:
             force = state.foot_force
             assert force is not None
             if self.on_step is not None:
-                self.on_step(state, self.loop.estimate)
+                self.on_step(state, self.loop.control.estimate)
             self._watch.update(_ONLY, now, force[None], self.simulation.sole_velocity[None])
         return not self.simulation.fallen
 

@@ -120,6 +120,10 @@ class World(Protocol):
         """Return what the gripper of a hand holds; None for nothing."""
         ...
 
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Take what is asked of the grippers at this tick."""
+        ...
+
 
 class SimulatedWorld:
     """The world of a simulation."""
@@ -141,6 +145,11 @@ class SimulatedWorld:
         """Return what the gripper of a hand holds; None for nothing."""
         gripper = self._simulation.gripper
         return None if gripper is None else gripper.held(side)
+
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Carry out what is asked of the grippers."""
+        if grips:
+            carry_out(grips, self._simulation)
 
 
 class Sight:
@@ -186,6 +195,10 @@ class Sight:
             hand_force=state.hand_force,
             held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
         )
+
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Pass on what is asked of the grippers at this tick."""
+        self._world.grip(grips)
 
     def _objects(self, picture: Picture | None) -> SeenObjects:
         if picture is None:

@@ -105,7 +105,7 @@ class Drive:
             self.loop.step(command, self.loop.period)
         else:
             record, t = self._record, self._t - self._begin
-            record.log.add(t, self.page.source.command, self.loop.hands)
+            record.log.add(t, self.page.source.command, self.loop.control.hands)
             if record.recorder.due(t):
                 record.recorder.sample(t, command)
             record.recorder.advance(command, t)

@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
-from hugwbc.runtime.loop import ArmSource, ControlLoop
+from hugwbc.runtime.control_period import ArmSource
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace

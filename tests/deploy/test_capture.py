@@ -189,5 +189,5 @@ def test_a_run_among_objects_is_replayed_bit_for_bit(
     again = Looker()
     result = replay(file, make_pilot(source=again), Messages(H1), 0.0)
     assert result.different == 0 and result.states == 52
-    np.testing.assert_array_equal(again.views[-1].state.position, pilot._source.views[-1].state.position)
+    np.testing.assert_array_equal(again.views[-1].state.position, pilot._control._source.views[-1].state.position)
     np.testing.assert_array_equal(again.views[-1].objects["parcel"].position, POSE[:3])

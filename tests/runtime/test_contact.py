@@ -73,7 +73,7 @@ def _walk(seed, duration, v_x=0.5, omega=0.0, settle=1.0, biases=None, told="h1"
             truths.append(loop.step(joint_command, simulation.timestep))
             if simulation.time < settle or len(truths) <= delay:
                 continue
-            truth, estimate = truths[-1 - delay], loop.estimate  # the estimate is of the reading's time
+            truth, estimate = truths[-1 - delay], loop.control.estimate  # the estimate is of the reading's time
             turn = rotations.to_matrix(estimate.orientation) @ rotations.to_matrix(truth.orientation).T
             tilt = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]])
             errors.append(np.concatenate((tilt, estimate.velocity - truth.velocity)))

@@ -85,7 +85,7 @@ def test_the_weight_in_the_hands_of_a_walking_robot(payload):
     forces = []
     while simulation.time < 6.0:
         loop.step(loop.decide(simulation.time), loop.period)
-        forces.append(loop.estimate.hand_force)
+        forces.append(loop.control.estimate.hand_force)
     assert not simulation.fallen
     mean = np.mean(forces[len(forces) // 2 :], axis=0)
     assert mean[:, 2] == pytest.approx([-9.81 * payload] * 2, abs=5.0)

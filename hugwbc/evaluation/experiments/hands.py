@@ -16,7 +16,7 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled,
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
-from hugwbc.runtime.loop import ArmSource
+from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line

@@ -1,0 +1,145 @@
+"""One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
+
+import time
+from typing import Protocol
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.robot import Robot
+from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.moment import PlanView
+from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.sight import Sight
+from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import IKSolution
+
+
+class ArmSource(Protocol):
+    """An object that turns hand targets into arm joint targets, such as `hugwbc.upper_ik.UpperBodySource`."""
+
+    @property
+    def solution(self) -> IKSolution | None:
+        """The last IK solution; None while the controller moves the arms."""
+        ...
+
+    def reset(self) -> None:
+        """Give the arms back at once, for a new run."""
+        ...
+
+    def update(
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the arm targets for the next `dt` seconds, and the command as the hands need it.
+
+        Args:
+            state: the robot now.
+            hands: the hand targets; None gives the arms back to the controller.
+            command: the user's command; its h, p and w may change for targets that ask for the whole body.
+            dt: length of the control period [s].
+            commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
+        """
+        ...
+
+
+class ControlPeriod:
+    """What happens in every control period between a reading and a joint command.
+
+    `decide` goes downhill, each part once: the source of commands, the arms, the safety filter with the controller
+    inside it. `hugwbc.runtime.loop.ControlLoop` calls it for a simulated robot, `hugwbc.deploy.pilot.Pilot` for one
+    behind messages.
+
+    Attributes:
+        safe: the controller behind its safety filter.
+        plan: what the controller plans.
+        estimator: gives the controller the state from noisy sensors; None where the readings tell it.
+        estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
+        hands: the last hand targets, None where the controller moves the arms.
+        ik_s: time that the last call of the arms' source took [s].
+    """
+
+    estimate: RobotState
+
+    def __init__(
+        self,
+        controller: Controller,
+        source: CommandSource,
+        sight: Sight,
+        *,
+        robot: Robot,
+        estimator: StateEstimator | None,
+        upper_body: ArmSource | None = None,
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            controller: any object with the members of `Controller`.
+            source: gives commands and hand targets over time.
+            sight: what a source that looks at robot and objects sees.
+            robot: whose limits the safety filter keeps.
+            estimator: estimates the state from the readings; None where they tell it.
+            upper_body: turns hand targets into arm targets; None ignores hand targets.
+        """
+        self.safe = SafetyFilter(controller, robot=robot)
+        self.plan = PlanView(controller)
+        self.estimator, self.upper_body = estimator, upper_body
+        self.hands: HandTargets | None = None
+        self.ik_s = 0.0
+        self._source, self._sight = source, sight
+        self._seeing = source if isinstance(source, SeeingSource) else None
+        self._arms = robot.arms
+        self._commanded_arms: np.ndarray | None = None
+        self._free_arms = UpperBody.none()
+
+    def locate(self, reading: RobotState) -> None:
+        """Start the estimate from the reading of a robot that stands at rest."""
+        self.estimate = reading if self.estimator is None else self.estimator.reset(reading)
+
+    def start(self, reading: RobotState) -> None:
+        """Start a run from the reading of a robot that stands at rest."""
+        self.locate(reading)
+        self.safe.reset(self.estimate)
+        self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
+        if self.upper_body is not None:
+            self.upper_body.reset()
+        if self._seeing is not None:
+            self._seeing.restart()
+            self._sight.reset()
+
+    def observe(self, reading: RobotState, *, driven: bool = True) -> None:
+        """Take a reading.
+
+        Args:
+            reading: newer than all before.
+            driven: whether the controller's last command acts, so that its plan tells of the motion.
+        """
+        if self.estimator is None:
+            self.estimate = reading
+        else:
+            self.estimate = self.estimator.update(reading, self.plan.acceleration if driven else None)
+
+    def decide(self, t: float) -> JointCommand:
+        """Return the joint command for the next period, which begins at time t of the run [s]."""
+        state = placed = self.estimate
+        if self._seeing is not None:
+            view = self._sight.look(t, state)
+            self._seeing.see(view)
+            self._sight.grip(self._seeing.grips)
+            placed = view.state
+        command, arms = self._source.command_at(t), self._free_arms
+        if self.upper_body is not None:
+            self.hands = self._source.hands_at(t)
+            begin = time.perf_counter()
+            arms, command = self.upper_body.update(placed, self.hands, command, self.safe.period, self._commanded_arms)
+            self.ik_s = time.perf_counter() - begin
+        joints = self.safe.act(state, command, arms)
+        self._commanded_arms = joints.q[self._arms]
+        return joints
