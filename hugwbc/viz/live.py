@@ -27,7 +27,7 @@ from hugwbc.viz.live_meshes import colour_meshes
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
 from hugwbc.viz.page_guard import HOST, check_host, guarded, page_address
-from hugwbc.viz.shapes import object_shapes, visual_shapes
+from hugwbc.viz.shapes import rgb_of, shapes_of
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
@@ -124,10 +124,10 @@ class LivePage:
         self.server.initial_camera.position = CAMERA
         self.server.initial_camera.look_at = LOOK_AT
         self._links = {}
-        for link, meshes in colour_meshes(visual_shapes(model)).items():
+        for link, meshes in colour_meshes(shapes_of(model)).items():
             self._links[link] = scene.add_frame(f"{WORLD}/robot/{link}", show_axes=False)
             for part, (colour, mesh) in enumerate(meshes.items()):
-                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{part}", mesh.vertices, mesh.faces, color=colour)
+                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour))
         self._heading = scene.add_frame(f"{WORLD}/heading", show_axes=False)
         self._handles = {}
         for side in SIDES:
@@ -146,12 +146,16 @@ class LivePage:
         if around is None or model is None:
             return
         self.server.initial_camera.position = SCENE_CAMERA
-        meshes = colour_meshes(object_shapes(model))
+        meshes = colour_meshes(shapes_of(model))
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
             frame = self.server.scene.add_frame(f"{WORLD}/objects/{number}", show_axes=False)
             for part, (colour, mesh) in enumerate(meshes.get(body, {}).items()):
                 self.server.scene.add_mesh_simple(
-                    f"{WORLD}/objects/{number}/{part}", mesh.vertices, mesh.faces, color=colour, flat_shading=True
+                    f"{WORLD}/objects/{number}/{part}",
+                    mesh.vertices,
+                    mesh.faces,
+                    color=rgb_of(colour),
+                    flat_shading=True,
                 )
             self._objects.append(frame)
 

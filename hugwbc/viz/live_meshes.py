@@ -8,16 +8,13 @@ import trimesh
 
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape
 
-Colour = tuple[int, int, int]  # red, green and blue, each up to 255
 
-
-def colour_meshes(shapes: Iterable[Shape]) -> dict[str, dict[Colour, trimesh.Trimesh]]:
+def colour_meshes(shapes: Iterable[Shape]) -> dict[str, dict[str, trimesh.Trimesh]]:
     """Return the shapes of each body in its frame, joined to one mesh for each colour, by the body's name."""
-    parts: dict[str, dict[Colour, list[trimesh.Trimesh]]] = {}
+    parts: dict[str, dict[str, list[trimesh.Trimesh]]] = {}
     for shape in shapes:
-        red, green, blue = (round(255 * value) for value in shape.colour)
         mesh = _mesh(shape.primitive).apply_transform(shape.placement)
-        parts.setdefault(shape.link, {}).setdefault((red, green, blue), []).append(mesh)
+        parts.setdefault(shape.body, {}).setdefault(shape.colour, []).append(mesh)
     return {
         body: {colour: cast(trimesh.Trimesh, trimesh.util.concatenate(meshes)) for colour, meshes in of_body.items()}
         for body, of_body in parts.items()

@@ -1,6 +1,6 @@
 """Marks around a robot: commanded hands, footsteps, contact forces, balance, gait phases.
 
-`Marks` says where each mark is at one moment, `mark_parts` what it looks like. The live scene, the replay page and the
+`Marks` says where each mark is at one moment, `mark_shapes` what it looks like. The live scene, the replay page and the
 video all draw these marks.
 """
 
@@ -16,7 +16,7 @@ from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.layout import robot_layout
-from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z
+from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow
 HAND_FORCE_SCALE = 5e-3  # [m/N]; forces on hands are small beside those on feet
@@ -57,6 +57,13 @@ class Mark:
     quaternion: np.ndarray = dataclasses.field(default_factory=lambda: UPRIGHT)
     scale: np.ndarray = dataclasses.field(default_factory=lambda: np.ones(3))
 
+    @property
+    def placement(self) -> np.ndarray:
+        """The transform of the mark's shapes, shape (4, 4)."""
+        placement = homogeneous(self.position, self.quaternion)
+        placement[:3, :3] *= self.scale
+        return placement
+
 
 HIDDEN = Mark(visible=False)
 
@@ -92,6 +99,10 @@ class Marks:
             **self._balance(moment.foot_contact),
             **self._phases(moment),
         }
+
+    def body(self, body: int) -> Mark:
+        """Return where a body of the model was at the last moment asked for, by its number."""
+        return Mark(True, self._data.xpos[body].copy(), self._data.xquat[body].copy())
 
     def footprint(self, qpos: np.ndarray, foot: int) -> Mark:
         """Return the mark that a foot leaves on level ground.
@@ -246,62 +257,43 @@ def _about_z(yaw: float) -> np.ndarray:
     return rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Part:
-    """One primitive of a mark.
-
-    Attributes:
-        primitive: the geometry, one of meshcat's.
-        colour: colour as "#rrggbb".
-        opacity: opacity in (0, 1].
-        placement: homogeneous transform in the mark's frame, shape (4, 4).
-        on_top: whether the part is drawn over everything that would hide it.
-    """
-
-    primitive: geometry.Geometry
-    colour: str
-    opacity: float = 1.0
-    placement: np.ndarray = dataclasses.field(default_factory=lambda: np.eye(4))
-    on_top: bool = False
-
-
-def mark_parts(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[str, list[Part]]:
-    """Return the parts of every mark, by the mark's path below the robot.
+def mark_shapes(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[str, list[Shape]]:
+    """Return the shapes of every mark, by the mark's path below the robot.
 
     Args:
         shapes: the robot's visual shapes, for the ghosts of its forearms.
         label: the robot's colour as "#rrggbb".
         sole: centre of a sole in the ankle link's frame [m], shape (3,).
     """
-    parts: dict[str, list[Part]] = {}
+    parts: dict[str, list[Shape]] = {}
     for side in SIDES:
-        parts[f"hands/target_{side}"] = [Part(geometry.Sphere(TARGET_RADIUS), label, 0.75)]
-        forearm = [shape for shape in shapes if shape.link == f"{side}_elbow_link"]
-        parts[f"hands/ghost_{side}"] = [Part(shape.primitive, label, 0.3, shape.placement) for shape in forearm]
+        parts[f"hands/target_{side}"] = [Shape(geometry.Sphere(TARGET_RADIUS), label, opacity=0.75)]
+        forearm = [shape for shape in shapes if shape.body == f"{side}_elbow_link"]
+        parts[f"hands/ghost_{side}"] = [Shape(shape.primitive, label, shape.placement, 0.3) for shape in forearm]
         parts[f"steps/planned_{side}"] = [footprint(label, 0.35)]
         parts[f"forces/{side}"] = _arrow()
         parts[f"forces/{side}_hand"] = _arrow()
         for name, colour in (("stance", STANCE), ("swing", SWING)):
             parts[f"phases/{side}/{name}"] = [_slab(colour, sole)]
-    parts["balance/centre"] = [Part(geometry.Sphere(CENTRE_RADIUS), BALANCE)]
-    parts["balance/plumb"] = [Part(_rod(1.0, 0.5 * LINE_RADIUS), BALANCE, 1.0, along_z(0.5) @ CYLINDER_TO_Z)]
-    parts["balance/ground"] = [Part(_rod(0.004, GROUND_RADIUS), BALANCE, 1.0, along_z(0.004) @ CYLINDER_TO_Z)]
+    parts["balance/centre"] = [Shape(geometry.Sphere(CENTRE_RADIUS), BALANCE)]
+    parts["balance/plumb"] = [Shape(_rod(1.0, 0.5 * LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z)]
+    parts["balance/ground"] = [Shape(_rod(0.004, GROUND_RADIUS), BALANCE, along_z(0.004) @ CYLINDER_TO_Z)]
     for index in range(EDGES):
-        edge = Part(_rod(1.0, LINE_RADIUS), BALANCE, 1.0, along_z(0.5) @ CYLINDER_TO_Z, on_top=True)
+        edge = Shape(_rod(1.0, LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z, on_top=True)
         parts[f"balance/edge_{index}"] = [edge]
     return parts
 
 
-def footprint(colour: str, opacity: float) -> Part:
+def footprint(colour: str, opacity: float) -> Shape:
     """Return a sole's print on the ground, in a frame at the sole's centre."""
-    return Part(_sole_box(STEP_THICKNESS), colour, opacity, along_z(0.5 * STEP_THICKNESS))
+    return Shape(_sole_box(STEP_THICKNESS), colour, along_z(0.5 * STEP_THICKNESS), opacity)
 
 
-def _slab(colour: str, sole: np.ndarray) -> Part:
+def _slab(colour: str, sole: np.ndarray) -> Shape:
     low, high = SLAB_HEIGHT
     placement = along_z(0.5 * (low + high))
     placement[:3, 3] += sole
-    return Part(_sole_box(high - low), colour, 1.0, placement)
+    return Shape(_sole_box(high - low), colour, placement)
 
 
 def _sole_box(height: float) -> geometry.Box:
@@ -314,10 +306,10 @@ def _rod(length: float, radius: float) -> geometry.Cylinder:
     return geometry.Cylinder(length, radius)
 
 
-def _arrow() -> list[Part]:
+def _arrow() -> list[Shape]:
     """Return an arrow of unit length along z."""
     shaft, head = 1.0 - HEAD, geometry.Cylinder(HEAD, radiusTop=0.0, radiusBottom=2.2 * FORCE_RADIUS)
     return [
-        Part(_rod(shaft, FORCE_RADIUS), FORCE, 0.9, along_z(0.5 * shaft) @ CYLINDER_TO_Z, on_top=True),
-        Part(head, FORCE, 0.9, along_z(1.0 - 0.5 * HEAD) @ CYLINDER_TO_Z, on_top=True),
+        Shape(_rod(shaft, FORCE_RADIUS), FORCE, along_z(0.5 * shaft) @ CYLINDER_TO_Z, 0.9, on_top=True),
+        Shape(head, FORCE, along_z(1.0 - 0.5 * HEAD) @ CYLINDER_TO_Z, 0.9, on_top=True),
     ]

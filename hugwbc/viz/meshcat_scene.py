@@ -9,14 +9,13 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim import scenes
-from hugwbc.sim.layout import robot_layout
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
-from hugwbc.viz.marks import LAYERS, UPRIGHT, Mark, Marks, Part, footprint, mark_parts
-from hugwbc.viz.shapes import Shape, homogeneous, object_shapes, visual_shapes
+from hugwbc.viz.marks import UPRIGHT, Mark, Marks, footprint, mark_shapes
+from hugwbc.viz.shapes import Shape, hex_colour, homogeneous, rgb_of, shapes_of
 
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # [m] from the point looked at, in meshcat's camera axes (x, up, -y)
 # From the left and a little from behind: what a robot works at is ahead of it.
@@ -29,36 +28,24 @@ FLOOR_SIZE, TILE = 60.0, 0.5  # [m]
 _LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour in each material
 
 
-def _rgb(colour: str) -> np.ndarray:
-    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-
-
-def _hex(rgb: np.ndarray) -> int:
-    red, green, blue = np.round(255 * np.clip(rgb, 0, 1)).astype(int).tolist()
-    return red << 16 | green << 8 | blue
-
-
-def labelled_colour(material: str, rgb: Sequence[float], label: str) -> np.ndarray:
+def labelled_colour(material: str, colour: str, label: str) -> str:
     """Return a material's colour, with the label colour mixed into shells and lamp so that robots can be told apart.
 
     Args:
         material: name of the material.
-        rgb: its own colour, each component in [0, 1].
+        colour: its own colour as "#rrggbb".
         label: the robot's label colour as "#rrggbb".
     """
     share = _LABELLED_MATERIALS.get(material, 0.0)
-    return (1 - share) * np.asarray(rgb) + share * _rgb(label)
+    return hex_colour(((1 - share) * np.array(rgb_of(colour)) + share * np.array(rgb_of(label))) / 255)
 
 
 class RobotView:
-    """One robot of a scene, with the marks around it.
+    """One robot of a scene, with the objects and the marks around it.
 
     Attributes:
-        marks: the marks around the robot, by moment.
-        path: path of the robot in the world; each link is a child with the link's name.
-        links: names of the links that are drawn.
-        objects: names of the bodies of the scene around the robot.
-        offset: offset of every position, which sets robots side by side [m], shape (3,).
+        path: path of the robot in the world; `at` names what is below it.
+        marks: where the robot's links and the marks around it are, by moment.
     """
 
     def __init__(
@@ -71,115 +58,86 @@ class RobotView:
         robot: Robot | None = None,
         scene: scenes.Scene | None = None,
     ) -> None:
-        """Put the shapes of the robot, and of the objects around it, into the world.
+        """Put the shapes of the robot, of its marks, and of the objects around it into the world.
 
         Args:
             node: node of the scene's world.
             path: path of the robot in the world.
             model: MuJoCo model with visual shapes.
             label: colour of the robot as "#rrggbb".
-            offset: offset to the left [m].
+            offset: offset to the left, which sets robots side by side [m].
             robot: robot that the model holds; None for the H1.
             scene: objects around the robot, as drawn; None for none.
         """
-        self.path = path
-        self.offset = np.array([0.0, offset, 0.0])
-        self._model, self._data = model, mujoco.MjData(model)
-        self._layout = robot_layout(model, robot or load_robot())
-        self._node = node[path]
-        shapes = visual_shapes(model)
-        self.links = tuple(dict.fromkeys(shape.link for shape in shapes))
-        self._bodies = [model.body(link).id for link in self.links]
+        self.path, self.marks = path, Marks(model, robot)
+        self._node, self._label = node[path], label
+        self._node.set_transform(homogeneous(np.array([0.0, offset, 0.0]), UPRIGHT))
+        shapes = shapes_of(model)
         for index, shape in enumerate(shapes):
-            self._add(shape, index, label)
-        self.marks = Marks(model, robot)
-        self._label, self._steps, self._on_ground = label, 0, np.zeros(2, dtype=bool)
-        self.objects: tuple[str, ...] = () if scene is None else scene.body_names
-        if scene is not None:
-            self._add_objects(scene.model())
-        for layer in LAYERS:
-            self._node[layer].set_transform(homogeneous(self.offset, UPRIGHT))
-        for name, parts in mark_parts(shapes, label, self.marks.sole).items():
+            colour = labelled_colour(shape.material, shape.colour, label)
+            self._add(
+                f"links/{shape.body}/{index}", shape, geometry.MeshPhongMaterial(color=_hex(colour), shininess=40)
+            )
+        self._links = [(f"links/{name}", model.body(name).id) for name in dict.fromkeys(s.body for s in shapes)]
+        for name, parts in mark_shapes(shapes, label, self.marks.sole).items():
             for index, part in enumerate(parts):
-                self._add_part(f"{name}/part_{index}", part)
+                self._add(f"{name}/{index}", part)
+        self._steps, self._on_ground = 0, np.zeros(2, dtype=bool)
+        self._objects = () if scene is None else tuple(f"objects/{number}" for number in range(len(scene.body_names)))
+        if scene is not None:
+            self._add_objects(scene)
 
-    def _add_part(self, name: str, part: Part) -> None:
+    def _add(self, path: str, shape: Shape, material: geometry.Material | None = None) -> None:
         # The browser draws transparent parts last; without a depth test they then cover everything.
-        last = {"transparent": True, "depthTest": False} if part.on_top else {}
-        material = geometry.MeshPhongMaterial(color=_hex(_rgb(part.colour)), opacity=part.opacity, **last)
-        self._node[name].set_object(part.primitive, material)
-        self._node[name].set_transform(part.placement)
+        last = {"transparent": True, "depthTest": False} if shape.on_top else {}
+        own = geometry.MeshPhongMaterial(color=_hex(shape.colour), opacity=shape.opacity, **last)
+        self._node[path].set_object(shape.primitive, material or own)
+        self._node[path].set_transform(shape.placement)
+
+    def _add_objects(self, scene: scenes.Scene) -> None:
+        model = scene.model()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        paths = dict(zip(scene.body_names, self._objects, strict=True))
+        for index, shape in enumerate(shapes_of(model)):
+            # What an MJCF file has in its world moves as little as the world.
+            self._add(f"{paths.get(shape.body, 'objects/still')}/{index}", shape)
+        for name, path in paths.items():
+            self.place(path, Mark(True, data.body(name).xpos, data.body(name).xquat))
+
+    def at(self, moment: Moment) -> dict[str, Mark]:
+        """Return where all links, objects and marks are, by their paths below the robot."""
+        marks = self.marks.at(moment)  # which moves the links
+        poses = zip(self._objects, moment.object_pose, strict=False)
+        objects = {path: Mark(True, pose[:3], pose[3:]) for path, pose in poses}
+        return {path: self.marks.body(link) for path, link in self._links} | objects | marks
 
     def add_footprint(self, number: int, mark: Mark) -> str:
         """Put footprint `number` on the ground, in place of an earlier one; return its path below the robot."""
-        name = f"steps/placed_{number}"
-        self._add_part(f"{name}/part_0", footprint(self._label, 0.8))
-        self.place(name, mark)
-        return name
+        path = f"steps/placed_{number}"
+        self._add(f"{path}/0", footprint(self._label, 0.8))
+        self.place(path, mark)
+        return path
 
-    def place(self, name: str, mark: Mark) -> None:
-        """Put the mark with this path below the robot in its place, or hide it."""
-        node = self._node[name]
+    def place(self, path: str, mark: Mark) -> None:
+        """Put what has this path below the robot in its place, or hide it."""
+        node = self._node[path]
         node.set_property("visible", mark.visible)
         if mark.visible:
-            placement = homogeneous(mark.position, mark.quaternion)
-            placement[:3, :3] *= mark.scale
-            node.set_transform(placement)
-
-    def _add(self, shape: Shape, index: int, label: str) -> None:
-        colour = _hex(labelled_colour(shape.material, shape.colour, label))
-        node = self._node[shape.link][str(index)]
-        node.set_object(shape.primitive, geometry.MeshPhongMaterial(color=colour, shininess=40))
-        node.set_transform(shape.placement)
-
-    def _add_objects(self, model: mujoco.MjModel) -> None:
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        for index, shape in enumerate(object_shapes(model)):
-            # What an MJCF file has in its world moves as little as the world.
-            path = self.object_path(self.objects.index(shape.link)) if shape.link in self.objects else "objects/still"
-            node = self._node[path][str(index)]
-            node.set_object(shape.primitive, geometry.MeshPhongMaterial(color=_hex(np.array(shape.colour))))
-            node.set_transform(shape.placement)
-        self._node["objects/still"].set_transform(homogeneous(self.offset, UPRIGHT))
-        bodies = [model.body(name).id for name in self.objects]
-        self.place_objects(np.hstack((data.xpos[bodies], data.xquat[bodies])))
-
-    @staticmethod
-    def object_path(number: int) -> str:
-        """Return the path below the robot of a body of the scene, by its number in `objects`."""
-        return f"objects/body_{number}"
-
-    def place_objects(self, poses: np.ndarray) -> None:
-        """Show the bodies of the scene at poses: positions [m] and quaternions (w, x, y, z), shape (bodies, 7)."""
-        for number, pose in enumerate(poses[: len(self.objects)]):
-            self._node[self.object_path(number)].set_transform(homogeneous(pose[:3] + self.offset, pose[3:]))
-
-    def placements(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the links are shown: positions [m], shape (links, 3), and quaternions (w, x, y, z), (links, 4).
-
-        Args:
-            qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
-        """
-        self._data.qpos[self._layout.qpos] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        return self._data.xpos[self._bodies] + self.offset, self._data.xquat[self._bodies].copy()
-
-    def set_pose(self, qpos: np.ndarray) -> None:
-        """Show the robot at `qpos`: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,)."""
-        for link, position, quaternion in zip(self.links, *self.placements(qpos), strict=True):
-            self._node[link].set_transform(homogeneous(position, quaternion))
+            node.set_transform(mark.placement)
 
     def show(self, moment: Moment) -> None:
         """Show the robot and its marks live; a foot that comes down leaves a footprint."""
-        self.set_pose(moment.qpos)
-        self.place_objects(moment.object_pose)
-        for name, mark in self.marks.at(moment).items():
-            self.place(name, mark)
+        for path, mark in self.at(moment).items():
+            self.place(path, mark)
         for foot in np.flatnonzero(moment.foot_contact & ~self._on_ground):
             self.add_footprint(self._steps % LIVE_FOOTPRINTS, self.marks.footprint(moment.qpos, int(foot)))
             self._steps += 1
         self._on_ground = moment.foot_contact
+
+
+def _hex(colour: str) -> int:
+    return int(colour[1:], 16)
 
 
 def _tiles() -> geometry.Material:

@@ -74,11 +74,7 @@ def replay_html(
     for view, trace in zip(scene.robots, traces, strict=True):
         samples = frame_samples(trace.time, fps, end)
         robot = _ROOT.append(WORLD).append(view.path)
-        for path, tracks in (
-            *_link_tracks(view, trace, samples),
-            *_object_tracks(view, trace, samples),
-            *_mark_tracks(view, trace, samples, fps),
-        ):
+        for path, tracks in (*_tracks(view, trace, samples), *_footprint_tracks(view, trace, samples, fps)):
             animation.clips[robot.append(path)] = _clip(tracks, fps)
     centre, distance = camera_path(traces, fps, end)
     # The camera cannot stand back (see `WORLD`); shrinking the world by the same factor gives the same picture.
@@ -95,7 +91,7 @@ def replay_html(
 
 
 def write_replay(
-    path: pathlib.Path,
+    path: str | pathlib.Path,
     traces: Sequence[Trace],
     *,
     title: str = "hugwbc replay",
@@ -103,7 +99,7 @@ def write_replay(
     chapters: Sequence[Chapter] = (),
 ) -> None:
     """Write `replay_html` to a file."""
-    write_whole(path, replay_html(traces, title=title, fps=fps, chapters=chapters))
+    write_whole(pathlib.Path(path), replay_html(traces, title=title, fps=fps, chapters=chapters))
 
 
 def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
@@ -132,36 +128,9 @@ def _clip(tracks: Tracks, fps: int) -> AnimationClip:
     )
 
 
-def _link_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
-    placements = [view.placements(trace.qpos[sample]) for sample in samples]
-    positions = np.array([position for position, _ in placements])
-    quaternions = np.array([quaternion for _, quaternion in placements])[..., [1, 2, 3, 0]]
-    for index, link in enumerate(view.links):
-        yield (
-            link,
-            [
-                ("position", "vector3", positions[:, index].tolist()),
-                ("quaternion", "quaternion", quaternions[:, index].tolist()),
-            ],
-        )
-
-
-def _object_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
-    """Yield the tracks of the bodies of the scene that move, and place the others."""
-    if not view.objects:
-        return
-    poses = trace.object_pose[samples]
-    view.place_objects(poses[0])
-    for number in range(len(view.objects)):
-        of_body = poses[:, number]
-        marks = [Mark(position=pose[:3] + view.offset, quaternion=pose[3:]) for pose in of_body]
-        if tracks := _motion(marks):
-            yield view.object_path(number), tracks
-
-
-def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
-    """Yield the tracks of marks that move, appear or vanish; place the others once and for all."""
-    frames = [view.marks.at(moment(trace, int(sample))) for sample in samples]
+def _tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
+    """Yield the tracks of what moves, appears or vanishes; place the rest once and for all."""
+    frames = [view.at(moment(trace, int(sample))) for sample in samples]
     for name in frames[0]:
         marks = [frame[name] for frame in frames]
         shown = np.array([mark.visible for mark in marks])
@@ -176,7 +145,6 @@ def _mark_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -
         tracks += _motion(marks)
         if tracks:
             yield name, tracks
-    yield from _footprint_tracks(view, trace, samples, fps)
 
 
 def _motion(marks: Sequence[Mark]) -> Tracks:

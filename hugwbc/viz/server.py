@@ -4,12 +4,10 @@ meshcat's own server listens on every network interface. This one listens on 127
 `Host` header names this machine, so that a page of another site cannot reach it by DNS rebinding.
 """
 
-import atexit
+import asyncio
 import contextlib
 import io
-import os
-import subprocess
-import sys
+import queue
 import threading
 from typing import Any
 
@@ -27,8 +25,8 @@ from tornado.httpserver import HTTPServer
 from hugwbc.errors import HugwbcError
 
 HOST = "127.0.0.1"
+START_TIME = 20.0  # [s] that the server may take to listen
 _HOST_PATTERN = r"(127\.0\.0\.1|localhost)"
-_READY = "zmq_url="
 
 
 class _LoopbackApplication(tornado.web.Application):
@@ -47,53 +45,24 @@ class _LoopbackBridge(Bridge):
         return application
 
 
-def serve() -> None:
-    """Run a server until the process or its standard input ends; the first line of standard output is its address."""
-    threading.Thread(target=_end_with_input, daemon=True).start()
-    bridge = _LoopbackBridge(host=HOST)
-    sys.stdout.write(f"{_READY}{bridge.zmq_url}\n")
-    sys.stdout.flush()
-    bridge.run()
-
-
-def _end_with_input() -> None:
-    """End the process when its standard input closes: whoever started the server may have been killed."""
-    sys.stdin.buffer.read()
-    os._exit(0)
-
-
 def open_visualizer() -> tuple[meshcat.Visualizer, str]:
-    """Start a server in a child process, which ends with this process.
+    """Start a server in a thread of this process.
 
     Returns:
         The visualizer, and the address to open in a browser.
     """
-    process = subprocess.Popen(
-        [sys.executable, "-m", "hugwbc.viz.server"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    atexit.register(_stop, process)
-    assert process.stdout is not None
-    line = process.stdout.readline().strip()
-    if not line.startswith(_READY):
-        _stop(process)
-        raise HugwbcError(
-            "the viewer's server did not start; run `python -m hugwbc.viz.server` to see why, or run without a viewer"
-        )
+    started: queue.Queue[str] = queue.Queue()
+
+    async def serve() -> None:
+        started.put(_LoopbackBridge(host=HOST).zmq_url)
+        await asyncio.Event().wait()
+
+    threading.Thread(target=lambda: asyncio.run(serve()), name="meshcat", daemon=True).start()
+    try:
+        zmq_url = started.get(timeout=START_TIME)
+    except queue.Empty as error:
+        raise HugwbcError("the viewer's server did not start; its error is above. Run with `--viewer none`") from error
     # meshcat prints the address; what is printed is for the caller to decide.
     with contextlib.redirect_stdout(io.StringIO()):
-        visualizer = meshcat.Visualizer(zmq_url=line.removeprefix(_READY))
+        visualizer = meshcat.Visualizer(zmq_url=zmq_url)
     return visualizer, visualizer.url()
-
-
-def _stop(process: subprocess.Popen[str]) -> None:
-    process.kill()
-    process.wait()
-
-
-if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
-        serve()

@@ -26,9 +26,9 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, moment
-from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, Part, footprint, mark_parts
+from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, footprint, mark_shapes
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
-from hugwbc.viz.shapes import CYLINDER_TO_Z, homogeneous, visual_shapes
+from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, hex_colour, rgb_of, shapes_of
 
 FPS = 25
 WIDTH, HEIGHT = 1280, 720  # [pixel], multiples of 16 as the encoder requires
@@ -185,7 +185,7 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
     marks = Marks(model, robot)
     parts = {
         name: pieces
-        for name, pieces in mark_parts(visual_shapes(model), label, marks.sole).items()
+        for name, pieces in mark_shapes(shapes_of(model), label, marks.sole).items()
         if name.split("/")[0] in layers
     }
     prints = _footprints(trace, marks, label) if "steps" in layers else []
@@ -210,7 +210,7 @@ def _footprints(trace: Trace, marks: Marks, label: str) -> list[tuple[float, np.
         for time in trace.touch_downs[foot]:
             if time <= trace.time[-1]:
                 mark = marks.footprint(trace.qpos[int(np.searchsorted(trace.time, time))], foot)
-                prints.append((float(time), _geom(part, _of(mark))))
+                prints.append((float(time), _geom(part, mark.placement)))
     return prints
 
 
@@ -223,17 +223,11 @@ def _placement(name: str, placed: Mapping[str, Mark]) -> np.ndarray | None:
             continue
         if not mark.visible:
             return None
-        placement = placement @ _of(mark)
+        placement = placement @ mark.placement
     return placement
 
 
-def _of(mark: Mark) -> np.ndarray:
-    placement = homogeneous(mark.position, mark.quaternion)
-    placement[:3, :3] *= mark.scale
-    return placement
-
-
-def _geom(part: Part, placement: np.ndarray) -> np.ndarray:
+def _geom(part: Shape, placement: np.ndarray) -> np.ndarray:
     """Return one primitive as a row; the placement must scale along its axes, because geoms cannot be sheared."""
     whole = placement @ part.placement
     scale = np.linalg.norm(whole[:3, :3], axis=0)
@@ -264,8 +258,8 @@ def _arrow(placement: np.ndarray) -> np.ndarray:
 def _row(
     kind: mujoco.mjtGeom, size: np.ndarray, position: np.ndarray, turn: np.ndarray, colour: str, opacity: float
 ) -> np.ndarray:
-    rgb = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    return np.concatenate(([int(kind)], size, position, turn.ravel(), rgb, [opacity]))
+    rgba = [*(value / 255 for value in rgb_of(colour)), opacity]
+    return np.concatenate(([int(kind)], size, position, turn.ravel(), rgba))
 
 
 def _object_poses(traces: Sequence[Trace], samples: Sequence[np.ndarray]) -> tuple[list[str], np.ndarray]:
@@ -310,8 +304,8 @@ def _stage(traces: Sequence[Trace]) -> mujoco.MjModel:
         for element in (robot.geom("floor"), *robot.lights, *robot.keys, *robot.sensors, *robot.actuators):
             robot.delete(element)
         for finish in robot.materials:
-            colour = labelled_colour(finish.name, finish.rgba[:3], LABEL_COLOURS[index])
-            finish.rgba = [*colour, 1.0]
+            colour = labelled_colour(finish.name, hex_colour(finish.rgba[:3]), LABEL_COLOURS[index])
+            finish.rgba = [*(value / 255 for value in rgb_of(colour)), 1.0]
         for field in _SHARED:
             setattr(stage.option, field, getattr(robot.option, field))  # attached models must agree with the stage
         stage.attach(robot, prefix=f"{index}_", frame=stage.worldbody.add_frame())

@@ -27,7 +27,7 @@ from hugwbc.viz.drive import Drive
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
 from hugwbc.viz.live_meshes import colour_meshes
 from hugwbc.viz.page_guard import check_host, guarded, page_address, refusal
-from hugwbc.viz.shapes import object_shapes, visual_shapes
+from hugwbc.viz.shapes import shapes_of
 
 BROWSER = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -225,7 +225,7 @@ def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
 
 def test_meshes_have_the_size_of_the_shapes():
     model = Simulation(sensing="exact").model
-    meshes = colour_meshes(visual_shapes(model))["left_elbow_link"]
+    meshes = colour_meshes(shapes_of(model))["left_elbow_link"]
     low = np.min([mesh.bounds[0] for mesh in meshes.values()], axis=0)
     high = np.max([mesh.bounds[1] for mesh in meshes.values()], axis=0)
     assert high[0] == pytest.approx(0.276 + 0.04, abs=2e-3), "the hand's ellipsoid"
@@ -550,6 +550,6 @@ def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
 
 def test_every_colour_of_an_object_is_a_mesh():
     model = Scene((Tray(name="tray", colour="#ff0000"),)).model()
-    meshes = colour_meshes(object_shapes(model))["tray"]
-    assert (255, 0, 0) in meshes and len(meshes) == 2
-    np.testing.assert_allclose(meshes[255, 0, 0].extents, [0.35, 0.45, 0.012], atol=1e-6)
+    meshes = colour_meshes(shapes_of(model))["tray"]
+    assert "#ff0000" in meshes and len(meshes) == 2
+    np.testing.assert_allclose(meshes["#ff0000"].extents, [0.35, 0.45, 0.012], atol=1e-6)

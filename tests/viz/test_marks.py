@@ -7,8 +7,8 @@ from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.robot_model import load_model
-from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_parts
-from hugwbc.viz.shapes import visual_shapes
+from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_shapes
+from hugwbc.viz.shapes import shapes_of
 
 ROBOT = load_robot()
 QPOS = np.concatenate(([1.0, 2.0, ROBOT.nominal_height], [1.0, 0, 0, 0], ROBOT.nominal))
@@ -114,7 +114,7 @@ def test_the_hull_is_convex_and_goes_round_once():
 
 def test_every_mark_has_a_look_and_a_layer(model):
     marks = Marks(model)
-    parts = mark_parts(visual_shapes(model), "#112233", marks.sole)
+    parts = mark_shapes(shapes_of(model), "#112233", marks.sole)
     for name in marks.at(moment()):
         assert name.split("/")[0] in LAYERS
         assert name in parts or any(part.startswith(f"{name}/") for part in parts), name

@@ -34,19 +34,19 @@ def _tracks(page: str) -> dict[str, dict[str, dict]]:
 
 def test_replay_moves_the_links_as_pinocchio_says(make_run: Callable) -> None:
     first, second = make_run(seed=1), make_run(name="learned", seed=2)
-    tracks = _tracks(replay_html([first, second], fps=25))
-    kinematics = Kinematics()
-    for robot, run, offset in (("robot_0", first, -0.75), ("robot_1", second, 0.75)):
+    page = replay_html([first, second], fps=25)
+    tracks, kinematics = _tracks(page), Kinematics()
+    lanes = {c["path"]: c["matrix"][12:15] for c in _commands(page) if c["type"] == "set_transform"}
+    assert [lanes[f"/meshcat/world/robot_{i}"] for i in (0, 1)] == [[0.0, -0.75, 0.0], [0.0, 0.75, 0.0]]
+    for robot, run in (("robot_0", first), ("robot_1", second)):
         for frame, sample in ((0, 0), (10, 20), (24, 48)):  # 25 frames a second of 50 samples a second
             q = run.qpos[sample]
             kinematics.update(RobotState(q[7:], np.zeros(19), q[3:7], np.zeros(3), position=q[:3]))
             for link in ("pelvis", "left_ankle_link", "right_elbow_link", "torso_link"):
-                track = tracks[f"meshcat/world/{robot}/{link}"]
+                track = tracks[f"meshcat/world/{robot}/links/{link}"]
                 shown = track[".position"]["keys"][frame]
                 assert shown["time"] == frame
-                np.testing.assert_allclose(
-                    shown["value"], kinematics.position(link) + np.array([0, offset, 0]), atol=1e-5
-                )
+                np.testing.assert_allclose(shown["value"], kinematics.position(link), atol=1e-5)
                 x, y, z, w = track[".quaternion"]["keys"][frame]["value"]
                 matrix = rotations.to_matrix(np.array([w, x, y, z]))
                 np.testing.assert_allclose(matrix, kinematics.rotation(link), atol=1e-5)
@@ -101,8 +101,8 @@ def test_replay_keeps_the_robots_in_the_middle(make_run: Callable) -> None:
 
 def test_replay_lasts_as_long_as_the_longest_run(make_run: Callable) -> None:
     tracks = _tracks(replay_html([make_run(seconds=2.0), make_run(seconds=1.0, fell=True)]))
-    still = tracks["meshcat/world/robot_1/pelvis"][".position"]["keys"]
-    assert len(still) == len(tracks["meshcat/world/robot_0/pelvis"][".position"]["keys"]) == 50
+    still = tracks["meshcat/world/robot_1/links/pelvis"][".position"]["keys"]
+    assert len(still) == len(tracks["meshcat/world/robot_0/links/pelvis"][".position"]["keys"]) == 50
     assert still[-1]["value"] == still[25]["value"]
 
 
@@ -136,12 +136,12 @@ def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -
     lifted = dataclasses.replace(run, scene=scene, object_pose=poses, hand_force=np.zeros((len(run.time), 2, 3)))
     page = replay_html([run, lifted], fps=25)
     tracks = {name: track for name, track in _tracks(page).items() if "/objects/" in name}
-    assert list(tracks) == ["meshcat/world/robot_1/objects/body_1"]
-    assert list(tracks["meshcat/world/robot_1/objects/body_1"]) == [".position"]
-    last = tracks["meshcat/world/robot_1/objects/body_1"][".position"]["keys"][-1]["value"]
-    np.testing.assert_allclose(last, [2.0, 0.75, poses[48, 1, 2]], atol=1e-6)
+    assert list(tracks) == ["meshcat/world/robot_1/objects/1"]
+    assert list(tracks["meshcat/world/robot_1/objects/1"]) == [".position"]
+    last = tracks["meshcat/world/robot_1/objects/1"][".position"]["keys"][-1]["value"]
+    np.testing.assert_allclose(last, [2.0, 0.0, poses[48, 1, 2]], atol=1e-6)
     placed = {c["path"]: c["matrix"] for c in _commands(page) if c["type"] == "set_transform"}
-    np.testing.assert_allclose(placed["/meshcat/world/robot_1/objects/body_0"][12:15], [2.0, 0.75, 0.0], atol=1e-6)
+    np.testing.assert_allclose(placed["/meshcat/world/robot_1/objects/0"][12:15], [2.0, 0.0, 0.0], atol=1e-6)
     assert not any("robot_0/objects" in path for path in placed)
 
 
