@@ -1,0 +1,146 @@
+#!/bin/sh
+# Try every capability by a command, each as small as it goes, and print which ones work. An hour on two cores.
+#
+#     tools/keep.sh [FOLDER [PATTERN]]     # outputs go to FOLDER (out/keep); PATTERN chooses by name, such as 'play*'
+#
+# What needs an extra (PhysX, onnxruntime, Dask, rsl_rl, stable-baselines3, the live page) is said to be skipped where
+# the extra is missing, and does not count as working.
+OUT=${1:-out/keep}
+ONLY=${2:-*}
+mkdir -p "$OUT"
+: "${HUGWBC:=.venv/bin/hugwbc}" "${PYTHON:=.venv/bin/python}"
+export OMP_NUM_THREADS=1
+worked=0 failed=0 skipped=0
+
+try() { # NAME COMMAND...
+    name=$1
+    shift
+    # shellcheck disable=SC2254
+    case $name in $ONLY) ;; *) return ;; esac
+    begin=$(date +%s)
+    if timeout "${LIMIT:-900}" "$@" >"$OUT/$name.txt" 2>&1; then
+        worked=$((worked + 1)) word=works
+    else
+        failed=$((failed + 1)) word=FAILS
+    fi
+    printf '%-7s %-28s %4d s  %s\n' "$word" "$name" $(($(date +%s) - begin)) "$*"
+}
+
+needs() { # MODULE NAME COMMAND...
+    module=$1
+    shift
+    if "$PYTHON" -c "import $module" 2>/dev/null; then try "$@"; else
+        # shellcheck disable=SC2254
+        case $1 in $ONLY) ;; *) return ;; esac
+        skipped=$((skipped + 1))
+        printf '%-7s %-28s         needs %s\n' skipped "$1" "$module"
+    fi
+}
+
+cat >"$OUT/walk.yaml" <<'YAML'
+segments:
+  - {label: walk, duration: 2, gait: walking, commands: {v_x: 0.4}}
+  - label: reach
+    duration: 2
+    gait: walking
+    hands: {left: {hold: [0.33, 0.16, 0.15]}, right: mirror}
+YAML
+cat >"$OUT/room.yaml" <<'YAML'
+objects:
+  - {kind: table, name: desk, position: [1.5, 0.0], size: [0.5, 0.6], height: 0.8}
+YAML
+printf 't,left_elbow_joint\n0,0.5\n1,0.9\n2,0.5\n' >"$OUT/wave.csv"
+"$PYTHON" -c "import numpy, sys; t = numpy.linspace(0, 1, 100)[:, None]; numpy.savez(sys.argv[1], fps=50.0, joint_names=['left_elbow_joint'], positions=t.astype(numpy.float32))" "$OUT/wave.npz"
+EVALUATE="$HUGWBC evaluate"
+RESULTS="--results $OUT/results"
+QUIET="--viewer none"
+
+# Compare, report
+try compare-script $HUGWBC compare --script "$OUT/walk.yaml" --seed 1 --out "$OUT/compare"
+try compare-task $HUGWBC compare --task press_button --seed 1 --controllers qp --out "$OUT/compare-task"
+try compare-files test -s "$OUT/compare/report.html" -a -s "$OUT/compare/replay.html" -a -s "$OUT/compare/summary.json" -a -s "$OUT/compare/compare.mp4"
+try report $HUGWBC report --profile quick --controllers hold hold --out "$OUT/report"
+
+# Evaluate
+try single-command $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS
+try single-command-resumed $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS
+try two-workers $EVALUATE single-command --controller qp --episodes 8 --duration 3 --workers 2 $RESULTS
+try intervention $EVALUATE intervention --controller learned --episodes 24 --duration 2.5 $RESULTS
+try foot-displacement $EVALUATE foot-displacement --controller learned --episodes 9 --duration 3 $RESULTS
+try heatmap $EVALUATE heatmap --controller learned --gait standing --points 2 --duration 2.5 $RESULTS
+try disturbance $EVALUATE disturbance --controller learned --rollouts 4 $RESULTS
+try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
+try tour $EVALUATE tour --controller learned --episodes 1 $RESULTS
+try robustness $EVALUATE robustness --controller learned --samples 8 --duration 2.5 $RESULTS
+try effort $EVALUATE effort --controller learned --speeds 0.5 --duration 3 $RESULTS
+try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS
+try random-commands $EVALUATE random-commands --controller learned --episodes 3 $RESULTS
+try small-velocities $EVALUATE small-velocities --controller learned --episodes 4 $RESULTS
+try stops $EVALUATE stops --controller learned --episodes 1 --speeds 0.6 $RESULTS
+try arrive $EVALUATE arrive --controller learned --episodes 1 $RESULTS
+try hands $EVALUATE hands --controller learned --episodes 1 $RESULTS
+for experiment in carry press sway; do
+    try $experiment $EVALUATE $experiment --controller learned --episodes 1 $RESULTS
+done
+try pull $EVALUATE pull --controller learned --episodes 1 $RESULTS
+try push $EVALUATE push --controller learned --episodes 1 $RESULTS
+try estimation $EVALUATE estimation --controller learned --episodes 1 $RESULTS
+try faults $EVALUATE faults --controller learned --episodes 1 $RESULTS
+try tasks $EVALUATE tasks --controller learned --task press_button --episodes 1 $RESULTS
+try behaviours $EVALUATE behaviours --controller learned --behaviour fetch_cup --scene cupboard --episodes 1 $RESULTS
+needs sapien engines $EVALUATE engines --controller learned --episodes 1 $RESULTS
+needs sapien physx $EVALUATE single-command --controller learned --episodes 8 --duration 2.5 --engine physx $RESULTS
+needs distributed dask-cluster sh -c "
+    dask scheduler --host 127.0.0.1 --port 18786 --no-dashboard & scheduler=\$!
+    dask worker tcp://127.0.0.1:18786 --nthreads 1 --no-dashboard & worker=\$!
+    trap 'kill \$worker \$scheduler' EXIT
+    sleep 8
+    $EVALUATE small-velocities --controller hold --episodes 4 --cluster tcp://127.0.0.1:18786 $RESULTS"
+
+# Play
+try play-command $HUGWBC play --controller qp --v-x 0.5 --duration 2 $QUIET
+try play-script $HUGWBC play --script "$OUT/walk.yaml" $QUIET
+try play-scene $HUGWBC play --scene "$OUT/room.yaml" --v-x 0.2 --duration 2 $QUIET
+try play-task $HUGWBC play --task press_button $QUIET
+try play-motion-csv $HUGWBC play --motion "$OUT/wave.csv" --v-x 0.3 --duration 2 $QUIET
+try play-motion-npz $HUGWBC play --motion "$OUT/wave.npz" --v-x 0.3 --duration 2 $QUIET
+try play-meshcat $HUGWBC play --viewer meshcat --v-x 0.3 --duration 3
+needs viser play-live $HUGWBC play --viewer live --duration 5
+needs viser live-page "$PYTHON" -m pytest -q -n0 tests/viz -k "live or drive"
+needs pybvh play-bvh "$PYTHON" -m pytest -q -n0 tests/scripts -k bvh
+
+# Objects, tasks, demonstrations, other people's learners
+try tasks-list $HUGWBC tasks
+needs pyarrow tasks-record $HUGWBC tasks --record "$OUT/demos" --task press_button --controller qp --episodes 1
+needs gymnasium gymnasium "$PYTHON" -m pytest -q -n0 tests/gym/test_task_env.py tests/gym/test_h1_env.py
+needs rsl_rl rsl-rl "$PYTHON" -m pytest -q -n0 tests/gym/test_learners.py -k rsl
+needs stable_baselines3 stable-baselines3 "$PYTHON" -m pytest -q -n0 tests/gym/test_learners.py -k "stable or sb3"
+
+# Train, export, other controllers
+rm -rf "$OUT/run" "$OUT/run2" "$OUT/recipe"
+SHORT="--env.count 16 --evaluation-steps 0"
+try train $HUGWBC train --out "$OUT/run" --steps 2e3 $SHORT
+try train-resume $HUGWBC train --out "$OUT/run" --steps 4e3 --resume $SHORT
+try train-processes "${PYTHON%/*}/torchrun" --standalone --nproc-per-node 2 -m hugwbc.cli train --out "$OUT/run2" --steps 4e3 $SHORT
+try train-recipe $HUGWBC train --recipe h1 --smoke --out "$OUT/recipe"
+try check-ancestry $HUGWBC check --policy "$OUT/recipe"
+needs onnxruntime export $HUGWBC export --policy h1 --out "$OUT/h1.onnx"
+needs onnxruntime run-onnx "$PYTHON" examples/11_onnx_only.py --policy "$OUT/h1.onnx" --model models/h1/h1.xml --v-x 0.5
+needs onnxruntime other-policy $HUGWBC play --controller "$OUT/h1.onnx" --v-x 0.4 --duration 2 $QUIET
+try other-controller $HUGWBC play --controller examples/10_write_a_controller.py:Squatter --duration 2 $QUIET
+
+# A robot over DDS
+needs cyclonedds deploy sh -c "
+    $HUGWBC simulate-robot --lockstep --schedule '1 Start, 4 lower, 7 A, 8 release, 9 ly=0.3, 11 ly=0, 13 Select' --duration 14 & robot=\$!
+    $HUGWBC deploy --controller learned --lockstep --duration 14 --record $OUT/robot.rec; status=\$?
+    wait \$robot; exit \$status"
+needs cyclonedds deploy-replay $HUGWBC deploy --controller learned --replay "$OUT/robot.rec"
+
+# Health
+try check $HUGWBC check
+try bench $HUGWBC bench
+try soak "$PYTHON" tools/soak.py --minutes 0.2
+try documents $HUGWBC docs
+
+echo "$worked work, $failed fail, $skipped skipped"
+test "$failed" -eq 0
