@@ -173,7 +173,7 @@ def test_a_source_tree_that_is_not_installed_has_an_identity(monkeypatch):
 
 def test_the_command_line_names_what_is_valid(capsys):
     assert main(["evaluate", "--controller", "lernt"]) == 2
-    assert "Valid: learned, qp, hold, unitree-h1" in capsys.readouterr().err
+    assert "Valid: learned, qp, hold, leggedlab-h1, unitree-h1" in capsys.readouterr().err
 
 
 def test_a_policy_for_what_takes_none_is_refused(tmp_path):

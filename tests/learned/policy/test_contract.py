@@ -66,8 +66,8 @@ def test_a_contract_is_what_the_file_says(tmp_path):
     assert contract_of({"contract": json.loads(json.dumps(dataclasses.asdict(contract), default=str))}, "x") == contract
 
 
-def test_the_shipped_contract_is_unitrees():
-    assert shipped_contracts() == ["unitree-h1"]
+def test_the_shipped_contracts_are_those_of_public_policies():
+    assert shipped_contracts() == ["leggedlab-h1", "unitree-h1"]
     contract = load_contract("unitree-h1")
     assert contract.input_sizes == (41,) and len(contract.joints) == 10 and contract.policy is None
     assert contract.name == "unitree-h1" and contract.period == 0.02 and contract.clock_period == 0.8
