@@ -28,6 +28,7 @@ OUTSIDE = {
 LAYERS = (
     "core",
     "scripts",
+    "behaviours",
     "sim",
     "learned",
     "mbc",

@@ -1,13 +1,13 @@
 """Walk to a table, take a box of 1 kg between both hands, carry it sideways, set it on a shelf, and wave.
 
-A scene, and a list of steps that end by what happens; the same for both controllers. With the QP it takes one to three
+A scene, and a behaviour made of steps; the same for both controllers. With the QP it takes one to three
 minutes of computing.
 
     python examples/12_a_task_of_your_own.py --show
 """
 
+from hugwbc.behaviours import BehaviourSource, Course, View, carry, lift, place, reach, squeeze, stand, walk_to
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller, rollout
-from hugwbc.scripts.behaviours import BehaviourSource, Carry, Lift, Place, Reach, Sequence, Squeeze, Stand, WalkTo
 from hugwbc.sim.scenes import Box, Scene, Shelf, Table
 from hugwbc.viz.show import at_real_time, fate, keep_replay, open_view, run_script
 
@@ -17,12 +17,17 @@ BOX = Box(name="box", on="table", position=(-0.1, 0.0), size=(0.2, 0.24, 0.2), m
 SCENE = Scene((TABLE, SHELF, BOX))
 
 
-def steps() -> Sequence:
-    """Return what the robot does; the same steps could stand in a YAML file."""
-    take = WalkTo(before="box", distance=0.41), Squeeze("box"), Lift("box", 0.1)
-    carry = Carry("box", before="shelf", distance=0.55, speed=0.2), Place("box", on="shelf", at=(-0.08, 0.0))
-    wave = [Reach(right=(0.25, y, 0.45)) for y in (-0.35, -0.5, -0.35)]
-    return Sequence(*take, *carry, Stand(), *wave)
+def shelve(view: View) -> Course:
+    """Put the box on the shelf: every step ends by what happens, and returns what is known then."""
+    view = yield from walk_to(view, before="box", distance=0.41)
+    view = yield from squeeze(view, "box")
+    view = yield from lift(view, "box", 0.1)
+    view = yield from carry(view, "box", walk_to(view, before="shelf", distance=0.55, speed=0.2))
+    view = yield from place(view, "box", on="shelf", at=(-0.08, 0.0))
+    view = yield from stand(view)
+    for y in (-0.35, -0.5, -0.35):
+        view = yield from reach(view, right=(0.25, y, 0.45))
+    return view
 
 
 def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bool = False) -> None:
@@ -34,7 +39,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
         duration: longest duration [s]; the run ends when the robot has waved.
         show: show the robot live in the browser.
     """
-    source, robot = BehaviourSource(steps()), load_controller(controller)
+    source, robot = BehaviourSource(shelve), load_controller(controller)
     simulation = Simulation(scene=SCENE, seed=seed)
     draw = at_real_time(open_view(robot.name, scene=simulation.scene), simulation) if show else None
     trace = rollout(

@@ -10,6 +10,7 @@ from hugwbc.errors import TargetError, UnknownNameError
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
+FARTHEST_HAND = 1.5  # [m], from the pelvis: a target farther away is a mistake, such as a wrong frame or unit
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
 HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
 STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give

@@ -30,11 +30,11 @@ TASK = """
 from hugwbc.sim import Scene
 from hugwbc.sim.scenes import Wall
 from hugwbc.tasks import Milestone, Task
-from hugwbc.tasks.hold_payload import HoldPayload
+from hugwbc.tasks.hold_payload import hold_payload
 
 TASK = Task(
     name="own_task", about="Stand there.",
-    scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=HoldPayload,
+    scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=hold_payload,
     limit=3.0, milestones=(Milestone("never", lambda record: 0.0),),
 )
 """

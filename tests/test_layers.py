@@ -1,8 +1,8 @@
 """Which room may import which, and that no modules import each other in a circle.
 
 core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {tasks, viz, deploy} <- {evaluation, gym} <- benchmarks,
-report <- cli. Evaluation is above tasks, because a protocol of it runs them; so is gym, whose environments are tasks.
-Nothing imports gym: it is for other people's learners.
+report <- cli. Behaviours need scripts alone, and tasks are made of them. Evaluation is above tasks, because a protocol
+of it runs them; so is gym, whose environments are tasks. Nothing imports gym: it is for other people's learners.
 """
 
 import ast
@@ -19,17 +19,18 @@ RUNTIME = BELOW | PILLARS | {"runtime"}
 MAY_IMPORT = {
     "core": frozenset({"core"}),
     "scripts": frozenset({"core", "scripts"}),
+    "behaviours": frozenset({"core", "scripts", "behaviours"}),
     "sim": frozenset({"core", "sim"}),
     **{pillar: BELOW | {pillar} for pillar in PILLARS},
     "runtime": RUNTIME,
     "deploy": RUNTIME | {"deploy"},
     "viz": RUNTIME | {"viz"},
-    "tasks": RUNTIME | {"tasks"},
-    "gym": RUNTIME | {"tasks", "gym"},
-    "evaluation": RUNTIME | {"tasks", "evaluation"},
+    "tasks": RUNTIME | {"behaviours", "tasks"},
+    "gym": RUNTIME | {"behaviours", "tasks", "gym"},
+    "evaluation": RUNTIME | {"behaviours", "tasks", "evaluation"},
     "benchmarks": RUNTIME | {"tasks", "evaluation", "benchmarks"},
     "report": RUNTIME | {"tasks", "viz", "evaluation", "report"},
-    "cli": RUNTIME | {"deploy", "tasks", "viz", "evaluation", "benchmarks", "report", "cli"},
+    "cli": RUNTIME | {"behaviours", "deploy", "tasks", "viz", "evaluation", "benchmarks", "report", "cli"},
 }
 HEAVY = ("torch", "pinocchio", "placo", "proxsuite", "meshcat", "matplotlib")
 

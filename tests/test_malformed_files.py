@@ -1,7 +1,6 @@
-"""Scenes and behaviours as a hostile user writes them: each is refused with its line and column, or simulates well."""
+"""Scenes as a hostile user writes them: each is refused with its line and column, or simulates well."""
 
 import dataclasses
-import inspect
 import pathlib
 import re
 
@@ -9,11 +8,7 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot
-from hugwbc.cli import main
 from hugwbc.errors import ConfigError, HugwbcError, SceneError
-from hugwbc.scripts.behaviours import Lift, Retry, load_behaviour
-from hugwbc.scripts.behaviours.behaviour_file import STEPS
-from hugwbc.scripts.behaviours.view import View
 from hugwbc.settings_file import parse
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Box, Mjcf, Table, Uniform, Wall
@@ -24,7 +19,7 @@ PLACE = re.compile(r"f\.yaml:(\d+):(\d+): \S")
 DESK = "objects:\n  - {kind: table, name: desk, position: [2, 0]}\n"
 HOLD = JointCommand.position(load_robot(), load_robot().nominal)
 
-# What no YAML file of either kind may hold; `KEY` stands for objects or steps.
+# What no YAML file may hold; `KEY` stands for objects.
 TEXTS = (
     "", "# hi", "null", "~", "3", "hello", "- a\n- b", "KEY", "KEY:", "KEY: 3", "KEY: []", "KEY: {}", "KEY: {a: b}",
     "KEY: [null]", "KEY: [[]]", "KEY: [[a]]", "KEY: [3]", "KEY: [{}]", "KEY: [{a: {}, b: {}}]", "KEY: [{[a]: b}]",
@@ -64,25 +59,6 @@ OBJECTS = (
     "{kind: button, name: a, height: 0.2, position: [5, 0]}",
 )  # fmt: skip
 
-STEP_TEXTS = (
-    "dance", "Walk_to: {position: [1, 0]}", "walk_to: 3", "walk_to: [1, 0]", "walk_to: {position: {x: 1}}",
-    "walk_to: {position: [1e308, 0]}", "walk_to: {position: [1, 0], yaw: 90}", "walk_to: {before: a, aside: 1e300}",
-    "walk_to: {before: [desk]}", "walk_to: {before: }", "walk_to: {position: [1, 0], timeout: 1e300}",
-    "walk_to: {position: [1, 0], timeout: 10 s}", "face: {yaw: 1e300}", "reach: {left: [1e5, 0, 0]}",
-    "reach: {left: [0.3, 0.2, 0.1], frame: }", "reach: {left: [0.3, 0.2, 0.1], left_direction: [0, 0, 0]}",
-    "reach: {left: [0.3, 0.2, 0.1], speed: 1e-300}", "reach: {left: [0.3, 0.2, 0.1], tolerance: 1e-300}",
-    "press: {object: {name: a}}", "press: {object: a, travel: 1e300}", "press: {object: a, force: 1e9}",
-    "press: {object: a, hold: 60}", "press: {object: a, hand: both}", "lift: {object: '', height: 0.1}",
-    "lift: {object: a, hold: 1e9}", "wipe: {object: a, path: [[0, 0, 0], [0, 0, 0]]}",
-    "place: {object: a, at: [1e300, 0]}",
-    "push: {object: a, distance: 1e9}", "stand: {seconds: 1e300}", "retry: {do: [release], times: 1e300}",
-    "retry: {do: [release], times: 1000000}", "retry: &r {do: [retry: *r]}", "sequence: [release]",
-    "wait_until: contact", "wait_until: {contact: {}, hold: 20, timeout: 10}", "wait_until: {elapsed: {seconds: 20}}",
-    "wait_until: {contact: {}, timeout: 1e300}", "wait_until: {moved: {object: a, distance: 1e300}}",
-    "wait_until: {arrived: {position: [1e300, 0]}}", "wait_until: {arrived: {position: [1, 0], tolerance: 1e-300}}",
-    "wait_until: {force_above: {force: 1e300}}", "wait_until: {lifted: {object: a, height: 1e9}}",
-    'lift: {object: "\\e[31m"}', "lift: {object: " + "a" * 3000 + ", height: 0}",
-)  # fmt: skip
 WRONG = ("nan", ".inf", "1e999", "", "2 kg", "'3 m'", "[[1]]", "{a: 1}", "{uniform: [3, 1]}", "{uniform: [1, nan]}",
          "{uniform: 3}", "{choice: []}", "{choice: [{uniform: [1, 2]}]}", "true", "50%", "-1e3", "1e9")  # fmt: skip
 NEEDED = {"box": {"size": "[0.1, 0.2, 0.3]"}, "cylinder": {"radius": "0.1", "height": "0.2"}, "door": {"hinge": "left"}}
@@ -90,11 +66,6 @@ NEEDED = {"box": {"size": "[0.1, 0.2, 0.3]"}, "cylinder": {"radius": "0.1", "hei
 
 def parse_scene(text: str, path: pathlib.Path) -> Scene:
     return parse(Scene, text, path)
-
-
-def parse_behaviour(text: str, path: pathlib.Path) -> object:
-    path.write_text(text, encoding="utf-8", errors="surrogatepass")
-    return load_behaviour(path)
 
 
 @pytest.fixture(autouse=True)
@@ -114,20 +85,14 @@ def refused(parse, text: str, line: int | None = None) -> str:
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=range(len(TEXTS)))
-def test_what_is_no_scene_and_no_behaviour(text: str) -> None:
+def test_what_is_no_scene(text: str) -> None:
     if text != "KEY: []":  # a scene may be empty
         refused(parse_scene, text.replace("KEY", "objects"))
-    refused(parse_behaviour, text.replace("KEY", "steps"))
 
 
 @pytest.mark.parametrize("text", OBJECTS, ids=range(len(OBJECTS)))
 def test_objects_that_cannot_be(text: str) -> None:
     refused(parse_scene, DESK + f"  - {text}\n", line=3)
-
-
-@pytest.mark.parametrize("text", STEP_TEXTS, ids=range(len(STEP_TEXTS)))
-def test_steps_that_cannot_be(text: str) -> None:
-    refused(parse_behaviour, f"about: x\nsteps:\n  - release\n  - {text}\n", line=4)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -142,25 +107,8 @@ def test_a_wrong_value_is_named_at_its_own_line(kind: str) -> None:
             refused(parse_scene, text, line)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, made in STEPS.items() if inspect.isclass(made) and name != "wait_until"]
-)
-def test_a_wrong_argument_is_named_at_its_own_line(name: str) -> None:
-    for argument, parameter in list(inspect.signature(STEPS[name].__init__).parameters.items())[1:]:
-        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
-            continue
-        wrong = ["{a: 1}", "[[[1]]]", *([""] if parameter.default is not None else [])]
-        wrong += ["nan", ".inf", "2 kg", "1e999", "-1e9"] if parameter.annotation in (float, int) else []
-        for value in wrong:
-            needed = [f"{n}: {v}" for n, v in (("object", "a"), ("distance", "1"), ("path", "[[0, 0, 0], [1, 0, 0]]"))
-                      if n in STEPS[name].__init__.__annotations__ and n != argument]  # fmt: skip
-            needed += ["position: [1, 0]"] if name == "walk_to" and argument not in ("position", "before") else []
-            lines = ["steps:", f"  - {name}:", *(f"      {line}" for line in needed), f"      {argument}: {value}"]
-            refused(parse_behaviour, "\n".join(lines) + "\n", len(lines))
-
-
-def test_there_are_more_than_200() -> None:
-    assert 2 * len(TEXTS) + len(OBJECTS) + len(STEP_TEXTS) > 200
+def test_there_are_more_than_100() -> None:
+    assert len(TEXTS) + len(OBJECTS) > 100
 
 
 def test_too_many_objects() -> None:
@@ -187,31 +135,6 @@ def test_what_is_found_later_is_named_at_its_place_too() -> None:
 def test_a_table_through_the_pelvis_is_refused() -> None:
     with pytest.raises(SceneError, match="the robot stands in object 't'"):
         Simulation(scene=Scene((Table(name="t", position=(0.1, 0.0), height=0.95),)))
-
-
-def test_a_behaviour_names_objects_of_the_scene(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture) -> None:
-    text = (
-        "steps:\n  - retry:\n      do:\n        - lift: {object: parcl}\n  - reach: {left: [0, 0, 0], frame: world}\n"
-    )
-    path = tmp_path / "f.yaml"
-    path.write_text(text)
-    load_behaviour(path, ("parcl",))
-    with pytest.raises(ConfigError, match=r"f\.yaml:4:18: unknown object 'parcl'\. Did you mean 'parcel'"):
-        load_behaviour(path, ("desk", "parcel"))
-    for more in ((), ("--scene", "parcel")):
-        words = ["play", "--controller", "hold", "--viewer", "none", "--duration", "0.1", "--script", str(path), *more]
-        assert main(words) == 2
-        assert re.search(r"f\.yaml:4:18: .*'parcl'", capsys.readouterr().err)
-
-
-def test_retries_of_what_fails_at_once_do_not_keep_the_loop_waiting() -> None:
-    state = Simulation().state()
-    retries = Retry(Retry(Lift("nothing"), times=100), times=100)
-    view = View(0.0, state, np.zeros((2, 3)))
-    retries.begin(view)
-    for tick in range(20):
-        retries.update(dataclasses.replace(view, time=0.02 * tick))
-    assert not retries.reason
 
 
 BODY = "<mujoco>{}<worldbody><body name='b' {}>{}</body></worldbody></mujoco>"

@@ -84,13 +84,13 @@ def run(words: Sequence[str]) -> int:
 
 def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
     """Return a player of the script for each controller, and the script if its segments have given times."""
+    from hugwbc.behaviours import load_plan
     from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
-    from hugwbc.scripts.behaviours.behaviour_file import load_plan
     from hugwbc.scripts.script import Script, while_walking
     from hugwbc.sim import load_scene
 
     scene = None if options.scene is None else load_scene(options.scene)
-    script = load_plan(options.script, () if scene is None else scene.body_names)
+    script = load_plan(options.script)
     if options.walk is not None:
         if not isinstance(script, Script):
             raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")

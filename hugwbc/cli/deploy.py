@@ -22,12 +22,11 @@ from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.scripts.behaviours import BehaviourSource
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim.arena import known_robot
 from hugwbc.sim.sensors import ROBOT
-from hugwbc.tasks import load_task, shapes_of
+from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
@@ -189,7 +188,7 @@ def _source(header: dict[str, Any]) -> CommandSource:
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
         task = load_task(name)
-        return BehaviourSource(task.behaviour(shapes_of(task.scene.draw(header["seed"]))))
+        return task.source(task.scene.draw(header["seed"]))
     return Sticks() if header["script"] is None else load_script(header["script"])
 
 

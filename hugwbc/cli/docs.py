@@ -1,6 +1,8 @@
 """`hugwbc docs`: list the documents and scripts that come with the package, or print one."""
 
 import dataclasses
+import inspect
+import pathlib
 import sys
 from collections.abc import Sequence
 
@@ -20,12 +22,13 @@ class DocsOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, then list or print: formatted on a terminal, as Markdown elsewhere."""
-    from hugwbc.scripts.behaviours import behaviour_file
+    from hugwbc.behaviours import BEHAVIOUR_NAMES, load_behaviour
     from hugwbc.scripts.script_file import FOLDER, SCRIPT_NAMES, load_script
 
     name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
-    scripts |= {each: behaviour_file.FOLDER / f"{each}.yaml" for each in behaviour_file.BEHAVIOUR_NAMES}
+    behaviours = {each: inspect.getmodule(load_behaviour(each)) for each in BEHAVIOUR_NAMES}
+    scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}
     if name in scripts:
         say(scripts[name].read_text(encoding="utf-8").rstrip())
     elif name is not None:
@@ -35,8 +38,7 @@ def run(words: Sequence[str]) -> int:
         listed |= {
             each: f"script, {load_script(each).duration:.1f} s: {load_script(each).about}" for each in SCRIPT_NAMES
         }
-        for each in behaviour_file.BEHAVIOUR_NAMES:
-            listed[each] = f"script, as long as needed: {behaviour_file.load_behaviour(each).about}"
+        listed |= {each: f"behaviour: {module.__doc__}" for each, module in behaviours.items() if module is not None}
         width = max(map(len, listed))
         for each, about in listed.items():
             say(f"{each:<{width}}  {about}")

@@ -5,12 +5,14 @@ import importlib.util
 import pathlib
 import socket
 import webbrowser
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import tyro
 
+from hugwbc.behaviours import BehaviourSource, load_plan
+from hugwbc.behaviours.source import LONGEST
 from hugwbc.cli.output import output_folder, parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, TargetError
@@ -18,9 +20,6 @@ from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.scripts.behaviours.behaviour import Behaviour
-from hugwbc.scripts.behaviours.behaviour_file import load_plan
-from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.motion import load_motion
 from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
@@ -94,7 +93,7 @@ class PlayOptions:
     policy: str | None = None
     """Shipped policy or path of one, for learned; path of a network, for a contract."""
     script: str | None = None
-    """Play a script or behaviour: name of a shipped one, or a file (.yaml)."""
+    """Play a script or behaviour: name of a shipped one, a script (.yaml), or FILE.py:NAME."""
     task: str | None = None
     """Do a task of the suite, in its scene, such as press_button (docs/tasks.md)."""
     motion: pathlib.Path | None = None
@@ -133,7 +132,7 @@ def run(words: Sequence[str]) -> int:
     if options.task is not None:
         return _do_task(options, viewer)
     scene = _scene(options)
-    source, duration = _source(options, viewer, () if scene is None else scene.body_names)
+    source, duration = _source(options, viewer)
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
@@ -151,7 +150,7 @@ def run(words: Sequence[str]) -> int:
     for line in [] if score is None else score.lines():
         say(line)
     if behaviour is not None:
-        say(f"{behaviour.behaviour.label}: {behaviour.ending}")
+        say(f"{options.script}: {behaviour.ending}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
     return 0
@@ -265,8 +264,8 @@ def _check_address(host: str, port: int) -> None:
         ) from error
 
 
-def _source(options: PlayOptions, viewer: str = "none", objects: Collection[str] = ()) -> tuple[CommandSource, float]:
-    """Return what to command, among objects of these names, and for how long [s]."""
+def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, float]:
+    """Return what to command, and for how long [s]."""
     commands, forever = options.command, UNWATCHED_DURATION if viewer == "none" else np.inf
     if options.listen is not None:
         others = [name for name in options.commanding if name != "listen"]
@@ -277,10 +276,10 @@ def _source(options: PlayOptions, viewer: str = "none", objects: Collection[str]
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)
-        plan = load_plan(options.script, objects)
-        if isinstance(plan, Behaviour):
-            return BehaviourSource(plan), options.duration or LONGEST
-        return plan, options.duration or plan.duration
+        plan = load_plan(options.script)
+        if isinstance(plan, Script):
+            return plan, options.duration or plan.duration
+        return BehaviourSource(plan), options.duration or LONGEST
     values = {name: value for name, value in commands.given.items() if name in COMMAND_NAMES}
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(commands.gait) if commands.gait else Gait.WALKING if moving else Gait.STANDING

@@ -20,8 +20,7 @@ import numpy as np
 from hugwbc.deploy.messages import TICK
 from hugwbc.errors import CaptureError
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Grip
-from hugwbc.scripts.behaviours.view import BREAKING_FORCE
+from hugwbc.scripts.view import BREAKING_FORCE, Grip
 from hugwbc.sim.scenes.objects import Picture
 
 OBJECTS, GRIPS = "rt/hugwbc/objects", "rt/hugwbc/grips"

@@ -18,8 +18,8 @@ from hugwbc.runtime.contact import ContactParams
 from hugwbc.runtime.control_period import ArmSource, ControlPeriod
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.behaviours import Grip
 from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.view import Grip
 from hugwbc.state import GRAVITY, RobotState
 
 _ROUNDING = 1e-9  # [s]

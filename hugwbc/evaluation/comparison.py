@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from hugwbc.behaviours import Behaviour, BehaviourSource
+from hugwbc.behaviours.source import LONGEST
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
@@ -11,8 +13,6 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table, hand_rows
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.scripts.behaviours.behaviour import Behaviour
-from hugwbc.scripts.behaviours.behaviour_source import LONGEST, BehaviourSource
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
 from hugwbc.sim import Arena, Scene
@@ -198,7 +198,7 @@ def comparison_summary(
         arena: robot, drives and sensors; None for the default ones.
     """
     return {
-        "script": script.name if isinstance(script, Script) else script.label,
+        "script": script.name if isinstance(script, Script) else getattr(script, "__name__", "behaviour"),
         "duration": script.duration if isinstance(script, Script) else LONGEST,
         "seed": seed,
         "arena": dataclasses.asdict(arena or Arena()),

@@ -2,11 +2,11 @@
 
 import dataclasses
 
+from hugwbc.behaviours import BehaviourSource, View
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import FollowWish
 from hugwbc.runtime.loop import ControlLoop, world_targets
-from hugwbc.scripts.behaviours import BehaviourSource, View
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import REACH
 from hugwbc.tasks import Ending, Task, Verdict, shapes_of
@@ -39,7 +39,7 @@ class Episode:
             raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
         self.behaviour = FollowWish(self._nearest)
-        self._source = BehaviourSource(self.behaviour)
+        self._source = BehaviourSource(self.behaviour.course)
         self._loop = ControlLoop(controller, self._source, simulation, arms)
         self._loop.reset()
         names = [name for name in simulation.scene.body_names if simulation.model.body(name).jntnum[0] > 0]
@@ -51,7 +51,8 @@ class Episode:
     @property
     def view(self) -> View:
         """What is known now."""
-        return dataclasses.replace(self.behaviour.view, last=self._source.action)
+        assert self._source.view is not None
+        return dataclasses.replace(self._source.view, last=self._source.action)
 
     @property
     def problem(self) -> str:

@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hugwbc.behaviours.course import Course
+from hugwbc.behaviours.hands import points_in
 from hugwbc.gym.task_action import Wish
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Action, Behaviour, Course, Grip, View
-from hugwbc.scripts.behaviours.hand_motion import points_in
+from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
 
 HAND_SPEED = 0.5  # [m/s], of a hand's target
@@ -17,7 +18,7 @@ Nearest = Callable[[str], tuple[str, bool] | None]
 """Returns the name of what the gripper of a side can take now, and whether that moves in a joint; None for nothing."""
 
 
-class FollowWish(Behaviour):
+class FollowWish:
     """Does what `wish` says; it never ends.
 
     Attributes:
@@ -34,7 +35,8 @@ class FollowWish(Behaviour):
         self.wish = Wish()
         self._nearest = nearest
 
-    def course(self, view: View) -> Course:  # noqa: D102
+    def course(self, view: View) -> Course:
+        """Follow it."""
         self.points = np.full((2, 3), np.nan)
         took = [False, False]  # whether each gripper has held something since it was asked to
         time = view.time

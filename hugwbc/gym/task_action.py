@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 
+from hugwbc.behaviours.hands import points_in, points_of
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Action, View
-from hugwbc.scripts.behaviours.hand_motion import points_in, points_of
+from hugwbc.scripts.view import Action, View
 
 GRIP_KINDS = ("squeeze", "attach", None)
 

@@ -13,7 +13,7 @@ from hugwbc.gym.episode import Episode
 from hugwbc.gym.task_action import ActionFilter, ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.scripts.behaviours import View
+from hugwbc.scripts.view import View
 from hugwbc.sim import Arena, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
 from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of

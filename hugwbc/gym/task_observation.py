@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.behaviours.hands import points_in
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
-from hugwbc.scripts.behaviours import SeenObject, View
-from hugwbc.scripts.behaviours.hand_motion import points_in
+from hugwbc.scripts.view import SeenObject, View
 from hugwbc.sim.scenes import Choice, Uniform
 from hugwbc.tasks import Shapes
 

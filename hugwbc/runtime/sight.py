@@ -12,7 +12,7 @@ from hugwbc import rotations
 from hugwbc.errors import HugwbcError
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot
-from hugwbc.scripts.behaviours.view import Grip, SeenObjects, View
+from hugwbc.scripts.view import Grip, SeenObjects, View
 from hugwbc.sim import Engine
 from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState

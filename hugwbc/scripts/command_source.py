@@ -4,7 +4,7 @@ import dataclasses
 from typing import Protocol, runtime_checkable
 
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours.view import Grip, View
+from hugwbc.scripts.view import Grip, View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.behaviours import Course, Grip, View, doing, glide, grip, seen, step, walk_to
+from hugwbc.behaviours.course import Seconds
+from hugwbc.behaviours.hands import crouch, hands_in
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours import Course, Grip, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, lifted
-from hugwbc.tasks.moves import Moves, crouch, hands_in
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -56,54 +56,52 @@ _LIFT = 0.08  # [m], by which the robot is lower than for its arms' comfort when
 _BACK, _AHEAD = 0.45, 2.5  # [m], before and after the corner
 
 
-class CarryTray(Moves):
+@step
+def carry_tray(view: View, shapes: Shapes, *, timeout: Seconds = 80.0) -> Course:
     """Take the tray at its sides, step back from the table, turn left, and walk on."""
+    half = settled(shapes["tray"]["size"][1]) / 2  # type: ignore[index]
+    view = yield from doing("walk to the tray", _come(view, half))
+    view = yield from doing("reach for the tray", _reach(view, half))
+    view = yield from doing("grip the tray", grip(view, Grip("left", "tray"), Grip("right", "tray", hook=True)))
+    ahead, points = np.array([1.0, 0.0, 0.0]), hands_in(view, "heading")
+    lift = glide(view, points, together=True, directions=(ahead, ahead), posture=Command(), settle=1.5)
+    view = yield from doing("lift the tray", lift)
+    return (yield from doing("carry the tray", _carry(view)))
 
-    timeout = 80.0
 
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the width of the tray."""
-        self._half = settled(shapes["tray"]["size"][1]) / 2  # type: ignore[index]
+def _come(view: View, half: float) -> Course:
+    y = half + _BESIDE + 0.08
+    view = yield from glide(view, np.array([[0.22, y, 0.1], [0.22, -y, 0.1]]))
+    return (yield from walk_to(view, before="tray", distance=_DISTANCE))
 
-    def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the tray"
-        y = self._half + _BESIDE + 0.08
-        view = yield from self.glide(view, np.array([[0.22, y, 0.1], [0.22, -y, 0.1]]))
-        view = yield from self.walk(view, WalkTo(before="tray", distance=_DISTANCE))
-        self.doing = "reach for the tray"
-        tray = seen(view, "tray")
-        axes = rotations.rotation_z(tray.yaw)
-        way = (axes[:, 0], axes[:, 0])
-        # The legs lift the tray: an arm that rises turns its forearm, and the tray with it.
-        posture = Command(h=crouch(float(tray.position[2]) + _ABOVE).h - _LIFT)
-        for gap in (0.06, 0.0):
-            y = self._half + _BESIDE + gap
-            points = tray.position + np.array([[-0.02, y, _ABOVE], [-0.02, -y, _ABOVE]]) @ axes.T
-            view = yield from self.glide(
-                view, points, frame="world", speed=0.12, directions=way, posture=posture, settle=0.6
-            )
-        self.doing = "grip the tray"
-        view = yield from self.grip(view, Grip("left", "tray"), Grip("right", "tray", hook=True))
-        self.doing = "lift the tray"
-        ahead = np.array([1.0, 0.0, 0.0])
-        view = yield from self.glide(
-            view, hands_in(view, "heading"), together=True, directions=(ahead, ahead), posture=Command(), settle=1.5
-        )
-        self.doing = "carry the tray"
-        yaw = view.state.yaw
-        back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
-        walk = WalkTo((float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
-        view = yield from self.walk(view, walk)
-        goal = view.position + _AHEAD * rotations.rotation_z(yaw)[:, 1]
-        walk = WalkTo((float(goal[0]), float(goal[1])), yaw + math.pi / 2, speed=0.3, tolerance=0.1)
-        return (yield from self.walk(view, walk))
+
+def _reach(view: View, half: float) -> Course:
+    tray = seen(view, "tray")
+    axes = rotations.rotation_z(tray.yaw)
+    way = (axes[:, 0], axes[:, 0])
+    # The legs lift the tray: an arm that rises turns its forearm, and the tray with it.
+    posture = Command(h=crouch(float(tray.position[2]) + _ABOVE).h - _LIFT)
+    for gap in (0.06, 0.0):
+        y = half + _BESIDE + gap
+        points = tray.position + np.array([[-0.02, y, _ABOVE], [-0.02, -y, _ABOVE]]) @ axes.T
+        view = yield from glide(view, points, frame="world", speed=0.12, directions=way, posture=posture, settle=0.6)
+    return view
+
+
+def _carry(view: View) -> Course:
+    yaw = view.state.yaw
+    back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
+    view = yield from walk_to(view, (float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
+    goal = view.position + _AHEAD * rotations.rotation_z(yaw)[:, 1]
+    walk = walk_to(view, (float(goal[0]), float(goal[1])), yaw + math.pi / 2, speed=0.3, tolerance=0.1)
+    return (yield from walk)
 
 
 TASK = Task(
     name="carry_tray",
     about="Carry a tray with a cup that stands on it freely over 3 m and round a corner; the cup stays upright.",
     scene=scene_of("carry_tray"),
-    behaviour=CarryTray,
+    behaviour=carry_tray,
     limit=90.0,
     milestones=MILESTONES,
     idealised=("attach",),

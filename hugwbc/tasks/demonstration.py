@@ -9,16 +9,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hugwbc.behaviours import Action, Course, View
+from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.scripts.behaviours import Action, Behaviour, Course, Failure, Status, View
-from hugwbc.scripts.behaviours.hand_motion import in_frame, points_in
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
-from hugwbc.tasks.task import Task
+from hugwbc.tasks.task import Shapes, Task
 from hugwbc.tasks.verdict import Verdict
 
 FPS = round(1.0 / RECORD_PERIOD)  # frames per second: the rate of the learned controller and of every other record
@@ -153,16 +153,14 @@ def demonstrate(
         seed: that of the simulation, to be noted.
         on_progress: called with the fraction of the time limit.
     """
-    made: list[_Watched] = []
+    watch = _Watch()
 
-    def watched(shapes: object) -> Behaviour:
-        made.append(_Watched(task.behaviour(shapes)))  # type: ignore[arg-type]
-        return made[-1]
+    def watched(view: View, shapes: Shapes) -> Course:
+        return watch.course(task.behaviour(view, shapes), view)
 
     run = run_task(
         dataclasses.replace(task, behaviour=watched), controller, simulation, estimator, on_progress=on_progress
     )
-    (watch,) = made
     count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
     bodies = len(task.scene.body_names)
     return Demonstration(
@@ -178,14 +176,13 @@ def demonstrate(
     )
 
 
-class _Watched(Behaviour):
-    """A behaviour that runs another one, and notes what it knows and asks for.
+class _Watch:
+    """Notes what a behaviour knows and asks for.
 
     A command reaches the robot softened, so each action is taken from the next view, which says what was carried out.
     """
 
-    def __init__(self, inner: Behaviour) -> None:
-        self._inner = inner
+    def __init__(self) -> None:
         self.states: list[np.ndarray] = []
         self.objects: list[np.ndarray] = []
         self.actions: list[np.ndarray] = []
@@ -193,25 +190,18 @@ class _Watched(Behaviour):
         self._grip = np.zeros(2)
         self._open: View | None = None  # of a frame that has no action yet
 
-    @property
-    def label(self) -> str:
-        return self._inner.label
-
-    @property
-    def step(self) -> str:
-        return self._inner.step
-
-    def course(self, view: View) -> Course:
-        self._inner.begin(view)
-        while True:
-            self._close(view.last)
-            action = self._inner.update(view)
-            if self._inner.status is Status.SUCCESS:
-                return view
-            if self._inner.status is Status.FAILURE:
-                raise Failure(self._inner.reason, self._inner.label)
-            self._frame(view)
-            view = yield action
+    def course(self, course: Course, view: View) -> Course:
+        """Let a behaviour run as it is."""
+        self._close(view.last)
+        try:
+            action = next(course)
+            while True:
+                self._frame(view, action.doing)
+                view = yield action
+                self._close(view.last)
+                action = course.send(view)
+        except StopIteration:
+            return view
 
     def _close(self, action: Action) -> None:
         """Give the last frame its action, if there is a frame that waits for one."""
@@ -221,7 +211,7 @@ class _Watched(Behaviour):
             self.actions.append(action_vector(self._open, action, self._grip))
             self._open = None
 
-    def _frame(self, view: View) -> None:
+    def _frame(self, view: View, doing: str) -> None:
         """Begin a frame, if one is due: controllers may be faster than `FPS`."""
         if view.time < len(self.states) * RECORD_PERIOD - 1e-9:
             return
@@ -229,4 +219,4 @@ class _Watched(Behaviour):
         self.states.append(state_vector(view))
         poses = [np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()]
         self.objects.append(np.array(poses))
-        self.steps.append(self._inner.step)
+        self.steps.append(doing)

@@ -3,10 +3,10 @@
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.scripts.behaviours import Course, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.behaviours import BoxGrip, Course, View, doing, seen, step, walk_to
+from hugwbc.behaviours.boxes import DISTANCE, carried_at
+from hugwbc.behaviours.course import Seconds
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.boxes import DISTANCE, BoxMoves, carried_at
 from hugwbc.tasks.judges import (
     apart,
     at_rest,
@@ -58,38 +58,33 @@ _BACK = 0.35  # [m], step back with the box before the turn
 _CLEAR = 0.05  # [m], of the box over both tables
 
 
-class FetchBox(BoxMoves):
+@step
+def fetch_box(view: View, shapes: Shapes, *, timeout: Seconds = 100.0) -> Course:
     """Grasp the box, step back, turn, walk to the other table, and put the box down."""
+    _, width, height = (settled(side) for side in shapes["box"]["size"])  # type: ignore[attr-defined]
+    top, box = settled(shapes["bench"]["height"]), BoxGrip(width)  # type: ignore[arg-type]
+    highest = max(float(seen(view, "box").position[2]), top + height / 2)
+    view = yield from box.take(view, "box", goal=carried_at(highest + box.at[1] + _CLEAR))
+    view = yield from doing("carry the box", _carry(view))
+    bench = seen(view, "bench")
+    goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
+    goal[2] = top + height / 2
+    view = yield from doing("put the box down", box.put(view, "box", goal, bench.yaw))
+    return (yield from doing("let go", box.let_go(view)))
 
-    timeout = 100.0
 
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the size of the box and the height of the other table."""
-        size = shapes["box"]["size"]
-        super().__init__(width=settled(size[1]))  # type: ignore[index]
-        self._half = settled(size[2]) / 2  # type: ignore[index]
-        self._top = settled(shapes["bench"]["height"])  # type: ignore[arg-type]
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        highest = max(float(seen(view, "box").position[2]), self._top + self._half)
-        view = yield from self.take(view, "box", goal=carried_at(highest + self.at[1] + _CLEAR))
-        self.doing = "carry the box"
-        yaw = view.state.yaw
-        back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
-        view = yield from self.walk(view, WalkTo((float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1))
-        view = yield from self.walk(view, WalkTo(before="bench", distance=DISTANCE - GOAL[0], speed=0.35))
-        bench = seen(view, "bench")
-        goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
-        goal[2] = self._top + self._half
-        view = yield from self.put(view, "box", goal, bench.yaw)
-        return (yield from self.let_go(view))
+def _carry(view: View) -> Course:
+    yaw = view.state.yaw
+    back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
+    view = yield from walk_to(view, (float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
+    return (yield from walk_to(view, before="bench", distance=DISTANCE - GOAL[0], speed=0.35))
 
 
 TASK = Task(
     name="fetch_box",
     about="Take a box of 0.5 to 3 kg from a table between both hands, turn, walk 2 m, and set it on another table.",
     scene=scene_of("fetch_box"),
-    behaviour=FetchBox,
+    behaviour=fetch_box,
     limit=110.0,
     milestones=MILESTONES,
 )

@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from hugwbc.behaviours import Action, Course, Grip, View, doing, glide, grip, seen, standing, step
+from hugwbc.behaviours.boxes import up
+from hugwbc.behaviours.course import Seconds
+from hugwbc.behaviours.hands import targets
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Course, Grip, View, seen
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, rise
-from hugwbc.tasks.moves import Moves, up
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, longest
@@ -16,32 +18,36 @@ NEAR = 0.03  # [m]
 LIFT = 0.10  # [m]
 WEIGHTS = ("left-weight", "right-weight")
 _UP = 0.03  # [m]
+_LOAD_GAIN = 1.0  # [1/s], at which targets move against the sag of hands that carry a load
+_LARGEST_SAG = 0.15  # [m]
 _ABOVE = 0.05  # [m], of the hand's origin above the weight: a hand is 3 cm thick below it
 
 
-class HoldPayload(Moves):
+@step
+def hold_payload(view: View, shapes: Shapes, *, timeout: Seconds = 40.0) -> Course:
     """Put both hands on the weights, grip them, lift, and hold."""
+    half = settled(shapes[WEIGHTS[0]]["height"]) / 2  # type: ignore[arg-type]
+    weights = np.array([seen(view, name).position for name in WEIGHTS])
+    at = weights + up(half + _ABOVE) - np.array([0.02, 0.0, 0.0])
+    view = yield from doing("reach for the weights", glide(view, at + up(0.06), frame="world"))
+    view = yield from doing("reach for the weights", glide(view, at, frame="world", speed=0.1))
+    grips = [Grip(side, name) for side, name in zip(SIDES, WEIGHTS, strict=True)]
+    view = yield from doing("grip the weights", grip(view, *grips))
+    goal = view.hands + up(LIFT)
+    view = yield from doing("lift the weights", glide(view, goal, frame="world", speed=0.05))
+    return (yield from doing("hold the weights", _hold(view, goal, HELD + 5.0)))
 
-    timeout = 40.0
 
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the heights of the weights from the shapes."""
-        self._half = settled(shapes[WEIGHTS[0]]["height"]) / 2  # type: ignore[arg-type]
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "reach for the weights"
-        weights = np.array([seen(view, name).position for name in WEIGHTS])
-        at = weights + up(self._half + _ABOVE) - np.array([0.02, 0.0, 0.0])
-        view = yield from self.glide(view, at + up(0.06), frame="world")
-        view = yield from self.glide(view, at, frame="world", speed=0.1)
-        self.doing = "grip the weights"
-        grips = [Grip(side, name) for side, name in zip(SIDES, WEIGHTS, strict=True)]
-        view = yield from self.grip(view, *grips)
-        self.doing = "lift the weights"
-        taken = view.hands
-        view = yield from self.glide(view, taken + up(LIFT), frame="world", speed=0.05)
-        self.doing = "hold the weights"
-        return (yield from self.carry(view, taken + up(LIFT), HELD + 5.0))
+def _hold(view: View, goal: np.ndarray, seconds: float) -> Course:
+    """Hold loaded hands at points of the world for a time [s]: the targets move against the sag of the arms."""
+    begin = last = view.time
+    shift = np.zeros((2, 3))
+    while view.time - begin < seconds:
+        shift += _LOAD_GAIN * (view.time - last) * (goal - view.hands)
+        shift = np.clip(shift, -_LARGEST_SAG, _LARGEST_SAG)
+        last = view.time
+        view = yield Action(standing(view), targets(goal + shift, "world"))
+    return view
 
 
 def both_up(record: TaskRecord) -> np.ndarray:
@@ -71,7 +77,7 @@ TASK = Task(
     name="hold_payload",
     about="Take an unknown weight of 0 to 4 kg in each hand, lift both by 10 cm, and hold them for 10 s.",
     scene=scene_of("hold_payload"),
-    behaviour=HoldPayload,
+    behaviour=hold_payload,
     limit=45.0,
     milestones=MILESTONES,
     idealised=("attach",),

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from hugwbc.behaviours import BoxGrip, Course, View, doing, step, wait
+from hugwbc.behaviours.course import Seconds
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours import Course, View
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.boxes import BoxMoves
 from hugwbc.tasks.judges import HANDS, happened, lifted
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -41,29 +41,19 @@ _LIFT, _SPEED = 0.06, 0.05  # [m], [m/s], up from the stool
 _HELD_AT = np.array([0.36, 0.0, 0.27])  # [m], in the heading frame
 
 
-class LiftFromStool(BoxMoves):
+@step
+def lift_from_stool(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Crouch as low as the robot can, grasp the upper half of the box, and stand up with it."""
-
-    timeout = 60.0
-
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the size of the box."""
-        size = shapes["box"]["size"]
-        super().__init__(width=settled(size[1]), at=(0.0, 0.08))  # type: ignore[index]
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        view = yield from self.take(
-            view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED, goal=_HELD_AT
-        )
-        self.doing = "hold the box"
-        return (yield from self.wait(view, HELD + 2.0))
+    box = BoxGrip(settled(shapes["box"]["size"][1]), at=(0.0, 0.08))  # type: ignore[index]
+    view = yield from box.take(view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED, goal=_HELD_AT)
+    return (yield from doing("hold the box", wait(view, HELD + 2.0)))
 
 
 TASK = Task(
     name="lift_from_stool",
     about="Lift a box of 0.5 to 2 kg from a stool of 0.4 m with the whole body, and hold it at the chest for 5 s.",
     scene=scene_of("lift_from_stool"),
-    behaviour=LiftFromStool,
+    behaviour=lift_from_stool,
     limit=70.0,
     milestones=MILESTONES,
 )

@@ -3,10 +3,9 @@
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.scripts.behaviours import Course, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.behaviours import Course, View, doing, glide, seen, step, walk_to
+from hugwbc.behaviours.course import Seconds
 from hugwbc.tasks.judges import in_axes_of, touched, trunk_clear
-from hugwbc.tasks.moves import Moves
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -35,36 +34,25 @@ _BEFORE, _BEHIND = 0.65, 1.2  # [m], of the pelvis from the doorway
 _ASIDE = -0.08  # [m], away from the hinge: the leaf comes to rest on the robot's left
 
 
-class OpenDoor(Moves):
+@step
+def open_door(view: View, shapes: Shapes, *, timeout: Seconds = 45.0) -> Course:
     """Hold both forearms ahead and walk through: the hands push the leaf, and the left arm keeps it away."""
-
-    timeout = 45.0
-
-    def __init__(self, shapes: Shapes) -> None:
-        """Need no dimensions."""
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the door"
-        view = yield from self.walk(view, WalkTo(before="door/frame", distance=_BEFORE, aside=_ASIDE))
-        self.doing = "raise the hands"
-        ahead = np.array([1.0, 0.0, 0.0])
-        points = np.array([[0.40, 0.17, 0.14], [0.40, -0.14, 0.14]])
-        view = yield from self.glide(view, points, directions=(ahead, ahead))
-        self.doing = "push the door and walk through"
-        frame = seen(view, "door/frame")
-        goal = frame.position + rotations.rotation_z(frame.yaw) @ np.array([_BEHIND, _ASIDE, 0.0])
-        return (
-            yield from self.walk(
-                view, WalkTo((float(goal[0]), float(goal[1])), frame.yaw, speed=0.3, tolerance=0.15, timeout=25.0)
-            )
-        )
+    walk = walk_to(view, before="door/frame", distance=_BEFORE, aside=_ASIDE)
+    view = yield from doing("walk to the door", walk)
+    ahead, points = np.array([1.0, 0.0, 0.0]), np.array([[0.40, 0.17, 0.14], [0.40, -0.14, 0.14]])
+    view = yield from doing("raise the hands", glide(view, points, directions=(ahead, ahead)))
+    frame = seen(view, "door/frame")
+    goal = frame.position + rotations.rotation_z(frame.yaw) @ np.array([_BEHIND, _ASIDE, 0.0])
+    place = (float(goal[0]), float(goal[1]))
+    walk = walk_to(view, place, frame.yaw, speed=0.3, tolerance=0.15, timeout=25.0)
+    return (yield from doing("push the door and walk through", walk))
 
 
 TASK = Task(
     name="open_door",
     about="Push a door with a closer of 5 to 15 N m open, and walk through without touching the frame with the trunk.",
     scene=scene_of("open_door"),
-    behaviour=OpenDoor,
+    behaviour=open_door,
     limit=60.0,
     milestones=MILESTONES,
 )

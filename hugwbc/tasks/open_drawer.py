@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hugwbc.scripts.behaviours import Course, Grip, Pull, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.behaviours import Course, Grip, View, doing, glide, grip, pull, seen, step, wait, walk_to
+from hugwbc.behaviours.course import Seconds
+from hugwbc.behaviours.hands import crouch, hands_in, one_hand
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_end, happened
-from hugwbc.tasks.moves import NO_HAND, Moves, crouch, hands_in
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
 
@@ -30,44 +30,42 @@ _STRONG = 300.0
 _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the sway of a step
 
 
-class OpenDrawer(Moves):
+@step
+def open_drawer(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Walk to the drawer, hook the handle with the right hand, and walk back until it is seen to be open."""
+    handle = settled(shapes["drawer"]["size"][0]) / 2 + _BAR  # type: ignore[index]
+    walk = walk_to(view, before="drawer", distance=handle + _REACH, aside=_ASIDE)
+    view = yield from doing("walk to the drawer", walk)
+    view = yield from doing("reach for the handle", _reach(view, handle))
+    hook = grip(view, Grip("right", "drawer", hook=True, breaking_force=_STRONG))
+    view = yield from doing("hook the handle", hook)
+    view = yield from doing("pull the drawer", _pull(view))
+    view = yield from doing("let go of the handle", grip(view, Grip("right", None)))
+    return (yield from doing("let go of the handle", wait(view, 0.5)))
 
-    timeout = 60.0
 
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the depth of the drawer."""
-        self._handle = settled(shapes["drawer"]["size"][0]) / 2 + _BAR  # type: ignore[index]
+def _reach(view: View, handle: float) -> Course:
+    closed = seen(view, "drawer")
+    ahead = closed.direction(np.array([1.0, 0.0, 0.0]))
+    bar = closed.position - handle * ahead
+    posture, way = crouch(float(bar[2]) + 0.1), (None, ahead)
+    for gap in (0.10, 0.0):
+        points = one_hand(1, bar - (_TIP + gap) * ahead)
+        view = yield from glide(view, points, frame="world", directions=way, posture=posture, speed=0.15, settle=0.5)
+    return view
 
-    def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the drawer"
-        view = yield from self.walk(view, WalkTo(before="drawer", distance=self._handle + _REACH, aside=_ASIDE))
-        self.doing = "reach for the handle"
-        closed = seen(view, "drawer")
-        ahead = closed.direction(np.array([1.0, 0.0, 0.0]))
-        bar = closed.position - self._handle * ahead
-        posture = crouch(float(bar[2]) + 0.1)
-        for gap in (0.10, 0.0):
-            points = np.stack([NO_HAND, bar - (_TIP + gap) * ahead])
-            view = yield from self.glide(
-                view, points, frame="world", directions=(None, ahead), posture=posture, speed=0.15, settle=0.5
-            )
-        self.doing = "hook the handle"
-        view = yield from self.grip(view, Grip("right", "drawer", hook=True, breaking_force=_STRONG))
-        self.doing = "pull the drawer"
-        hands = np.stack([NO_HAND, hands_in(view, "heading")[1]])
-        view = yield from self.glide(view, hands, stiffness=_YIELDING)
-        view = yield from self.walk(view, Pull("drawer", OPENED + _FARTHER, speed=_SPEED))
-        self.doing = "let go of the handle"
-        view = yield from self.grip(view, Grip("right", None))
-        return (yield from self.wait(view, 0.5))
+
+def _pull(view: View) -> Course:
+    hands = one_hand(1, hands_in(view, "heading")[1])
+    view = yield from glide(view, hands, stiffness=_YIELDING)
+    return (yield from pull(view, "drawer", OPENED + _FARTHER, speed=_SPEED))
 
 
 TASK = Task(
     name="open_drawer",
     about="Hook the handle of a drawer, and pull it open by 25 cm against 10 to 20 N.",
     scene=scene_of("open_drawer"),
-    behaviour=OpenDrawer,
+    behaviour=open_drawer,
     limit=70.0,
     milestones=MILESTONES,
     idealised=("attach",),

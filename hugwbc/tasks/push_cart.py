@@ -5,12 +5,11 @@ import math
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.behaviours import Course, Failure, Grip, View, doing, glide, grip, seen, step, walk_to
+from hugwbc.behaviours.course import Seconds
 from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Course, Failure, Grip, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_rest, in_axes_of, touched
-from hugwbc.tasks.moves import Moves
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, at_end, within
@@ -56,64 +55,59 @@ _THERE = 0.06  # [m]
 _MOST_STEPS = 3
 
 
-class PushCart(Moves):
-    """Hook the handle with both hands, walk ahead, and stop where the cart is seen at its goal."""
+@step
+def push_cart(view: View, shapes: Shapes, *, timeout: Seconds = 55.0) -> Course:
+    """Push the cart by its handle with both hands hooked, and stop where the cart is seen at its goal."""
+    length, handle = settled(shapes["cart"]["size"][0]), settled(shapes["cart"]["handle"])  # type: ignore[index,arg-type]
+    start = seen(view, "cart")
+    goal = start.position + WAY * rotations.rotation_z(start.yaw)[:, 0]
+    ready = _hands(handle - 0.98, gap=0.08)
+    view = yield from doing("walk to the cart", glide(view, ready))
+    view = yield from doing("walk to the cart", walk_to(view, before="cart", distance=length / 2 + _REACH))
+    cart = seen(view, "cart")
+    turn = rotations.rotation_z(cart.yaw)
+    bar = cart.position + turn @ np.array([-length / 2 - _TIP, 0.0, 0.0])
+    points = bar + np.array([[0.0, _APART, 0.0], [0.0, -_APART, 0.0]]) @ turn.T
+    points[:, 2] = handle
+    way = (turn[:, 0], turn[:, 0])
+    reach = glide(view, points, frame="world", directions=way, speed=0.1, settle=0.6)
+    view = yield from doing("reach for the handle", reach)
+    hook = grip(view, *(Grip(side, "cart", hook=True) for side in SIDES))
+    view = yield from doing("hook the handle", hook)
+    soften = glide(view, _hands(float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
+    view = yield from doing("push the cart", soften)
+    view = yield from doing("push the cart", _push(view, goal, start.yaw))
+    view = yield from doing("let go of the cart", grip(view, *(Grip(side, None) for side in SIDES)))
+    return (yield from doing("let go of the cart", glide(view, ready, speed=0.1)))
 
-    timeout = 55.0
 
-    def __init__(self, shapes: Shapes) -> None:
-        """Take length and handle height of the cart."""
-        cart = shapes["cart"]
-        self._length = settled(cart["size"][0])  # type: ignore[index]
-        self._handle = settled(cart["handle"])  # type: ignore[arg-type]
+def _push(view: View, goal: np.ndarray, yaw: float) -> Course:
+    """Walk until the cart is seen near a point of the world [m]."""
+    for _ in range(_MOST_STEPS):
+        left = goal - seen(view, "cart").position
+        if np.hypot(*left[:2]) < 1.5 * _THERE:
+            break
+        x, y = (view.position + left)[:2].tolist()
+        view = yield from walk_to(view, (x, y), yaw, speed=_SPEED, tolerance=_THERE)
+        if None in view.held:
+            raise Failure("push: a hook broke")
+    off = float(np.hypot(*(goal - seen(view, "cart").position)[:2]))
+    if off > NEAR:
+        raise Failure(f"push: the cart stands {100 * off:.0f} cm off its goal")
+    return view
 
-    def course(self, view: View) -> Course:  # noqa: D102
-        start = seen(view, "cart")
-        ahead = rotations.rotation_z(start.yaw)[:, 0]
-        goal = start.position + WAY * ahead
-        self.doing = "walk to the cart"
-        distance = self._length / 2 + _REACH
-        ready = self._hands(self._handle - 0.98, gap=0.08)
-        view = yield from self.glide(view, ready)
-        view = yield from self.walk(view, WalkTo(before="cart", distance=distance))
-        self.doing = "reach for the handle"
-        cart = seen(view, "cart")
-        turn = rotations.rotation_z(cart.yaw)
-        bar = cart.position + turn @ np.array([-self._length / 2 - _TIP, 0.0, 0.0])
-        points = bar + np.array([[0.0, _APART, 0.0], [0.0, -_APART, 0.0]]) @ turn.T
-        points[:, 2] = self._handle
-        way = (turn[:, 0], turn[:, 0])
-        view = yield from self.glide(view, points, frame="world", directions=way, speed=0.1, settle=0.6)
-        self.doing = "hook the handle"
-        view = yield from self.grip(view, *(Grip(side, "cart", hook=True) for side in SIDES))
-        self.doing = "push the cart"
-        view = yield from self.glide(view, self._hands(float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
-        for _ in range(_MOST_STEPS):
-            left = goal - seen(view, "cart").position
-            if np.hypot(*left[:2]) < 1.5 * _THERE:
-                break
-            x, y = (view.position + left)[:2].tolist()
-            view = yield from self.walk(view, WalkTo((x, y), start.yaw, speed=_SPEED, tolerance=_THERE))
-            if None in view.held:
-                raise Failure("push: a hook broke")
-        off = float(np.hypot(*(goal - seen(view, "cart").position)[:2]))
-        if off > NEAR:
-            raise Failure(f"push: the cart stands {100 * off:.0f} cm off its goal")
-        self.doing = "let go of the cart"
-        view = yield from self.grip(view, *(Grip(side, None) for side in SIDES))
-        return (yield from self.glide(view, ready, speed=0.1))
 
-    def _hands(self, height: float, gap: float = 0.0) -> np.ndarray:
-        """Return the hands before the handle, at a height over the pelvis [m], in the heading frame, shape (2, 3)."""
-        x = _REACH - _TIP - gap
-        return np.array([[x, _APART, height], [x, -_APART, height]])
+def _hands(height: float, gap: float = 0.0) -> np.ndarray:
+    """Return the hands before the handle, at a height over the pelvis [m], in the heading frame, shape (2, 3)."""
+    x = _REACH - _TIP - gap
+    return np.array([[x, _APART, height], [x, -_APART, height]])
 
 
 TASK = Task(
     name="push_cart",
     about="Push a cart of 20 to 40 kg over 2 m, to within 20 cm and 10 degrees.",
     scene=scene_of("push_cart"),
-    behaviour=PushCart,
+    behaviour=push_cart,
     limit=60.0,
     milestones=MILESTONES,
     idealised=("attach",),

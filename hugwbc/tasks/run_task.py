@@ -4,16 +4,16 @@ import dataclasses
 import math
 from collections.abc import Callable
 
+from hugwbc.behaviours import BehaviourSource, Status
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.scripts.behaviours import BehaviourSource, Status
 from hugwbc.sim import Simulation
 from hugwbc.tasks.record import Ending, TaskRecord, TaskWatch
-from hugwbc.tasks.task import Task, shapes_of
+from hugwbc.tasks.task import Task
 from hugwbc.tasks.verdict import Verdict
 from hugwbc.upper_ik import UpperBodySource
 
@@ -58,7 +58,7 @@ def run_task(
     """
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
-    source = BehaviourSource(task.behaviour(shapes_of(simulation.scene)))
+    source = task.source(simulation.scene)
     watch, ended = TaskWatch(simulation), math.inf
 
     def sample(moment: Moment) -> None:
@@ -90,5 +90,5 @@ def run_task(
 
 def _ending(source: BehaviourSource, time: float) -> Ending:
     if source.status is Status.RUNNING:
-        return Ending(False, f"the time was over during {source.step}")
+        return Ending(False, f"the time was over during {source.doing}")
     return Ending(source.status is Status.SUCCESS, source.reason, time)

@@ -1,13 +1,10 @@
 """Put one box on another, upright, and let go."""
 
-from hugwbc.commands import Command
-from hugwbc.robot import SIDES
-from hugwbc.scripts.behaviours import Course, Grip, View, seen
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
+from hugwbc.behaviours import BoxGrip, Course, View, doing, seen, step, walk_to
+from hugwbc.behaviours.boxes import DISTANCE, up
+from hugwbc.behaviours.course import Seconds
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.boxes import DISTANCE, BoxMoves
 from hugwbc.tasks.judges import apart, at_rest, hands_off, happened, lifted, stands_on, touched, upright
-from hugwbc.tasks.moves import up
 from hugwbc.tasks.task import Shapes, Task, scene_of
 
 NEAR = 0.08  # [m], of the centres
@@ -32,42 +29,28 @@ _GAP = 0.015
 _HOOK = 0.05  # [m], of the hooks above the middle of the box, which hangs from both like a pendulum
 
 
-class StackBoxes(BoxMoves):
-    """Hook one box with both hands, stand up with it, step sideways, and put it on the other one.
+@step
+def stack_boxes(view: View, shapes: Shapes, *, timeout: Seconds = 80.0) -> Course:
+    """Take one box with both hands hooked, stand up with it, step sideways, and put it on the other one.
 
     A box of half a kilogram between forearms that only press on it turns with them, and slips.
     """
-
-    timeout = 80.0
-
-    def __init__(self, shapes: Shapes) -> None:
-        """Take the sizes of the boxes."""
-        upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
-        super().__init__(width=settled(upper[1]), at=(0.0, _HOOK), squeeze=0.0, gap=_GAP)  # type: ignore[index]
-        self._apart = (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
-
-    def grasp(self, view: View, name: str, posture: Command | None = None) -> Course:  # noqa: D102
-        view = yield from super().grasp(view, name, posture)
-        return (yield from self.grip(view, *(Grip(side, name, hook=True) for side in SIDES)))
-
-    def let_go(self, view: View) -> Course:  # noqa: D102
-        view = yield from self.grip(view, *(Grip(side, None) for side in SIDES))
-        return (yield from super().let_go(view))
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        view = yield from self.take(view, "upper")
-        self.doing = "carry the box to the other one"
-        view = yield from self.walk(view, WalkTo(before="lower", distance=DISTANCE, speed=0.25))
-        lower = seen(view, "lower")
-        view = yield from self.put(view, "upper", lower.position + up(self._apart), lower.yaw)
-        return (yield from self.let_go(view))
+    upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
+    box = BoxGrip(settled(upper[1]), at=(0.0, _HOOK), force=0.0, gap=_GAP, hooks=True)  # type: ignore[index]
+    view = yield from box.take(view, "upper")
+    walk = walk_to(view, before="lower", distance=DISTANCE, speed=0.25)
+    view = yield from doing("carry the box to the other one", walk)
+    below, apart = seen(view, "lower"), (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
+    put = box.put(view, "upper", below.position + up(apart), below.yaw)
+    view = yield from doing("put the box on the other one", put)
+    return (yield from doing("let go", box.let_go(view)))
 
 
 TASK = Task(
     name="stack_boxes",
     about="Put one of two boxes of 0.5 kg on the other one, upright, and let go.",
     scene=scene_of("stack_boxes"),
-    behaviour=StackBoxes,
+    behaviour=stack_boxes,
     limit=90.0,
     milestones=MILESTONES,
     idealised=("attach",),

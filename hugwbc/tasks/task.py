@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from hugwbc.scripts.behaviours import Behaviour
+from hugwbc.behaviours import BehaviourSource, Course, View
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Scene, load_scene
 from hugwbc.tasks.record import TaskRecord
@@ -39,8 +39,7 @@ class Task:
         name: name on the command line and in tables.
         about: the task in a sentence.
         scene: the objects around the robot, with what varies from episode to episode.
-        behaviour: makes the behaviour of one episode from the dimensions of the objects. It is the same for every
-            controller.
+        behaviour: does the task, told the dimensions of the objects. It is the same for every controller.
         limit: longest duration of an episode [s].
         milestones: what an episode must show, in order.
         idealised: what is not as on a robot, such as "attach"; empty for nothing.
@@ -49,10 +48,15 @@ class Task:
     name: str
     about: str
     scene: Scene
-    behaviour: Callable[[Shapes], Behaviour]
+    behaviour: Callable[[View, Shapes], Course]
     limit: Positive
     milestones: Annotated[tuple[Milestone, ...], Field(min_length=1)]
     idealised: tuple[str, ...] = ()
+
+    def source(self, scene: Scene) -> BehaviourSource:
+        """Return what commands the robot in a drawn scene."""
+        shapes = shapes_of(scene)
+        return BehaviourSource(lambda view: self.behaviour(view, shapes))
 
     def judge(self, record: TaskRecord) -> Verdict:
         """Return success, or the reason why not, from the true states of robot and objects."""

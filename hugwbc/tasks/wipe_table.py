@@ -3,13 +3,13 @@
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.behaviours import Course, View, doing, glide, seen, step, walk_to, wipe
+from hugwbc.behaviours.boxes import up
+from hugwbc.behaviours.course import Seconds
+from hugwbc.behaviours.hands import crouch, one_hand
 from hugwbc.commands import Command
-from hugwbc.scripts.behaviours import Action, Course, View, seen, standing
-from hugwbc.scripts.behaviours.hand_motion import Pressing
-from hugwbc.scripts.behaviours.walk_steps import WalkTo
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import touched
-from hugwbc.tasks.moves import NO_FORCE, Moves, crouch, targets, up
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -59,54 +59,37 @@ _SPEED = 0.08  # [m/s]
 _ASIDE = np.array([-0.05, 0.35, 0.2])
 
 
-class WipeTable(Moves):
+@step
+def wipe_table(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Lean over the table, press the right hand on it, and follow the path."""
-
-    timeout = 60.0
-
-    def __init__(self, shapes: Shapes) -> None:
-        """Take size and height of the table."""
-        table = shapes["table"]
-        self._half = settled(table["size"][0]) / 2  # type: ignore[index]
-        self._top = settled(table["height"])  # type: ignore[arg-type]
-
-    def course(self, view: View) -> Course:  # noqa: D102
-        self.doing = "walk to the table"
-        view = yield from self.walk(view, WalkTo(before="table", distance=self._half + _EDGE))
-        self.doing = "lean over the table"
-        table = seen(view, "table")
-        axes = rotations.rotation_z(table.yaw)
-        points = np.column_stack([path_points() - [self._half, 0.0], np.full(len(path_points()), 0.0)])
-        path = table.position * [1.0, 1.0, 0.0] + up(self._top + _ON_TOP) + points @ axes.T
-        aside = table.position * [1.0, 1.0, 0.0] + up(self._top) + axes @ (_ASIDE - [self._half, 0.0, 0.0])
-        posture = crouch(self._top + 0.05)
-        for height in (0.12, 0.03):
-            at = np.stack([aside, path[0] + up(height)])
-            view = yield from self.glide(view, at, frame="world", posture=posture, speed=0.2, settle=0.5)
-        self.doing = "press on the table"
-        press = NO_FORCE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, WIPING]])
-        view = yield from self.glide(
-            view, np.stack([aside, path[0]]), frame="world", speed=0.04, forces=press, posture=posture, settle=1.0
-        )
-        self.doing = "wipe the table"
-        begin, along = view.time, np.arange(len(path)) * _STEP
-        pressing = Pressing(view, row=1, normal=up(1.0), force=WIPING)
-        while (view.time - begin) * _SPEED < along[-1] + 0.05:
-            way = (view.time - begin) * _SPEED
-            at = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
-            press = np.stack([np.zeros(3), -up(pressing.asked(view))])
-            view = yield Action(standing(view), targets(np.stack([aside, at]), "world", forces=press))
-        self.doing = "raise the hand"
-        at = np.stack([aside, path[-1] + up(0.12)])
-        view = yield from self.glide(view, at, frame="world", speed=0.15)
-        return (yield from self.glide(view, at, frame="world", posture=Command()))
+    half = settled(shapes["table"]["size"][0]) / 2  # type: ignore[index]
+    top = settled(shapes["table"]["height"])  # type: ignore[arg-type]
+    walk = walk_to(view, before="table", distance=half + _EDGE)
+    view = yield from doing("walk to the table", walk)
+    table = seen(view, "table")
+    axes = rotations.rotation_z(table.yaw)
+    points = np.column_stack([path_points() - [half, 0.0], np.full(len(path_points()), 0.0)])
+    path = table.position * [1.0, 1.0, 0.0] + up(top + _ON_TOP) + points @ axes.T
+    aside = table.position * [1.0, 1.0, 0.0] + up(top) + axes @ (_ASIDE - [half, 0.0, 0.0])
+    posture = crouch(top + 0.05)
+    for height in (0.12, 0.03):
+        at = np.stack([aside, path[0] + up(height)])
+        lean = glide(view, at, frame="world", posture=posture, speed=0.2, settle=0.5)
+        view = yield from doing("lean over the table", lean)
+    at, force = np.stack([aside, path[0]]), one_hand(1, -up(WIPING), np.zeros((2, 3)))
+    press = glide(view, at, frame="world", speed=0.04, forces=force, posture=posture, settle=1.0)
+    view = yield from doing("press on the table", press)
+    view = yield from doing("wipe the table", wipe(view, path, force=WIPING, speed=_SPEED))
+    at = np.stack([aside, path[-1] + up(0.12)])
+    view = yield from doing("raise the hand", glide(view, at, frame="world", speed=0.15))
+    return (yield from doing("raise the hand", glide(view, at, frame="world", posture=Command())))
 
 
 TASK = Task(
     name="wipe_table",
     about="Wipe a table along a path of 1 m with 15 N (5 to 25 N), and cover 90 % of it.",
     scene=scene_of("wipe_table"),
-    behaviour=WipeTable,
+    behaviour=wipe_table,
     limit=70.0,
     milestones=MILESTONES,
 )

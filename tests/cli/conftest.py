@@ -14,13 +14,13 @@ def standing_task(tmp_path: pathlib.Path) -> Callable[[str], pathlib.Path]:
     def write(milestone: str) -> pathlib.Path:
         path = tmp_path / "stand.py"
         path.write_text(
-            "from hugwbc.scripts.behaviours import Elapsed, WaitUntil\n"
+            "from hugwbc.behaviours import wait\n"
             "from hugwbc.sim import Scene\n"
             "from hugwbc.sim.scenes import Wall\n"
             "from hugwbc.tasks import Milestone, Task\n"
             "scene = Scene((Wall(name='wall', position=(2.0, 0.0)),))\n"
             "TASK = Task(name='stand', about='Stand.', scene=scene, limit=3.0,\n"
-            "    behaviour=lambda shapes: WaitUntil(Elapsed(0.1)),\n"
+            "    behaviour=lambda view, shapes: wait(view, 0.1),\n"
             f"    milestones=({milestone},))\n"
         )
         return path

@@ -19,7 +19,7 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import CaptureError
 from hugwbc.runtime import Constant
-from hugwbc.scripts.behaviours import Grip, View
+from hugwbc.scripts.view import Grip, View
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Scene
 

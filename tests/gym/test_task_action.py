@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
+from hugwbc.behaviours import Action, BehaviourSource, Grip, View
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import HAND_SPEED, FollowWish
 from hugwbc.gym.task_action import GRIP_KINDS, ActionFilter, ActionLayout, Wish
 from hugwbc.robot import load_robot
-from hugwbc.scripts.behaviours import Action, Grip, View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
@@ -85,48 +85,48 @@ def test_what_is_no_action_is_refused(action):
 
 def test_hands_go_to_their_targets_no_faster_than_they_may():
     behaviour = FollowWish(lambda side: None)
-    behaviour.begin(view())
-    assert behaviour.update(view()).hands is None
+    source = BehaviourSource(behaviour.course)
+    assert source.act(view()).hands is None
     behaviour.wish = Wish(used=np.array([True, False]), points=np.array([[0.5, 0.2, 0.1], [0.0, 0.0, 0.0]]))
-    hands = behaviour.update(view(0.1)).hands
+    hands = source.act(view(0.1)).hands
     assert hands is not None and hands.frame == "heading" and hands.right is None
     np.testing.assert_allclose(hands.left, [0.3 + 0.1 * HAND_SPEED, 0.2, 0.1], atol=1e-9)
-    hands = behaviour.update(view(5.0)).hands
+    hands = source.act(view(5.0)).hands
     assert hands is not None
     np.testing.assert_allclose(hands.left, [0.5, 0.2, 0.1])
     behaviour.wish = Wish()
-    assert behaviour.update(view(5.1)).hands is None and np.isnan(behaviour.points).all()
+    assert source.act(view(5.1)).hands is None and np.isnan(behaviour.points).all()
 
 
 def test_hands_squeeze_along_the_line_between_them():
     behaviour = FollowWish(lambda side: None)
-    behaviour.begin(view())
+    source = BehaviourSource(behaviour.course)
     points = np.array([[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]])
     behaviour.wish = Wish(used=np.array([True, True]), points=points, squeeze=30.0)
-    hands = behaviour.update(view()).hands
+    hands = source.act(view()).hands
     assert hands is not None and hands.together
     np.testing.assert_allclose(hands.forces(), [[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]], atol=1e-9)
     behaviour.wish = Wish(used=np.array([True, True]), points=np.array([points[0], points[0]]), squeeze=30.0)
-    hands = behaviour.update(view(9.0)).hands
+    hands = source.act(view(9.0)).hands
     assert hands is not None and not hands.forces().any(), "no line between hands at one place"
 
 
 def test_a_gripper_takes_hold_once_and_has_to_be_opened_first_after_its_grip_broke():
     behaviour = FollowWish(lambda side: ("tray", False))
-    behaviour.begin(view())
+    source = BehaviourSource(behaviour.course)
     behaviour.wish = Wish(grips=np.array([True, False]))
-    assert behaviour.update(view(0.1)).grips == (Grip("left", "tray"),)
-    assert behaviour.update(view(0.2, held=("tray", None))).grips == ()
-    assert behaviour.update(view(0.3)).grips == (), "it broke"
+    assert source.act(view(0.1)).grips == (Grip("left", "tray"),)
+    assert source.act(view(0.2, held=("tray", None))).grips == ()
+    assert source.act(view(0.3)).grips == (), "it broke"
     behaviour.wish = Wish()
-    assert behaviour.update(view(0.4)).grips == ()
+    assert source.act(view(0.4)).grips == ()
     behaviour.wish = Wish(grips=np.array([True, True]))
-    first, second = behaviour.update(view(0.5, held=(None, None))).grips
+    first, second = source.act(view(0.5, held=(None, None))).grips
     assert first == Grip("left", "tray") and second == Grip("right", "tray")
-    (second,) = behaviour.update(view(0.6, held=("tray", None))).grips
+    (second,) = source.act(view(0.6, held=("tray", None))).grips
     assert second == Grip("right", "tray", hook=True), "the second hand on it may turn"
     behaviour.wish = Wish()
-    assert behaviour.update(view(0.7, held=("tray", None))).grips == (Grip("left", None),)
+    assert source.act(view(0.7, held=("tray", None))).grips == (Grip("left", None),)
 
 
 def test_a_behaviours_action_becomes_a_wish_in_the_heading_frame():

@@ -5,6 +5,7 @@ from gymnasium.utils.env_checker import check_env
 
 import hugwbc.gym  # noqa: F401  registers the environments
 from hugwbc import Command, Gait
+from hugwbc.behaviours import BehaviourSource
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym import TASK_ENVIRONMENTS
 from hugwbc.gym.task_action import Wish
@@ -163,11 +164,10 @@ def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():
 def test_the_tasks_own_behaviour_presses_the_button_by_these_actions():
     env = press("learned", scene=NEAR)
     env.reset(seed=3)
-    behaviour = env.task.behaviour(env.shapes)
-    behaviour.begin(env.view)
+    behaviour = BehaviourSource(lambda view: env.task.behaviour(view, env.shapes))
     total, over, info = 0.0, False, {}
     while not over:
         view = env.view
-        _, reward, terminated, truncated, info = env.step(env.actions.encode(Wish.of(behaviour.update(view), view)))
+        _, reward, terminated, truncated, info = env.step(env.actions.encode(Wish.of(behaviour.act(view), view)))
         total, over = total + reward, terminated or truncated
     assert info["success"] and info["reason"] == "" and total == pytest.approx(1.0)

@@ -11,7 +11,7 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.sight import SeenRobot, carry_out
-from hugwbc.scripts.behaviours import Grip, View
+from hugwbc.scripts.view import Grip, View
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Scene
 from hugwbc.sim.scenes.objects import Picture

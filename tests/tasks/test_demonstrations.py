@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from hugwbc import rotations
+from hugwbc.behaviours import Action, Grip, reach, stand
 from hugwbc.cli import USAGE_ERROR, main
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.scripts.behaviours import Action, Behaviour, Grip, Reach, Sequence, Stand
 from hugwbc.sim import Arena
 from hugwbc.sim.scenes import Box, Scene, Table
 from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
@@ -35,27 +35,32 @@ NUMBER = {name: place for place, name in enumerate(ACTION_NAMES)}
 STATE = {name: place for place, name in enumerate(state_names(ROBOT))}
 PLACE = [NUMBER[f"left_hand.{axis}"] for axis in "xyz"]
 OWN = """
-from hugwbc.scripts.behaviours import Stand
+from hugwbc.behaviours import stand
 from hugwbc.sim import Scene
 from hugwbc.sim.scenes import Wall
 from hugwbc.tasks import Milestone, Task
 
 TASK = Task(
     name="own", about="Stand.", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)),
-    behaviour=lambda shapes: Stand(seconds=0.1), limit=0.5, milestones=(Milestone("never", lambda record: 1.0),),
+    behaviour=lambda view, shapes: stand(view, 0.1), limit=0.5, milestones=(Milestone("never", lambda record: 1.0),),
 )
 """
 
 
-def small(*steps, limit=2.0) -> Task:
+def small(behaviour, limit=2.0) -> Task:
     return Task(
         name="small",
         about="Do next to nothing.",
         scene=SCENE,
-        behaviour=lambda shapes: Sequence(*steps, name="small"),
+        behaviour=lambda view, shapes: behaviour(view),
         limit=limit,
         milestones=(Milestone("it is not over", lambda record: float(record.ending.succeeded)),),
     )
+
+
+def stand_and_reach(view):
+    view = yield from stand(view, 0.1)
+    return (yield from reach(view, left=(0.3, 0.25, 0.2), frame="pelvis", timeout=0.4))
 
 
 def made_up(
@@ -97,7 +102,7 @@ def hugging_face(info: dict) -> datasets.Features:
 
 
 def test_recording_changes_nothing_of_an_episode():
-    task = small(Stand(seconds=0.1), Reach(left=(0.3, 0.25, 0.2), frame="pelvis", timeout=0.4))
+    task = small(stand_and_reach)
     plain = run_task(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4))
     told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
     assert told.verdict == plain.verdict and told.controller == plain.trace.name
@@ -118,7 +123,7 @@ def test_recording_changes_nothing_of_an_episode():
 
 
 def test_a_frame_without_a_target_holds_the_place_of_the_hand_and_the_step():
-    task = small(Stand(seconds=0.1), Reach(left=(0.3, 0.25, 0.1), frame="pelvis", timeout=0.4))
+    task = small(stand_and_reach)
     told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
     assert set(told.steps) == {"stand", "reach"} and told.steps[0] == "stand"
     assert told.steps == tuple(sorted(told.steps, reverse=True)), "one step after the other"
@@ -131,19 +136,17 @@ def test_a_frame_without_a_target_holds_the_place_of_the_hand_and_the_step():
     assert last[NUMBER["left_hand.given"]] == 1.0 and last[NUMBER["right_hand.given"]] == 0.0
 
 
-class Asks(Behaviour):
-    """Asks for a grip at one tick, waits, lets go at another, and waits."""
-
-    def course(self, view):
-        for name in ("box", None):
-            view = yield Action(grips=(Grip("right", name),))
-            for _ in range(4):
-                view = yield Action()
-        return view
+def ask(view):
+    """Ask for a grip at one tick, wait, let go at another, and wait."""
+    for name in ("box", None):
+        view = yield Action(grips=(Grip("right", name),))
+        for _ in range(4):
+            view = yield Action()
+    return view
 
 
 def test_a_gripper_stays_asked_until_it_is_let_go():
-    told = demonstrate(small(Asks()), HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
+    told = demonstrate(small(ask), HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
     assert told.action[:, NUMBER["right_hand.grip"]].tolist() == [1.0] * 5 + [0.0] * 5
     assert set(told.action[:, NUMBER["left_hand.grip"]]) == {0.0}
     assert set(told.state[:, STATE["right_hand.holds"]]) == {0.0}, "it is out of reach"
@@ -151,7 +154,7 @@ def test_a_gripper_stays_asked_until_it_is_let_go():
 
 def test_the_time_limit_leaves_whole_frames():
     told = demonstrate(
-        small(Stand(seconds=10.0), limit=0.3), HoldController(ROBOT), EXACT.simulation(scene=SCENE), seed=0
+        small(lambda view: stand(view, 10.0), limit=0.3), HoldController(ROBOT), EXACT.simulation(scene=SCENE), seed=0
     )
     assert len(told.state) == len(told.action) == len(told.objects) == len(told.steps) == round(0.3 / RECORD_PERIOD) - 1
     assert not told.verdict.success

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import polars as pl
 
+from hugwbc.behaviours import BehaviourSource, Status, walk_to
 from hugwbc.controller import Controller
 from hugwbc.evaluation.episode import CountedSettings, Row, ending
 from hugwbc.evaluation.experiment import Experiment
@@ -16,7 +17,6 @@ from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.rotations import wrap_angle
 from hugwbc.runtime.rollout import rollout
-from hugwbc.scripts.behaviours import BehaviourSource, Status, WalkTo
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Scene
 from hugwbc.sim.scenes import Box
@@ -58,7 +58,7 @@ def episode(controller: Controller, settings: ArriveSettings, plan: Plan) -> Row
     """
     conditions = settings.conditions
     x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
-    source = BehaviourSource(WalkTo((x, y), yaw))
+    source = BehaviourSource(lambda view: walk_to(view, (x, y), yaw))
     simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene=FAR)
     trace = rollout(
         controller,

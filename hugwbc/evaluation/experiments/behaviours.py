@@ -1,10 +1,9 @@
 """A behaviour of the user's own, played again and again: how often it is done, how long it takes, why it fails."""
 
-from typing import Any
-
 import polars as pl
 
 from hugwbc import extensions
+from hugwbc.behaviours import BehaviourSource, Status, load_behaviour
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending
@@ -13,7 +12,6 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.rollout import rollout
-from hugwbc.scripts.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Scene, load_scene
 from hugwbc.upper_ik import UpperBodySource
@@ -25,7 +23,7 @@ class BehavioursSettings(CountedSettings):
 
     Attributes:
         episodes: number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next.
-        behaviour: name of a shipped behaviour, a YAML file, or FILE.py:NAME of a function that returns a behaviour.
+        behaviour: name of a shipped behaviour, or FILE.py:NAME.
         scene: name of a shipped scene, a YAML file, or FILE.py:NAME of a scene.
         duration: longest time of an episode [s].
     """
@@ -38,26 +36,16 @@ class BehavioursSettings(CountedSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         scene_of(self.scene)
-        behaviour_of(self.behaviour)
+        load_behaviour(self.behaviour)
 
 
 def scene_of(words: str) -> Scene:
     """Return a scene by name, path or `FILE.py:NAME`."""
-    return _of(words, Scene) if extensions.names_object(words) else load_scene(words)
-
-
-def behaviour_of(words: str) -> Behaviour:
-    """Return a new behaviour by name, path or `FILE.py:NAME`."""
-    return _of(words, Behaviour) if extensions.names_object(words) else load_behaviour(words)
-
-
-def _of(words: str, kind: type) -> Any:  # noqa: ANN401  an object of `kind`
-    found = extensions.load_object(words, kind.__name__.lower())
-    found = found() if callable(found) and not isinstance(found, kind) else found
-    if not isinstance(found, kind):
-        raise ConfigError(
-            f"{words} is a {type(found).__name__}; give a {kind.__name__}, or a function that returns one"
-        )
+    if not extensions.names_object(words):
+        return load_scene(words)
+    found = extensions.load_object(words, "scene")
+    if not isinstance(found, Scene):
+        raise ConfigError(f"{words} is a {type(found).__name__}; give a Scene")
     return found
 
 
@@ -68,7 +56,7 @@ def plan(settings: BehavioursSettings) -> list[Plan]:
 
 def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
     """Return whether the behaviour ended with success, when [s], how it ended, and where the objects then were [m]."""
-    conditions, source = settings.conditions, BehaviourSource(behaviour_of(settings.behaviour))
+    conditions, source = settings.conditions, BehaviourSource(load_behaviour(settings.behaviour))
     simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene_of(settings.scene))
     trace = rollout(
         controller,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from behaviour_helpers import view
 
-from hugwbc.scripts.behaviours.hand_motion import MOST_MORE, Pressing
+from hugwbc.behaviours.hands import _MOST_MORE, Pressing
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -26,5 +26,5 @@ def test_a_hand_that_feels_too_little_is_asked_for_more():
 
 
 def test_what_is_asked_for_has_bounds_and_keeps_its_sign():
-    assert asked_after(20.0, 0.0) == 15.0 + MOST_MORE
+    assert asked_after(20.0, 0.0) == 15.0 + _MOST_MORE
     assert 0.0 < asked_after(20.0, 99.0) < 15.0

@@ -1,14 +1,15 @@
 """A behaviour as the source of commands of a control loop."""
 
 import dataclasses
+import enum
 import math
 
 import numpy as np
 
+from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.scripts.behaviours.behaviour import Behaviour, Status
-from hugwbc.scripts.behaviours.view import Action, Grip, View, at_rest
+from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
 
 ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] and omega [rad/s^2]
@@ -17,6 +18,14 @@ SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
 LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
+
+
+class Status(enum.Enum):
+    """Where a behaviour stands."""
+
+    RUNNING = "running"
+    SUCCESS = "success"
+    FAILURE = "failure"
 
 
 class Manners:
@@ -28,10 +37,6 @@ class Manners:
 
     def __init__(self) -> None:
         """Start from a standing robot."""
-        self.reset()
-
-    def reset(self) -> None:
-        """Start again from a standing robot."""
         self.command = Command()
         self._slow = math.inf  # time since the commanded speed was last above `SLOW`
 
@@ -55,43 +60,52 @@ class Manners:
 
 
 class BehaviourSource:
-    """Runs a behaviour in a control loop: a `SeeingSource`.
+    """Runs a behaviour in a control loop: a `SeeingSource`. Once it has ended, the robot rests and keeps its hands.
 
     Attributes:
-        behaviour: what runs.
+        status: where it stands; it runs until it has seen something.
+        reason: why it failed; empty otherwise.
         action: the last action, as the robot gets it.
+        view: the last view; None before the first.
     """
 
     def __init__(self, behaviour: Behaviour) -> None:
-        """Run a behaviour; once it has ended, the robot comes to rest and keeps its hands where they are."""
-        self.behaviour = behaviour
-        self._manners = Manners()
+        """Take a behaviour, such as a generator function of a view."""
+        self._behaviour = behaviour
         self.restart()
 
     def restart(self) -> None:
         """Begin again at the next view."""
-        self.action, self._view, self._problem = Action(), None, ""
-        self._manners.reset()
+        self.status, self.reason, self.action = Status.RUNNING, "", Action()
+        self.view: View | None = None
+        self._course: Course | None = None
+        self._manners = Manners()
 
     def see(self, view: View) -> None:
         """Take what is known at this tick, and decide on the action. Never raises: an error ends the behaviour."""
-        first, before = self._view is None, self._view
-        view = dataclasses.replace(view, last=self.action)
-        self._view = view
-        dt = 0.0 if before is None else max(view.time - before.time, 0.0)
-        action = at_rest(view)
-        if not self._problem:
-            try:
-                if first:
-                    self.behaviour.begin(view)
-                if self.behaviour.status is Status.RUNNING:
-                    action = self.behaviour.update(view)
-            except Exception as error:  # a mistake in a behaviour must not stop the loop
-                self._problem = f"{self.behaviour.label} raised {type(error).__name__}: {error}"
+        dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
+        self.view = dataclasses.replace(view, last=self.action)
+        action = self.act(self.view)
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
             hands = dataclasses.replace(hands, stamp=view.state.time, sequence=None)
-        self.action = Action(self._manners(action.command, dt), hands, action.grips)
+        self.action = dataclasses.replace(action, command=self._manners(action.command, dt), hands=hands)
+
+    def act(self, view: View) -> Action:
+        """Return the next action of the behaviour, without soft starts and stops; never raises."""
+        if self.status is Status.RUNNING:
+            try:
+                if self._course is not None:
+                    return self._course.send(view)
+                self._course = self._behaviour(view)
+                return next(self._course)
+            except StopIteration:
+                self.status = Status.SUCCESS
+            except Failure as failure:
+                self.status, self.reason = Status.FAILURE, str(failure)
+            except Exception as error:  # a mistake in a behaviour must not stop the loop
+                self.status, self.reason = Status.FAILURE, f"the behaviour raised {type(error).__name__}: {error}"
+        return at_rest(view)
 
     def command_at(self, t: float) -> Command:
         """Return the command of this tick."""
@@ -107,27 +121,15 @@ class BehaviourSource:
         return self.action.grips
 
     @property
-    def status(self) -> Status:
-        """Where the behaviour stands; it runs until it has seen something."""
-        if self._problem:
-            return Status.FAILURE
-        return Status.RUNNING if self._view is None else self.behaviour.status
-
-    @property
-    def reason(self) -> str:
-        """Why it failed; empty otherwise."""
-        return self._problem or ("" if self._view is None else self.behaviour.reason)
-
-    @property
-    def step(self) -> str:
+    def doing(self) -> str:
         """What the robot does now; empty before and after."""
-        return self.behaviour.step if self._view is not None and self.status is Status.RUNNING else ""
+        return self.action.doing
 
     @property
     def ending(self) -> str:
         """How it ended, in words; or what it is at."""
         if self.status is Status.RUNNING:
-            return f"not done: was still at {self.step}" if self.step else "not begun"
+            return "not begun" if self._course is None else f"not done: was still at {self.doing}"
         return "done" if self.status is Status.SUCCESS else f"not done: {self.reason}"
 
     @property

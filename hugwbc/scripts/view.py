@@ -8,7 +8,6 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import UnknownNameError
-from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -98,11 +97,15 @@ class Action:
         hands: targets of the hands; None leaves the arms to the controller. Those in the world frame are in that of
             `View.state`.
         grips: requests to the idealised gripper, carried out once.
+        doing: what the robot is at, in words, for tables and the labels of recordings.
+        progress: what is awaited, how far it is, and the tolerance; it becomes the reason of a timeout.
     """
 
     command: Command = dataclasses.field(default_factory=Command)
     hands: HandTargets | None = None
     grips: tuple[Grip, ...] = ()
+    doing: str = ""
+    progress: str = ""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,27 +135,3 @@ class View:
     def position(self) -> np.ndarray:
         """Position of the pelvis in the world [m], shape (3,); zeros if nothing tells it."""
         return np.zeros(3) if self.state.position is None else self.state.position
-
-
-def standing(view: View) -> Command:
-    """Return a standing command with h, p and w of the last one."""
-    last = view.last.command
-    return Command(h=last.h, p=last.p, w=last.w, gait=Gait.STANDING)
-
-
-def kept(view: View) -> HandTargets | None:
-    """Return the last hand targets in the frame that goes with the robot; None while the controller moves the arms."""
-    hands = view.last.hands
-    if hands is None or hands.frame != "world":
-        return hands
-    turn, origin = rotations.rotation_z(view.state.yaw), view.position
-    points = {name: (getattr(hands, name), origin) for name in ("left", "right")}
-    vectors = ("left_direction", "right_direction", "left_force", "right_force")
-    points |= {name: (getattr(hands, name), np.zeros(3)) for name in vectors}
-    carried = {name: None if value is None else (value - zero) @ turn for name, (value, zero) in points.items()}
-    return dataclasses.replace(hands, frame="heading", **carried)
-
-
-def at_rest(view: View) -> Action:
-    """Return the action of a robot that stands and keeps its hands where they are."""
-    return Action(standing(view), kept(view))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hugwbc.robot import load_robot
-from hugwbc.scripts.behaviours import SeenObjects, View
+from hugwbc.scripts.view import SeenObjects, View
 from hugwbc.state import RobotState
 
 ROBOT = load_robot()

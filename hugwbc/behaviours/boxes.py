@@ -1,0 +1,198 @@
+"""Take a box of known width between both hands, lift it, bring it to the chest, put it down, let go.
+
+`hold.squeeze` finds the width of an object by touch; here the hands go where the box must be.
+"""
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.behaviours.course import Course, Failure, Name, doing, seen
+from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat
+from hugwbc.behaviours.hold import TOE_IN
+from hugwbc.behaviours.reach import grip
+from hugwbc.behaviours.walk import walk_to
+from hugwbc.commands import Command
+from hugwbc.robot import SIDES
+from hugwbc.scripts.view import Grip, SeenObject, View
+from hugwbc.settings import NotNegative, Positive, settings
+from hugwbc.targets import HandFrame
+
+DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
+CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
+_BESIDE = 0.07  # [m], between a hand and the box before the grasp
+_STANDING = 0.98  # [m], height of the pelvis
+_RISEN = 0.03  # [m], of a box that is lifted
+_LET_GO = 0.10  # [m], how far the hands open
+
+
+@settings
+class BoxGrip:
+    """How two hands hold a box.
+
+    The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they are
+    not above its middle.
+
+    Attributes:
+        width: of the box along its y axis [m].
+        at: where on the box the hands press, in its axes from its middle: x and z [m].
+        force: of each hand [N]; 60 N is about what shoulder yaw can give, and a box of 3 kg slips with less
+            (docs/log/tasks.md).
+        gap: between a hand that holds the box and the box [m]; negative where its target is inside.
+        hooks: whether the box hangs from the idealised grippers.
+    """
+
+    width: Positive
+    at: tuple[float, float] = (-0.025, 0.0)
+    force: NotNegative = 60.0
+    gap: float = -0.01
+    hooks: bool = False
+
+    def take(
+        self,
+        view: View,
+        name: Name,
+        *,
+        distance: float = DISTANCE,
+        posture: Command | None = None,
+        height: float = 0.10,
+        speed: float = 0.08,
+        goal: np.ndarray = CHEST,
+    ) -> Course:
+        """Walk to the box, grasp it, lift it, and bring it to the chest.
+
+        Args:
+            view: now.
+            name: of the box.
+            distance: from the pelvis to the middle of the box [m].
+            posture: standing command of the grasp; None for one by the height of the box.
+            height: by which the box is lifted before it comes to the chest [m].
+            speed: of the lift [m/s].
+            goal: where it is held, in the heading frame [m], shape (3,).
+        """
+        view = yield from doing("walk to the box", self._spread(view, name))
+        view = yield from doing("walk to the box", walk_to(view, before=name, distance=distance))
+        view = yield from doing(f"grasp '{name}'", self.grasp(view, name, posture))
+        view = yield from doing(f"lift '{name}'", self.lift(view, name, height, speed))
+        return (yield from doing("bring the box to the chest", self.bring(view, goal)))
+
+    def grasp(self, view: View, name: Name, posture: Command | None = None) -> Course:
+        """Crouch, put the hands beside the box, and squeeze it."""
+        box = seen(view, name)
+        posture = posture or squat(float(box.position[2]) + self.at[1])
+        for gap, speed in ((_BESIDE, 0.2), (max(self.gap, 0.01), 0.1)):
+            points, way = self._on(box, gap), _inwards(box.yaw)
+            view = yield from glide(
+                view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
+            )
+        view = yield from self._glide(view, self._on(box, self.gap), box.yaw, posture, settle=0.7)
+        return (yield from grip(view, *(Grip(side, name, hook=True) for side in SIDES))) if self.hooks else view
+
+    def lift(self, view: View, name: Name, height: float, speed: float) -> Course:
+        """Lift the box straight up by a height [m] at a speed [m/s]; fail if it stays where it is."""
+        last, command = view.last.hands, view.last.command
+        before = seen(view, name).position[2]
+        assert last is not None
+        view = yield from glide(
+            view,
+            hands_in(view, "world") + up(height),
+            frame="world",
+            speed=speed,
+            together=True,
+            directions=(last.left_direction, last.right_direction),
+            forces=last.forces(),
+            posture=Command(h=min(command.h + height, 0.0), p=command.p),
+        )
+        rise = float(seen(view, name).position[2] - before)
+        if rise < _RISEN:
+            raise Failure(
+                f"lift: the box rose by {100 * rise:.1f} of {100 * height:.0f} cm: it slipped out of the hands"
+            )
+        return view
+
+    def bring(self, view: View, goal: np.ndarray) -> Course:
+        """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
+        points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
+        return self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
+
+    def put(self, view: View, name: Name, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
+        """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
+        posture = squat(float(goal[2]) + self.at[1])
+        ahead = rotations.rotation_z(yaw)
+        for height, speed in ((above, 0.12), (-0.005, 0.05)):
+            box = seen(view, name)
+            # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
+            slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
+            points = goal + up(height) + (self._sides(self.gap) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
+            view = yield from self._glide(view, points, yaw, posture, speed=speed, settle=0.8)
+        return view
+
+    def let_go(self, view: View) -> Course:
+        """Open the hands sideways, and raise them."""
+        if self.hooks:
+            view = yield from grip(view, *(Grip(side, None) for side in SIDES))
+        points = hands_in(view, "heading")
+        view = yield from glide(view, points, speed=0.1, settle=0.2)
+        out = np.array([[0.0, _LET_GO, 0.0], [0.0, -_LET_GO, 0.0]])
+        view = yield from glide(view, points + out, speed=0.1, settle=0.2)
+        return (yield from glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=Command()))
+
+    def _sides(self, gap: float) -> np.ndarray:
+        """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
+        y = self.width / 2 + HALF_WIDTH + gap
+        x, z = self.at
+        return np.array([[x, y, z], [x, -y, z]])
+
+    def _on(self, box: SeenObject, gap: float) -> np.ndarray:
+        """Return where the hands are beside the box, in the world [m], shape (2, 3)."""
+        return box.position + self._sides(gap) @ rotations.rotation_z(box.yaw).T
+
+    def _spread(self, view: View, name: str) -> Course:
+        """Hold the hands apart and high enough to come near with."""
+        height = float(seen(view, name).position[2]) + self.at[1] - _STANDING
+        points = self._sides(_BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
+        return glide(view, points)
+
+    def _glide(
+        self,
+        view: View,
+        points: np.ndarray,
+        yaw: float,
+        posture: Command,
+        frame: HandFrame = "world",
+        *,
+        speed: float = 0.25,
+        settle: float,
+    ) -> Course:
+        """Glide with the box between the hands, whose forearms follow its heading, a yaw in the frame [rad]."""
+        left = rotations.rotation_z(yaw)[:, 1]
+        return glide(
+            view,
+            points,
+            frame=frame,
+            speed=speed,
+            together=True,
+            directions=_inwards(yaw),
+            forces=self.force * np.array([-left, left]),
+            posture=posture,
+            settle=settle,
+        )
+
+
+def up(height: float) -> np.ndarray:
+    """Return a vector of a length upwards [m]."""
+    return np.array([0.0, 0.0, height])
+
+
+def carried_at(height: float) -> np.ndarray:
+    """Return where the hands carry a box, in the heading frame [m]: with level forearms, or higher if they must.
+
+    Args:
+        height: over the ground that they need [m].
+    """
+    return CHEST * [1.0, 1.0, 0.0] + up(float(np.clip(height, LEVEL, _STANDING + CHEST[2])) - _STANDING)
+
+
+def _inwards(yaw: float) -> Directions:
+    """Return the directions of both forearms at a box with a heading [rad]."""
+    ahead, left = rotations.rotation_z(yaw).T[:2]
+    return ahead - TOE_IN * left, ahead + TOE_IN * left

@@ -1,0 +1,245 @@
+"""Steps of the hands: reach, move on, press, wipe, and use the idealised gripper."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from hugwbc.behaviours.course import (
+    Course,
+    Failure,
+    Hand,
+    HandSpeed,
+    Hold,
+    Name,
+    Point,
+    Seconds,
+    Tolerance,
+    doing,
+    seen,
+    standing,
+    step,
+)
+from hugwbc.behaviours.hands import (
+    ARRIVED,
+    HAND_SPEED,
+    TIP,
+    Pressing,
+    check_near,
+    crouch,
+    frame_of,
+    glide,
+    hands_in,
+    held_targets,
+    in_frame,
+    move,
+    one_hand,
+    placed,
+    points_in,
+    points_of,
+    shifted,
+    targets,
+    turned,
+)
+from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
+from hugwbc.robot import SIDES
+from hugwbc.scripts.view import Action, Grip, View
+from hugwbc.targets import STRONGEST, HandTargets, direction
+
+Depth = Annotated[float, Field(gt=0, le=0.5)]  # [m]
+Force = Annotated[float, Field(gt=0, le=STRONGEST)]  # [N]
+
+
+@step
+def reach(
+    view: View,
+    left: Point | None = None,
+    right: Point | None = None,
+    *,
+    frame: Name = "heading",
+    left_direction: Point | None = None,
+    right_direction: Point | None = None,
+    together: bool = False,
+    whole_body: bool = False,
+    speed: HandSpeed = HAND_SPEED,
+    tolerance: Tolerance = ARRIVED,
+    timeout: Seconds = 10.0,
+) -> Course:
+    """Bring one hand or both to points of a frame or of an object, which may move meanwhile.
+
+    Args:
+        view: now.
+        left: target of the left hand [m]; None for a hand that stays where it is asked to be.
+        right: of the right hand, likewise.
+        frame: "pelvis", "heading", "steady", "world", or the name of an object.
+        left_direction: along which the left forearm should point, in that frame.
+        right_direction: along which the right one should.
+        together: whether both hands hold one object.
+        whole_body: whether h, p and w may help.
+        speed: highest speed of a hand [m/s].
+        tolerance: distance at which a hand has arrived [m].
+        timeout: after which it fails [s].
+    """
+    HandTargets.of(left, right, left_direction=left_direction, right_direction=right_direction, together=together)
+    sent, others = frame_of(frame), view.last.hands
+    stays = [None, None]
+    if others is not None and others.joints is None:  # a hand without a point stays
+        points = points_in(view, points_of(view, others), sent)
+        stays = [points[row] if given else None for row, given in enumerate(others.given)]
+
+    def aim(now: View) -> HandTargets:
+        points = [placed(now, frame, point) for point in (left, right)]
+        both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
+        pointing = [turned(now, frame, vector) for vector in (left_direction, right_direction)]
+        return HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
+
+    check_near(view, aim(view))
+    return move(view, aim, speed=speed, tolerance=tolerance)
+
+
+@step
+def move_hands(
+    view: View,
+    by: Point | None = None,
+    *,
+    to: Point | None = None,
+    frame: Name = "heading",
+    speed: HandSpeed = HAND_SPEED,
+    tolerance: Tolerance = 0.06,
+    timeout: Seconds = 10.0,
+) -> Course:
+    """Move the hands that have targets, as they are to each other; directions, forces and the rest stay.
+
+    Args:
+        view: now.
+        by: displacement [m], or
+        to: where the middle of the hands goes [m].
+        frame: of the displacement or point: "pelvis", "heading", "steady", "world", or the name of an object.
+        speed: highest speed of a hand [m/s].
+        tolerance: distance at which a hand has arrived [m].
+        timeout: after which it fails [s].
+    """
+    if (by is None) is (to is None):
+        raise ConfigError("move_hands needs either by or to; give one of them")
+    hands = in_frame(view, held_targets(view), frame_of(frame))
+    if to is None:
+        way = turned(view, frame, by)
+    else:
+        way = placed(view, frame, to) - np.nanmean(hands.array(), axis=0)  # type: ignore[operator]
+    goal = shifted(hands, np.asarray(way))
+    check_near(view, goal)
+    return move(view, lambda _: goal, speed=speed, tolerance=tolerance)
+
+
+@step
+def press(
+    view: View,
+    object: Name,
+    hand: Hand = "right",
+    *,
+    at: Point = (0.0, 0.0, 0.0),
+    axis: Point = (1.0, 0.0, 0.0),
+    travel: Depth | None = None,
+    force: Force | None = None,
+    depth: Depth = 0.1,
+    approach: Depth = 0.08,
+    hold: Hold = 0.2,
+    speed: HandSpeed = 0.06,
+    timeout: Seconds = 25.0,
+) -> Course:
+    """Press something with the end of a forearm: go before it, push on along an axis, and come back.
+
+    It ends when the object has been seen to give way by `travel`, or has been pressed with `force` where forces on the
+    hands are known, or at the end of `depth` if neither is asked for.
+
+    Args:
+        view: now.
+        object: its name.
+        hand: "left" or "right".
+        at: where, in the object's frame [m].
+        axis: in which direction, in the object's frame.
+        travel: way of the object after which it is pressed [m].
+        force: on the hand after which it is pressed [N].
+        depth: how far the hand is asked to go beyond the point [m].
+        approach: distance before the point from which it goes slowly [m].
+        hold: how long it stays pressed [s].
+        speed: of the slow way [m/s].
+        timeout: after which it fails [s].
+    """
+    row, thing = SIDES.index(hand), seen(view, object)  # as it is at rest: it moves when it is pressed
+    ahead = thing.direction(direction("axis", axis))
+    point = thing.position + sum(part * thing.direction(unit) for part, unit in zip(at, np.eye(3), strict=True))
+    way = (ahead, None) if row == 0 else (None, ahead)
+    posture = crouch(float(point[2]) + 0.05)
+
+    def before(gap: float) -> np.ndarray:
+        """Return the points of hands whose forearm ends this far before the point."""
+        return one_hand(row, point - (TIP + gap) * ahead)
+
+    check_near(view, targets(before(approach), "world"))
+    # From below or from the side the hand would meet the object's edge: first it comes up behind the way.
+    for gap in (2 * approach, approach):
+        course = glide(view, before(gap), frame="world", directions=way, posture=posture, settle=0.4)
+        view = yield from doing(f"reach for '{object}'", course)
+    begin = last = view.time
+    start, held = seen(view, object).position, 0.0
+    while held < hold:
+        gone = float((seen(view, object).position - start) @ ahead)
+        felt = 0.0 if view.hand_force is None else -float(view.hand_force[row] @ ahead)
+        deep = (view.time - begin) * speed - approach
+        asked = [value > wanted for value, wanted in ((gone, travel), (felt, force)) if wanted is not None]
+        held = held + view.time - last if (any(asked) if asked else deep >= depth) else 0.0
+        last = view.time
+        progress = f"'{object}' has given way by {1000 * gone:.0f} mm under {felt:.0f} N"
+        if asked and deep > depth + 0.5 * speed:
+            wanted = [f"{1000 * travel:.0f} mm"] if travel is not None else []
+            wanted += [f"{force:.0f} N"] if force is not None else []
+            raise Failure(f"{progress}, and should by {' or '.join(wanted)}")
+        points = one_hand(row, point + (min(deep, depth) - TIP) * ahead)
+        action = Action(standing(view), targets(points, "world", directions=way), progress=progress)
+        view = yield action
+    away = one_hand(row, point - (TIP + approach + 0.06) * ahead)
+    for posture, back in ((None, 0.15), (Command(), 0.25)):
+        course = glide(view, away, frame="world", directions=way, speed=back, posture=posture)
+        view = yield from doing("draw the hand back", course)
+    return view
+
+
+def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 15.0, speed: float = 0.08) -> Course:
+    """Lead a forearm along a path on a level surface, with a force against it; the other hand stays.
+
+    Args:
+        view: now; the hand is at the first point, and presses.
+        path: points of the hand on the surface in the world [m], shape (n, 3).
+        hand: "left" or "right".
+        force: against the surface [N].
+        speed: along the path [m/s].
+    """
+    row, others, begin = SIDES.index(hand), hands_in(view, "world"), view.time
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
+    while (way := (view.time - begin) * speed) < along[-1] + 0.05:
+        point = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
+        press = one_hand(row, np.array([0.0, 0.0, -pressing.asked(view)]), np.zeros((2, 3)))
+        hands = targets(one_hand(row, point, others), "world", forces=press)
+        progress = f"{100 * way:.0f} of {100 * along[-1]:.0f} cm are wiped"
+        view = yield Action(standing(view), hands, progress=progress)
+    return view
+
+
+@step
+def grip(view: View, *grips: Grip, timeout: Seconds = 0.5) -> Course:
+    """Ask idealised grippers to take hold or to let go, and wait until they have.
+
+    Args:
+        view: now.
+        grips: requests, at most one for a hand, which has to be within 3 cm of the object.
+        timeout: after which it fails [s].
+    """
+    while True:
+        open_ = [grip for grip in grips if view.held[SIDES.index(grip.side)] != grip.name]
+        progress = "".join(f"the {grip.side} hand is not within 3 cm of '{grip.name}'" for grip in open_[:1])
+        view = yield Action(standing(view), view.last.hands, grips, progress=progress)
+        if all(view.held[SIDES.index(grip.side)] == grip.name for grip in grips):
+            return view

@@ -1,0 +1,350 @@
+"""Steps of the legs: walk to a place, face something, push and pull by walking, stand.
+
+Walks are velocity commands from the estimated pose.
+"""
+
+import collections
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.behaviours.course import (
+    Angle,
+    Course,
+    Failure,
+    Metres,
+    Name,
+    Place,
+    Seconds,
+    Tolerance,
+    WalkSpeed,
+    kept,
+    seen,
+    standing,
+    step,
+)
+from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.scripts.view import Action, View
+
+POSITION_TOLERANCE = 0.05  # [m]
+YAW_TOLERANCE = math.radians(3.0)  # [rad]
+_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances: of the mean of a stride, and of where the robot will stand
+_COMING = 0.25  # [s], for which a robot that stops goes on with its velocity; sqrt(z / g) of a pendulum is 0.3 s
+_GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance, and yaw rate per angle; at 0.7 a slow v_y overshoots for ever
+_SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
+_FAR = 0.6  # [m], a goal farther away is walked to face first
+_SLOWEST_TURN = 0.6  # [rad/s], of a turn
+_BIAS_TIME = 3.5  # [s], over which the difference of commanded and walked velocity is learnt
+_MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
+_SLOW_TIME = 0.6  # [s] near the goal before the robot stands
+_SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
+_HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
+_SLOWEST = 0.08  # [m/s], of a push
+_STUCK = 3.0  # [s] in which a pushed object has to move by a centimetre
+
+
+class Goal(NamedTuple):
+    """A place in the world [m] and a heading [rad]."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+@step
+def walk_to(
+    view: View,
+    position: Place | None = None,
+    yaw: Angle | None = None,
+    *,
+    before: Name | None = None,
+    distance: Metres = 0.5,
+    aside: Metres = 0.0,
+    turn: Angle = 0.0,
+    speed: WalkSpeed = 0.4,
+    stand: bool = True,
+    tolerance: Tolerance = POSITION_TOLERANCE,
+    timeout: Seconds = 30.0,
+) -> Course:
+    """Walk to a place in the world, or to one before an object as it is seen: give `position` or `before`.
+
+    Args:
+        view: now.
+        position: x and y in the world [m].
+        yaw: heading there [rad]; None for the direction from the start to the position.
+        before: object whose x axis points away from the robot that stands before it. The goal follows the object.
+        distance: from the object's origin, against its x axis [m].
+        aside: along the object's y axis [m].
+        turn: heading there, relative to the object's [rad].
+        speed: highest speed [m/s].
+        stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
+        tolerance: distance from the goal at which it has arrived [m].
+        timeout: after which it fails [s].
+    """
+    if (position is None) is (before is None):
+        raise ConfigError("walk_to needs either a position (x, y) or the object to stand before; give one of them")
+    if before is not None and yaw is not None:
+        raise ConfigError("yaw is a heading in the world; give turn, which is relative to the object's")
+
+    def goal(now: View) -> Goal:
+        if before is None:
+            assert position is not None
+            x, y = position
+            heading = yaw
+            if heading is None:
+                way = np.array([x, y]) - view.position[:2]
+                heading = math.atan2(way[1], way[0]) if np.hypot(*way) > 0.1 else view.state.yaw
+            return Goal(x, y, heading)
+        thing = seen(now, before)
+        offset = rotations.rotation_z(thing.yaw) @ np.array([-distance, aside, 0.0])
+        x, y, _ = (thing.position + offset).tolist()
+        return Goal(x, y, thing.yaw + turn)
+
+    return _Walk(goal, speed, stand, tolerance).course(view)
+
+
+@step
+def face(
+    view: View, object: Name | None = None, *, yaw: Angle | None = None, stand: bool = True, timeout: Seconds = 20.0
+) -> Course:
+    """Turn on the spot to a heading, or towards an object as it is seen: give `object` or `yaw`.
+
+    Args:
+        view: now.
+        object: name of an object.
+        yaw: heading in the world [rad].
+        stand: whether it ends standing.
+        timeout: after which it fails [s].
+    """
+    if (object is None) is (yaw is None):
+        raise ConfigError("face needs either an object or a yaw; give one of them")
+    x, y = view.position[:2].tolist()
+
+    def goal(now: View) -> Goal:
+        if object is None:
+            assert yaw is not None
+            return Goal(x, y, yaw)
+        way = seen(now, object).position - now.position
+        return Goal(x, y, math.atan2(way[1], way[0]))
+
+    return _Walk(goal, 0.4, stand, tolerance=0.15).course(view)
+
+
+@step
+def push(view: View, object: Name, distance: Metres, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
+    """Walk ahead on a straight line, with the hands as they are, until an object has moved by a distance.
+
+    Args:
+        view: now.
+        object: its name.
+        distance: by how much it has to move along the robot's heading at the start [m].
+        speed: of the walk [m/s].
+        timeout: after which it fails [s].
+    """
+    return _haul(view, object, distance, speed, sign=1.0)
+
+
+@step
+def pull(view: View, object: Name, distance: Metres, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
+    """Walk back on a straight line, with the hands as they are, until an object has moved by a distance; as `push`."""
+    return _haul(view, object, distance, speed, sign=-1.0)
+
+
+def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> Course:
+    start, yaw, at = view.position, view.state.yaw, seen(view, name).position
+    axes = rotations.rotation_z(yaw)
+    far, time = 0.0, view.time
+    while True:
+        moved = sign * float((seen(view, name).position - at) @ axes[:, 0])
+        left = distance - moved
+        progress = f"'{name}' has moved by {100 * moved:.0f} of {100 * distance:g} cm"
+        if left <= 0.0:
+            break
+        if moved > far + 0.01:
+            far, time = moved, view.time
+        if view.time - time > _STUCK + 2.0 * (far == 0.0):
+            raise Failure(f"{progress} and is stuck")
+        turn = float(rotations.wrap_angle(yaw - view.state.yaw))
+        aside = float((start - view.position) @ axes[:, 1])
+        command = Command(
+            v_x=sign * min(speed, _HAUL_GAIN * left + _SLOWEST),
+            v_y=min(max(_HAUL_GAIN * aside, -0.15), 0.15),
+            omega=min(max(_TURN_GAIN * turn, -0.4), 0.4),
+            h=view.last.command.h,
+            p=view.last.command.p,
+            gait=Gait.WALKING,
+        )
+        view = yield Action(command, kept(view), progress=progress)
+    while view.last.command.gait is not Gait.STANDING:
+        view = yield Action(standing(view), kept(view), progress="the robot comes to a stand")
+    return view
+
+
+@step
+def stand(view: View, seconds: Seconds = 1.0, *, h: float = 0.0, p: float = 0.0, w: float = 0.0) -> Course:
+    """Stand with a height h [m], a pitch p and a waist angle w [rad] for a time [s]; the hands stay."""
+    command = Command(h=h, p=p, w=w).validate()
+    begin: float | None = None
+    while begin is None or view.time - begin < seconds:
+        last = view.last.command
+        there = np.allclose(last.array(), command.array(), atol=1e-3) and last.gait is Gait.STANDING
+        begin = view.time if begin is None and there else begin
+        view = yield Action(command, kept(view))
+    return view
+
+
+@dataclasses.dataclass
+class _Walk:
+    """A walk to a goal, which turns to its heading, and stands.
+
+    The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
+    the estimate knows it, is learnt and added to the command. A pelvis sways from foot to foot. Standing begins when
+    the mean of a stride is near the goal, at a moment in which the sway carries the robot there. Where it then stands
+    outside of the tolerances, it walks again, and aims off by what the last steps before a stand have moved it so far:
+    a learned policy puts its feet up to 5 cm ahead.
+
+    Attributes:
+        goal: returns the goal as it is known now.
+        speed: highest speed [m/s].
+        stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
+        tolerance: distance from the goal at which it has arrived [m].
+        progress: how far it is.
+    """
+
+    goal: Callable[[View], Goal]
+    speed: float
+    stand: bool
+    tolerance: float
+    progress: str = ""
+
+    def course(self, view: View) -> Course:
+        """Walk."""
+        if view.state.position is None or view.state.velocity is None:
+            raise Failure("the position of the robot is not known; add an estimator")
+        bias = np.zeros(3)
+        carried: list[np.ndarray] = []  # how each stop has moved the robot beyond what its velocity explains
+        while True:
+            ahead = np.mean(carried, axis=0) if carried else np.zeros(3)
+            view = yield from self._approach(view, bias, ahead)
+            if not self.stand:
+                return view
+            coming = _coming(view, self._error(view))
+            view = yield from self._stop(view)
+            left = self._error(view)
+            if self._arrived(left, 1.0):
+                return view
+            carried.append(coming - left)
+
+    def _error(self, view: View) -> np.ndarray:
+        """Return the way to the goal in the heading frame [m] and the angle to its heading [rad], shape (3,)."""
+        goal = self.goal(view)
+        state, position = view.state, view.position
+        ahead = rotations.rotation_z(-state.yaw)[:2, :2] @ (np.array([goal.x, goal.y]) - position[:2])
+        turn = float(rotations.wrap_angle(goal.yaw - state.yaw))
+        self.progress = (
+            f"{100 * float(np.hypot(*ahead)):.1f} cm and {abs(math.degrees(turn)):.1f} degrees from the goal "
+            f"(tolerance {100 * self.tolerance:g} cm and {math.degrees(YAW_TOLERANCE):g} degrees)"
+        )
+        return np.array([*ahead, turn])
+
+    def _arrived(self, error: np.ndarray, share: float) -> bool:
+        distance = math.hypot(error[0], error[1])
+        return distance <= share * self.tolerance and abs(error[2]) <= share * YAW_TOLERANCE
+
+    def _approach(self, view: View, bias: np.ndarray, ahead: np.ndarray) -> Course:
+        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand.
+
+        Args:
+            view: now.
+            bias: what has been learnt of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
+            ahead: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); it aims as far before the
+                goal.
+        """
+        mean, time = _OverStride(1.0 / Command().f), view.time
+        near: float | None = None
+        error = self._error(view)
+        if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
+            return view
+        while True:
+            error = self._error(view) - ahead
+            velocity = self._velocity(error) + bias
+            arrived = self._arrived(mean(view.time, error), _NEAR)
+            near = None if not arrived else view.time if near is None else near
+            if near is not None and not self.stand:
+                return view
+            if near is not None and view.time - near >= _SLOW_TIME and self._arrived(_coming(view, error), _DEADBAND):
+                return view
+            command = Command(*map(float, velocity), h=view.last.command.h, p=view.last.command.p, gait=Gait.WALKING)
+            view = yield Action(command, kept(view), progress=self.progress)
+            share = min((view.time - time) / _BIAS_TIME, 1.0)
+            time = view.time
+            missing = view.last.command.array()[:3] - bias - _walked(view)
+            bias[:] = np.clip(bias + share * missing, -_MOST_BIAS, _MOST_BIAS)
+
+    def _velocity(self, error: np.ndarray) -> np.ndarray:
+        """Return the velocity [m/s, m/s, rad/s] for a way that is left, shape (3,)."""
+        distance = math.hypot(error[0], error[1])
+        speed = min(self.speed, _GAIN * distance, math.sqrt(2.0 * _SLOW_DOWN * distance))
+        turn = error[2]
+        if distance > _FAR:  # walk ahead to it: sideways is slow
+            turn = math.atan2(error[1], error[0])
+            speed *= max(math.cos(turn), 0.0)
+            way = np.array([speed, 0.0])
+        else:
+            way = error[:2] * (speed / max(distance, 1e-6))
+        return np.array([*way, min(max(_TURN_GAIN * turn, -_SLOWEST_TURN), _SLOWEST_TURN)])
+
+    def _stop(self, view: View) -> Course:
+        """Stand, and wait until the robot is at rest."""
+        since: float | None = None
+        while since is None or view.time - since < _SETTLE_TIME:
+            last = view.last.command
+            if last.gait is Gait.STANDING and since is None:
+                since = view.time
+            view = yield Action(Command(h=last.h, p=last.p, w=last.w), kept(view), progress=self.progress)
+            self._error(view)
+        return view
+
+
+def _coming(view: View, error: np.ndarray) -> np.ndarray:
+    """Return the error of a robot that stands from now on, shape (3,).
+
+    It comes to rest where its velocity carries it: over the extrapolated centre of mass of Hof, Gazendam and Sinke,
+    "The condition for dynamic stability", Journal of Biomechanics, 2005.
+    """
+    left = error.copy()
+    left[:2] -= _COMING * _walked(view)[:2]
+    return left
+
+
+def _walked(view: View) -> np.ndarray:
+    """Return the estimated velocity in the heading frame and the yaw rate, shape (3,)."""
+    state = view.state
+    assert state.velocity is not None
+    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
+    rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
+    return np.array([velocity[0], velocity[1], rate])
+
+
+class _OverStride:
+    """Mean of a vector over the last stride: a pelvis that sways from foot to foot has no other resting value."""
+
+    def __init__(self, duration: float) -> None:
+        """Take the mean over a duration [s]."""
+        self._duration = duration
+        self._values: collections.deque[tuple[float, np.ndarray]] = collections.deque()
+        self._sum: np.ndarray | float = 0.0
+
+    def __call__(self, time: float, value: np.ndarray) -> np.ndarray:
+        """Add the value of a time [s] and return the mean."""
+        self._values.append((time, value))
+        self._sum = self._sum + value
+        while self._values[0][0] < time - self._duration + 1e-9:
+            self._sum = self._sum - self._values.popleft()[1]
+        return self._sum / len(self._values)

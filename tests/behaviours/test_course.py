@@ -1,0 +1,142 @@
+"""Behaviours made of others, their ends and their reasons."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from behaviour_helpers import objects, view
+
+from hugwbc.behaviours import (
+    Action,
+    Behaviour,
+    BehaviourSource,
+    Course,
+    Failure,
+    Status,
+    View,
+    doing,
+    lift,
+    parallel,
+    press,
+    reach,
+    release,
+    retry,
+    seen,
+    squeeze,
+    step,
+    wait,
+    wait_until,
+    walk_to,
+)
+from hugwbc.commands import Command
+from hugwbc.errors import HugwbcError
+from hugwbc.gait import Gait
+from hugwbc.targets import HandTargets
+
+
+@step
+def count(view: View, ticks: int, *, fails: bool = False, v_x: float = 0.1, timeout: float = 9.0) -> Course:
+    """Run for a number of ticks, then fail if told to."""
+    for tick in range(ticks):
+        hands = HandTargets.of((v_x, 0, 0), None)
+        view = yield Action(Command(v_x=v_x, gait=Gait.WALKING), hands, progress=f"{tick} of {ticks}")
+    if fails:
+        raise Failure("too far")
+    return view
+
+
+def run(behaviour: Behaviour, ticks: int = 200, **more: object) -> tuple[list[Action], BehaviourSource]:
+    """Run to the end at 50 Hz, without soft starts; return the actions."""
+    source, actions = BehaviourSource(behaviour), []
+    for tick in range(ticks):
+        actions.append(source.act(view(0.02 * tick, **more)))
+        if source.status is not Status.RUNNING:
+            return actions, source
+    raise AssertionError("does not end")
+
+
+def test_no_tick_is_lost_between_steps_and_the_robot_then_stands() -> None:
+    def both(view: View) -> Course:
+        view = yield from count(view, 2, v_x=0.1)
+        return (yield from count(view, 1, v_x=0.2))
+
+    actions, source = run(both)
+    assert [action.command.v_x for action in actions] == [0.1, 0.1, 0.2, 0.0]
+    assert actions[-1].command.gait is Gait.STANDING
+    assert source.ending == "done"
+
+
+def test_a_failure_names_the_step_once() -> None:
+    def outer(view: View) -> Course:
+        return (yield from step(lambda view: count(view, 1, fails=True))(view))
+
+    assert run(outer)[1].reason == "count: too far"
+
+
+def test_a_step_ends_at_its_timeout_and_says_how_far_it_was() -> None:
+    assert run(lambda view: count(view, 100, timeout=0.1))[1].reason == "count: timeout of 0.1 s: 5 of 100"
+    waiting = lambda view: wait_until(view, lambda view: False, "a bell", timeout=1.0)  # noqa: E731
+    assert run(waiting)[1].reason == "wait until: timeout of 1 s: a bell: 0.0 of 0 s"
+
+
+def test_what_the_robot_is_at_is_the_step_or_what_is_said() -> None:
+    assert {action.doing for action in run(lambda view: count(view, 3))[0][:-1]} == {"count"}
+    assert {action.doing for action in run(lambda view: doing("add", count(view, 3)))[0][:-1]} == {"add"}
+
+
+def test_legs_and_hands_at_the_same_time() -> None:
+    actions, _ = run(lambda view: parallel(view, count(view, 3, v_x=0.1), count(view, 1, v_x=0.5)))
+    assert [action.command.v_x for action in actions] == [0.1, 0.1, 0.1, 0.0]
+    assert actions[0].hands is not None and actions[0].hands.left is not None
+    np.testing.assert_allclose(actions[0].hands.left, [0.5, 0, 0])
+    failing = lambda view: parallel(view, count(view, 3), count(view, 1, fails=True))  # noqa: E731
+    assert len(run(failing)[0]) == 2 and run(failing)[1].reason == "count: too far"
+
+
+def test_retries_are_counted() -> None:
+    actions, source = run(lambda view: retry(view, partial(count, ticks=1, fails=True), times=3))
+    assert source.reason == "count: too far (tried 3 times)" and len(actions) == 6
+    assert run(lambda view: retry(view, partial(count, ticks=2)))[1].status is Status.SUCCESS
+
+
+def test_a_condition_has_to_hold_without_a_break() -> None:
+    holds = lambda view: 0.2 <= view.time < 0.24 or view.time > 0.25  # noqa: E731
+    actions, _ = run(lambda view: wait_until(view, holds, "time", hold=0.1))
+    assert len(actions) == 13 + 5 + 1
+
+
+def test_waiting_takes_its_time() -> None:
+    assert len(run(lambda view: wait(view, 0.5))[0]) == 26
+
+
+def test_an_object_that_is_not_there() -> None:
+    def look(now: View) -> Course:
+        return (yield Action(Command(h=float(seen(now, "crate").position[2]))))
+
+    assert run(look)[1].reason == "object 'crate' is not seen; there are: none"
+    assert "desk" in run(look, objects=objects(desk=(1.0, 0.0, 0.0)))[1].reason
+
+
+@pytest.mark.parametrize(
+    ("begin", "words"),
+    [
+        (lambda view: walk_to(view), "give one of them"),
+        (lambda view: walk_to(view, before="desk", yaw=1.0), "give turn"),
+        (lambda view: walk_to(view, (1.0, 0.0), speed=3.0), "walk_to.speed is 3.0; it should be less"),
+        (lambda view: walk_to(view, (1.0, 0.0), 90.0), "walk_to.yaw is 90"),
+        (lambda view: walk_to(view, (1.0, 0.0), timeout=0.0), "walk_to.timeout is 0"),
+        (lambda view: squeeze(view, "box", force=-1.0), "squeeze.force is -1"),
+        (lambda view: lift(view, "box", math.nan), "lift.height is nan"),
+        (lambda view: release(view, apart=math.inf), "release.apart is inf"),
+        (lambda view: press(view, "bell", "both"), "Valid: left, right"),
+    ],
+)
+def test_arguments_out_of_range_are_refused_before_the_first_tick(begin, words: str) -> None:
+    with pytest.raises(HugwbcError, match=words):
+        next(begin(view()))
+
+
+def test_a_hand_target_out_of_the_world_is_refused_with_its_distance() -> None:
+    far = lambda view: reach(view, left=(3.0, 0.0, 1.0), frame="world")  # noqa: E731
+    assert run(far)[1].reason == "reach: the left hand's target is 3.0 m away (limit 1.5 m); walk there"
