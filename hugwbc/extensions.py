@@ -1,4 +1,4 @@
-"""What users add from outside this package: entry points of their packages, and Python files named on the command line.
+"""What users add from outside this package: Python files named on the command line, and entry points of their packages.
 
 Both are programs of the user and run with the user's rights, like any program that is started by name. A file is run
 only because its path was given as such; no file of data leads here.

@@ -29,21 +29,26 @@ _QUIET = 2.0  # [s]; shorter work shows no progress
 Options = TypeVar("Options")
 
 
-def parse(options: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
+def parse(
+    options: type[Options], words: Sequence[str], verb: str, description: str | None, default: Options | None = None
+) -> Options:
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     description = inspect.cleandoc(description) if description else description
-    return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words))
+    given: dict[str, Any] = {} if default is None else {"default": default}
+    return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words), **given)
 
 
-def parse_settings(settings: type[Options], words: Sequence[str], verb: str, description: str | None) -> Options:
+def parse_settings(
+    settings: type[Options], words: Sequence[str], verb: str, description: str | None, default: Options | None = None
+) -> Options:
     """Parse as `parse` does, for settings with groups of them inside.
 
     With `--help`, the settings outside any group are explained, and the groups are listed. `--help-all` explains all.
     """
     if HELP_ALL in words:
-        return parse(settings, ["--help"], verb, description)
+        return parse(settings, ["--help"], verb, description, default)
     if not {"-h", "--help"} & set(words):
-        return parse(settings, words, verb, description)
+        return parse(settings, words, verb, description, default)
     groups = [field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)]
     folded = [
         (

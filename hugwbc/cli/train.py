@@ -1,18 +1,23 @@
-"""`hugwbc train`: reinforcement learning of a policy, by options or by a recipe."""
+"""`hugwbc train`: reinforcement learning of a policy, by options, by settings in Python, or by a recipe."""
 
+import argparse
 import dataclasses
 import math
 import pathlib
 import time
 from collections.abc import Mapping, Sequence
 
+from hugwbc import extensions
 from hugwbc.cli import INTERRUPTED
 from hugwbc.cli.output import output_folder, parse, parse_settings, progress, say
+from hugwbc.errors import ConfigError
+from hugwbc.files import file_digest
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
+With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
 With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`."""
 
 
@@ -34,7 +39,7 @@ def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
     if any(word.partition("=")[0] == "--recipe" for word in words):
         return _run_recipe(parse(RecipeOptions, words, "train", RecipeOptions.__doc__))
-    config = parse_settings(TrainConfig, words, "train", _DESCRIPTION)
+    config = _parse(words)
     with output_folder(config.out), progress(f"training {config.out}") as advance:
         from hugwbc.learned.rl import train
 
@@ -48,6 +53,22 @@ def run(words: Sequence[str]) -> int:
     if trainer.leads:
         say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0
+
+
+def _parse(words: Sequence[str]) -> TrainConfig:
+    """Return the settings: options over those of a Python file, if one is given, or over the defaults."""
+    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
+    parser.add_argument("--config")
+    given, words = parser.parse_known_args(words)
+    if given.config is None:
+        return parse_settings(TrainConfig, words, "train", _DESCRIPTION)
+    name = given.config if extensions.names_object(given.config) else f"{given.config}:CONFIG"
+    found = extensions.load_object(name, "CONFIG")
+    if not isinstance(found, TrainConfig):
+        raise ConfigError(f"{name} is a {type(found).__name__}; make it a hugwbc.learned.config.TrainConfig")
+    path, _ = extensions.split_object(name)
+    default = dataclasses.replace(found, source=f"{path.name} {file_digest(path)}")
+    return parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
 
 
 def _run_recipe(options: RecipeOptions) -> int:

@@ -6,6 +6,10 @@ import pathlib
 import pytest
 from docs_pages import ROOT, follow
 
+from hugwbc.cli import main
+from hugwbc.cli.check import CHECK_FAILED
+from hugwbc.files import file_digest
+
 HOW_TO = ROOT / "docs" / "how-to"
 
 
@@ -25,16 +29,12 @@ def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-gait.md", folder, package)
 
 
-def test_add_a_reward(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-reward.md", folder, in_processes=True)
-
-
-def test_add_a_randomization(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-randomization.md", folder, in_processes=True)
-
-
-def test_add_a_curriculum(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-curriculum.md", folder, in_processes=True)
+def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    follow(HOW_TO / "change-the-training.md", folder, in_processes=True)
+    policy = folder / "runs" / "apart" / "policy.safetensors"
+    assert main(["check", "--policy", str(policy)]) == CHECK_FAILED
+    digest = file_digest(folder / "apart.py")
+    assert f"no recipe made it; hugwbc train with apart.py {digest} did" in capsys.readouterr().out
 
 
 def test_add_an_observation(folder: pathlib.Path) -> None:

@@ -5,6 +5,7 @@ from hugwbc.learned.config.environment import (
     CurriculumConfig,
     EnvConfig,
     ExtraWeights,
+    RewardTerm,
     RewardWeights,
     TerrainConfig,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "PPOConfig",
     "RandomizationConfig",
     "RecordConfig",
+    "RewardTerm",
     "RewardWeights",
     "Schedule",
     "TerrainConfig",

@@ -3,14 +3,17 @@
 import dataclasses
 import math
 import pathlib
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tyro
 
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.own_settings import registered_curricula, registered_rewards, with_registered
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
+from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.terms import further_terms
 from hugwbc.robot import Robot, load_robot
 from hugwbc.settings import settings
@@ -83,6 +86,9 @@ class CurriculumConfig:
     """Iterations between two decisions on the speed."""
     agile_fraction: float = 0.5
     """Fraction of the robots that are in the agile group, which has higher speeds and no intervention."""
+    rules: Annotated[dict[str, Callable[..., float]], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
+    """Functions of a setting's present value and the `Curriculum`, which return its new value after each iteration, by
+    the name of the setting, such as loads.payload; for settings written in Python."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -96,14 +102,7 @@ class CurriculumConfig:
         for name in ("warm_up_iterations", "alpha_step", "speed_step"):
             value = getattr(self, name)
             require(value >= 0, f"curriculum.{name}", value, "0 or more")
-        for name in ("agile_fraction", *registered_curricula()):
-            require(0.0 <= getattr(self, name) <= 1.0, f"curriculum.{name}", getattr(self, name), "0 to 1")
-
-
-if not TYPE_CHECKING:  # the same class unless another package registers curricula
-    CurriculumConfig = with_registered(
-        CurriculumConfig, registered_curricula(), "curriculum", ("penalty", "alpha", "speed", "terrain")
-    )
+        require(0.0 <= self.agile_fraction <= 1.0, "curriculum.agile_fraction", self.agile_fraction, "0 to 1")
 
 
 @settings
@@ -211,9 +210,16 @@ class ExtraWeights:
         require_finite(self, "extra.")
 
 
-if not TYPE_CHECKING:  # the same class unless another package registers terms
-    _OF_THE_PAPER = [field.name for field in dataclasses.fields(RewardWeights)]
-    ExtraWeights = with_registered(ExtraWeights, registered_rewards(), "reward", _OF_THE_PAPER)
+@settings
+class RewardTerm:
+    """A reward: a function of a control step, as in `hugwbc.learned.env.rewards`, and its weight."""
+
+    function: Callable[..., Any]
+    """Maps a `Transition` and a `Body` to one number per robot, shape (n,)."""
+    weight: float
+    """Factor on it, besides the control period."""
+    penalty: bool = False
+    """Whether the curriculum of penalties scales it."""
 
 
 @settings
@@ -276,6 +282,8 @@ class EnvConfig:
     randomization: RandomizationConfig = dataclasses.field(default_factory=RandomizationConfig)
     rewards: RewardWeights = dataclasses.field(default_factory=RewardWeights)
     extra: ExtraWeights = dataclasses.field(default_factory=ExtraWeights)
+    terms: Annotated[dict[str, RewardTerm], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
+    """Further rewards by name, for settings written in Python."""
     loads: LoadConfig = dataclasses.field(default_factory=LoadConfig)
     arm_servo: ArmServoGains = dataclasses.field(default_factory=ArmServoGains)
     curriculum: CurriculumConfig = dataclasses.field(default_factory=CurriculumConfig)
@@ -298,6 +306,13 @@ class EnvConfig:
             require(0.0 <= getattr(self, name) <= 1.0, f"env.{name}", getattr(self, name), "0 to 1")
         require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
         require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
+        for name in self.terms:
+            if hasattr(self.rewards, name) or hasattr(self.extra, name):
+                raise ConfigError(f"reward '{name}' exists; give another name", at=("terms", name))
+        for name in self.curriculum.rules:
+            if name.partition(".")[0] not in ADOPTED:
+                raise UnknownNameError("setting for a curriculum", name, ADOPTED, at=("curriculum", "rules"))
+            value_of(self, name)
         unused = self.motions is not None and self.intervention != "motion"
         require(not unused, "env.motions", self.motions, "none without env.intervention motion")
 

@@ -1,12 +1,13 @@
 """Settings of the training robots: differences from their description, loads, and gains of moved arms."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
+import tyro
 
 from hugwbc.learned.config.checks import require, require_finite
-from hugwbc.learned.config.own_settings import registered_randomizations, with_registered
 from hugwbc.robot import Robot
 from hugwbc.settings import settings
 
@@ -48,6 +49,9 @@ class RandomizationConfig:
     sensing: tuple[float, float] = (0.0, 1.5)
     """Factor on the sensor errors of the arena (`hugwbc.sim.sensors.ROBOT`: noise, biases and offsets of encoders,
     joint speeds, gyro and attitude), one value per robot; 0 for the true state."""
+    functions: Annotated[tuple[Callable[..., object], ...], tyro.conf.Suppress] = ()
+    """Functions that change the models further, given the `BatchSimulation` and a generator of random numbers; for
+    settings written in Python."""
 
     @classmethod
     def off(cls, friction: float = 0.8) -> "RandomizationConfig":
@@ -84,15 +88,10 @@ class RandomizationConfig:
             require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
         low, high = self.torso_mass
         require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
-        own = registered_randomizations()
-        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset", *own):
+        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
             value = getattr(self, name)
             require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
         require(self.push_interval >= 1, "randomization.push_interval", self.push_interval, "at least 1")
-
-
-if not TYPE_CHECKING:  # the same class unless another package registers randomisations
-    RandomizationConfig = with_registered(RandomizationConfig, registered_randomizations(), "randomization")
 
 
 @settings

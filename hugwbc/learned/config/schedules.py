@@ -7,9 +7,6 @@ from typing import Any, Literal, TypeVar
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.settings import settings
 
-# Groups of settings that the learner and the environment take over at once. Others wait until the robots are rebuilt.
-SCHEDULED = ("ppo", "env.command", "env.rewards", "env.extra", "env.loads", "env.curriculum", "env.squat_gain")
-
 Settings = TypeVar("Settings")
 
 
@@ -59,15 +56,20 @@ def scheduled(settings: Settings, schedules: Mapping[str, Schedule], steps: floa
     """
     values: dict[str, Any] = {}
     for name, schedule in schedules.items():
-        old: Any = settings
-        for part in name.split("."):
-            names = [field.name for field in dataclasses.fields(old)] if dataclasses.is_dataclass(old) else []
-            if part not in names:
-                raise UnknownNameError("scheduled setting", name, names, at=(name,))
-            old = getattr(old, part)
         value = schedule.at(steps)
-        values[name] = round(value) if type(old) is int else value
+        values[name] = round(value) if type(value_of(settings, name)) is int else value
     return replaced(settings, values)
+
+
+def value_of(settings: object, name: str) -> Any:  # noqa: ANN401  whatever the setting is
+    """Return the value of a setting by dotted name, such as ppo.horizon."""
+    value: Any = settings
+    for part in name.split("."):
+        names = [field.name for field in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
+        if part not in names:
+            raise UnknownNameError("setting", name, names, at=(name,))
+        value = getattr(value, part)
+    return value
 
 
 def replaced(settings: Settings, values: Mapping[str, Any]) -> Settings:

@@ -114,6 +114,9 @@ class TrainConfig:
     """Settings by dotted name, such as ppo.horizon, that change with the steps of this run and replace the values
     above. They have no options: recipes have them."""
 
+    source: Annotated[str, tyro.conf.Suppress] = ""
+    """Name and digest of the Python file that these settings come from, for the record."""
+
     def at(self, steps: float) -> "TrainConfig":
         """Return the configuration with the scheduled settings at their values after some steps of this run."""
         return scheduled(dataclasses.replace(self, schedules={}), self.schedules, steps)

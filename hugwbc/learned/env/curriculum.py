@@ -1,7 +1,7 @@
 """Curricula of the training: penalty scale, noise level of the intervention, speed of the agile group.
 
 A level moves when the tracking rewards that it depends on are high enough: its gate is open. Every gate says in words
-why it is closed, and all levels are in `state_dict`.
+why it is closed, and all levels are in `state_dict`. A user's settings may have rules that move further settings.
 """
 
 import dataclasses
@@ -10,12 +10,13 @@ from typing import Any
 
 from hugwbc.commands import command_ranges
 from hugwbc.gait import Gait
-from hugwbc.learned.config import CurriculumConfig
-from hugwbc.learned.env.own_curricula import Measured, OwnLevels
+from hugwbc.learned.config import CurriculumConfig, EnvConfig
+from hugwbc.learned.config.schedules import replaced, value_of
 
 _RANGES = [command_ranges(Gait.WALKING)[name] for name in ("v_x", "omega")]
 # Largest v_x [m/s] and omega [rad/s] at the start and at the end.
 MAX_SPEED, MAX_YAW_RATE = ((limits.initial[1], limits.finishing[1]) for limits in _RANGES)
+_RULE = "rule."  # before the names of settings, in the state
 
 
 @dataclasses.dataclass
@@ -28,7 +29,9 @@ class Curriculum:
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
         max_speed: largest v_x of the agile group [m/s].
-        own: levels of the curricula of other packages.
+        agile, intervened: mean linear and angular tracking reward of both groups, relative to their maxima, at the last
+            move; None if the group is empty.
+        values: settings that the rules have moved, by name.
         gates: last decision of each curriculum's gate, in words.
     """
 
@@ -37,13 +40,14 @@ class Curriculum:
     penalty_scale: float = dataclasses.field(init=False)
     alpha: float = 0.0
     max_speed: float = MAX_SPEED[0]
-    own: OwnLevels = dataclasses.field(init=False)
+    agile: tuple[float, float] | None = None
+    intervened: tuple[float, float] | None = None
+    values: dict[str, float] = dataclasses.field(default_factory=dict)
     gates: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Start at the configured penalty and at the paper's initial speeds."""
         self.penalty_scale = self.config.penalty_start
-        self.own = OwnLevels(self.config)
 
     @property
     def max_yaw_rate(self) -> float:
@@ -60,16 +64,12 @@ class Curriculum:
             intervened: the same of the intervention group; None if there is no intervention.
         """
         self.iteration += 1
+        self.agile, self.intervened = agile, intervened
         # The running rewards start at zero, and the policy has only begun to learn.
-        if self.iteration <= self.config.warm_up_iterations:
-            waiting = ("penalty", "alpha", "speed", *self.own.values)
+        if self._warming_up:
+            waiting = ("penalty", "alpha", "speed")
             self.gates = dict.fromkeys(waiting, f"warm-up until {self.config.warm_up_iterations}")
             return
-        self._update_ours(agile, intervened)
-        levels = (self.penalty_scale, self.alpha, self.max_speed)
-        self.gates |= self.own.move(Measured(self.iteration, agile, intervened, *levels))
-
-    def _update_ours(self, agile: tuple[float, float] | None, intervened: tuple[float, float] | None) -> None:
         self.penalty_scale = min(1.0, self.penalty_scale * self.config.penalty_growth)
         self.gates["penalty"] = f"{self.penalty_scale:.3f}"
         if intervened is None:
@@ -80,6 +80,19 @@ class Curriculum:
             self.gates["speed"] = "off: no agile robots"
         elif self.iteration % self.config.speed_interval == 0:
             self._update_speed(agile[0])
+
+    @property
+    def _warming_up(self) -> bool:
+        return self.iteration <= self.config.warm_up_iterations
+
+    def apply_rules(self, config: EnvConfig) -> None:
+        """Let the rules of the settings move the values of those that they are for, after an iteration."""
+        if not self._warming_up:
+            self.values = {name: float(rule(value_of(config, name), self)) for name, rule in self.config.rules.items()}
+
+    def applied(self, config: EnvConfig) -> EnvConfig:
+        """Return the settings with the values that the rules have moved."""
+        return replaced(config, self.values) if self.values else config
 
     def _update_alpha(self, linear: float, angular: float) -> None:
         """Apply the paper's rule: raise alpha above both thresholds, lower it below two thirds of either."""
@@ -111,7 +124,7 @@ class Curriculum:
         state: dict[str, Any] = {
             name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")
         }
-        return state | {f"own_{name}": level for name, level in self.own.values.items()}
+        return state | {f"{_RULE}{name}": value for name, value in self.values.items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the levels."""
@@ -119,5 +132,5 @@ class Curriculum:
         self.penalty_scale, self.alpha, self.max_speed = (
             float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
         )
-        # A curriculum that was not there when the state was stored starts at its beginning.
-        self.own.restore({name: float(state.get(f"own_{name}", 0.0)) for name in self.own.values})
+        stored = {name: state.get(f"{_RULE}{name}") for name in self.config.rules}
+        self.values = {name: float(value) for name, value in stored.items() if value is not None}

@@ -1,6 +1,5 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +9,7 @@ import torch
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.config.own_settings import registered_rewards
+from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
@@ -19,7 +18,7 @@ from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
 from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
-from hugwbc.learned.env.rewards import check_registered, evaluate_terms, relative_tracking
+from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
@@ -110,7 +109,6 @@ class HumanoidEnv:
         self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
         self.nominal_qpos = self.simulation.nominal_qpos
         self.curriculum = Curriculum(config.curriculum)
-        self.curriculum.own.check(config)
         self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(
@@ -128,7 +126,7 @@ class HumanoidEnv:
         self.mass = tensor(masses / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
         self._body_facts = torch.stack((self.mass, tensor(seconds)), dim=1)
-        self._take(config)
+        self.adopt(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
         self.own = further_terms(config.observations)
@@ -149,32 +147,19 @@ class HumanoidEnv:
         self._legs = LegFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
-        self._check_rewards()
+        nobody = torch.zeros(self.count, dtype=torch.bool)
+        check_terms(config.terms, self._transition(self.readings, nobody), self.body)
         self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
         if self.held_foot is not None:
             self.held_foot.due += self.age * self.dt
 
     def adopt(self, config: EnvConfig) -> None:
-        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before.
-
-        Raises:
-            ConfigError: if a reward term of another package, switched on now, does not work.
-        """
-        self._take(config)
-        self._check_rewards()
-
-    def _take(self, config: EnvConfig) -> None:
-        self._given = config  # before the curricula of other packages
-        self.config = config = self.curriculum.own.applied(config)
-        self._weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
+        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
+        self._given = config  # before the rules of the curriculum
+        self.config = config = self.curriculum.applied(config)
+        self._terms = reward_terms(config)
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
-
-    def _check_rewards(self) -> None:
-        """Refuse terms of other packages that do not work, on a step in which nothing moves."""
-        if registered_rewards():
-            nobody = torch.zeros(self.count, dtype=torch.bool)
-            check_registered(self._transition(self.readings, nobody), self.body, self._weights)
 
     # Stepping -------------------------------------------------------------------------------------------------------
 
@@ -203,12 +188,12 @@ class HumanoidEnv:
         fallen = self._fallen() | diverged
         self._filter_errors()
         transition = self._transition(previous, fallen)
-        rewards = evaluate_terms(transition, self.body, self._weights, self.curriculum.penalty_scale)
+        rewards = evaluate_terms(self._terms, transition, self.body, self.curriculum.penalty_scale)
         # A diverged state may hold NaN; its episode ends as a failure and must not reach the sums of the others.
         reward = torch.nan_to_num(torch.stack(tuple(rewards.values())).sum(0), nan=0.0, posinf=0.0, neginf=0.0)
         done = fallen | (self.age >= self.config.episode_steps)
         timed_out = (done & ~fallen).nonzero().squeeze(1)
-        tracking = relative_tracking(rewards, self._weights, self.dt)
+        tracking = relative_tracking(rewards, self._terms, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
         active = self.intervention.active
         self.statistics.note_gates(tracking, self.command, self.gait, active=active, agile=self.agile)
@@ -316,25 +301,22 @@ class HumanoidEnv:
             self.statistics.gate("speed") if bool(self.agile.any()) else None,
             self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,
         )
-        self._follow_levels()
+        if self.curriculum.config.rules:
+            self.curriculum.apply_rules(self.config)
+            self.adopt(self._given)
         if self.ground is not None:
             self.curriculum.gates["terrain"] = self.ground.report()
 
-    def _follow_levels(self) -> None:
-        """Give the settings the values of the levels of other packages' curricula."""
-        if self.curriculum.own.values:
-            self._take(self._given)
-
     @property
     def levels(self) -> dict[str, float]:
-        """Present levels for the log, by name: that of the ground, and those of other packages' curricula."""
+        """Present levels for the log, by name: that of the ground, and the settings that rules move."""
         ground = {} if self.ground is None else {"terrain_level": self.ground.mean_level}
-        return ground | {f"level/{name}": level for name, level in self.curriculum.own.values.items()}
+        return ground | {f"rule/{name}": value_of(self.config, name) for name in self.config.curriculum.rules}
 
     def restore_levels(self, state: Mapping[str, Any]) -> None:
         """Restore the levels of the curricula alone: what `Curriculum.state_dict` returned."""
         self.curriculum.load_state_dict(state)
-        self._follow_levels()
+        self.adopt(self._given)
 
     # Episodes -------------------------------------------------------------------------------------------------------
 

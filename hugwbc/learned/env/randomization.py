@@ -5,12 +5,8 @@ Parameters are friction, masses and their centres, gains, strength and offset of
 
 import numpy as np
 import torch
-from mujoco.batch import MODEL_FIELDS
 
-from hugwbc.errors import ConfigError
-from hugwbc.extensions import described, load_entry
 from hugwbc.learned.config import RandomizationConfig
-from hugwbc.learned.config.own_settings import registered_randomizations
 from hugwbc.sim.batch import BatchSimulation
 
 _UNCHANGED = (1.0, 1.0)
@@ -32,9 +28,6 @@ def randomize(
 
     Returns:
         Friction coefficient of each robot, shape (count,).
-
-    Raises:
-        ConfigError: if a randomisation of another package does not work.
     """
     batch, model, count = simulation.batch, simulation.model, simulation.count
     floor = model.geom("floor").id
@@ -54,7 +47,8 @@ def randomize(
     _randomize_links(simulation, config, rng)
     _randomize_motors(simulation, config, rng)
     _randomize_drives(simulation, config, rng)
-    _randomize_by_others(simulation, config, rng)
+    for function in config.functions:
+        function(simulation, rng)
     batch.set_const()
     return friction
 
@@ -102,31 +96,6 @@ def _randomize_drives(simulation: BatchSimulation, config: RandomizationConfig, 
         factor = rng.uniform(*config.drive_friction, (simulation.count, friction.size))
         for name in ("dof_frictionloss", "dof_damping"):
             simulation.batch.expand(name)[:, columns][:, 6:] *= factor
-
-
-def _randomize_by_others(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
-    """Apply the randomisations of other packages that have a width.
-
-    Raises:
-        ConfigError: if one cannot be loaded, fails, or leaves numbers in the model that are not finite.
-    """
-    for name, entry in registered_randomizations().items():
-        width = getattr(config, name)
-        if width == 0.0:
-            continue
-        function, origin = load_entry(entry, "randomization"), f"randomization '{name}' ({entry.value})"
-        if not callable(function):
-            raise ConfigError(
-                f"{origin} is a {type(function).__name__}; register a function of a batch, a width and a generator"
-            )
-        try:
-            function(simulation, width, rng)
-        except Exception as error:  # the code of another package may raise anything
-            raise ConfigError(f"{origin} fails: {described(error)}") from error
-        for field in MODEL_FIELDS:
-            values = simulation.batch.expanded(field)
-            if values is not None and not np.isfinite(values).all():
-                raise ConfigError(f"{origin} leaves numbers in {field} that are not finite")
 
 
 def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> torch.Tensor:

@@ -5,17 +5,15 @@ term's, and its docstring has the formula and says what was corrected. Weights a
 (`RewardWeights` and `ExtraWeights`); the reasons for the terms of our own are in docs/learned.md.
 """
 
-import functools
-from collections.abc import Callable
-from typing import Any, cast
+import dataclasses
+from collections.abc import Callable, Mapping
 
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
-from hugwbc.extensions import described, load_entry
 from hugwbc.gait import Gait, flies
-from hugwbc.learned.config.own_settings import PENALTIES, registered_rewards
+from hugwbc.learned.config import EnvConfig, RewardTerm
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
@@ -328,75 +326,51 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
 }
 
 
-@functools.cache
-def term(name: str) -> Term:
-    """Return a term by name: the paper's, our own, or that of another package."""
-    ours = PAPER_TERMS | EXTRA_TERMS
-    if name in ours:
-        return ours[name]
-    entry = registered_rewards()[name]
-    found: Any = load_entry(entry, "reward")
-    if not callable(found):
-        raise ConfigError(
-            f"reward '{name}' ({entry.value}) is a {type(found).__name__}; register a function of a Transition and a "
-            "Body"
-        )
-    return cast(Term, found)
+def reward_terms(config: EnvConfig) -> dict[str, RewardTerm]:
+    """Return all terms with a weight other than zero, by name; those of a user's settings come last."""
+    weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
+    functions = PAPER_TERMS | EXTRA_TERMS
+    ours = {name: RewardTerm(functions[name], weight, name in REGULARISATION) for name, weight in weights.items()}
+    return {name: term for name, term in (ours | config.terms).items() if term.weight != 0.0}
 
 
-def check_registered(transition: Transition, body: Body, weights: dict[str, float]) -> None:
-    """Try the terms of other packages on a control step, before the first one counts."""
-    count = len(transition.command)
-    for name in registered_rewards():
-        if weights[name] == 0.0:
-            continue
-        function, origin = term(name), f"reward '{name}' ({registered_rewards()[name].value})"
-        try:
-            value = function(transition, body)
-        except Exception as error:  # the code of another package may raise anything
-            raise ConfigError(f"{origin} fails: {described(error)}") from error
-        if not isinstance(value, torch.Tensor) or value.shape != (count,):
-            found = f"shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else f"a {type(value).__name__}"
-            raise ConfigError(f"{origin} gives {found}; give a tensor with one number per robot, here ({count},)")
-        if not torch.is_floating_point(value) or not bool(torch.isfinite(value).all()):
-            raise ConfigError(
-                f"{origin} gives {value.dtype} with numbers that are not finite floats; give finite floats"
-            )
+def check_terms(terms: Mapping[str, RewardTerm], transition: Transition, body: Body) -> None:
+    """Try the terms of a user's settings on a control step, before the first one counts."""
+    for name, term in terms.items():
+        value = term.function(transition, body)
+        shape = tuple(transition.fallen.shape)
+        if not isinstance(value, torch.Tensor) or value.shape != shape or not bool(torch.isfinite(value).all()):
+            raise ConfigError(f"reward '{name}' gives {value}; give a tensor of finite numbers, here of shape {shape}")
 
 
 def evaluate_terms(
-    transition: Transition, body: Body, weights: dict[str, float], penalty_scale: float
+    terms: Mapping[str, RewardTerm], transition: Transition, body: Body, penalty_scale: float
 ) -> dict[str, torch.Tensor]:
-    """Return the weighted rewards of a control step by term, without the terms of weight zero.
+    """Return the weighted rewards of a control step by term.
 
     Args:
+        terms: what `reward_terms` returned.
         transition: the control step.
         body: constants of the robot.
-        weights: weight of each term, the paper's, our own and those of other packages, by name.
-        penalty_scale: factor of the curriculum on the regularisation group.
+        penalty_scale: factor of the curriculum on the penalties.
 
     Returns:
         Rewards by term, shape (n,) each, already multiplied by the control period.
     """
     rewards = {}
-    for name, weight in weights.items():
-        if weight != 0.0:
-            scale = penalty_scale if _is_penalty(name) else 1.0
-            rewards[name] = weight * scale * body.dt * term(name)(transition, body)
+    for name, term in terms.items():
+        scale = penalty_scale if term.penalty else 1.0
+        rewards[name] = term.weight * scale * body.dt * term.function(transition, body)
     return rewards
 
 
-def _is_penalty(name: str) -> bool:
-    return name in REGULARISATION or (name in registered_rewards() and registered_rewards()[name].group == PENALTIES)
-
-
-def relative_tracking(rewards: dict[str, torch.Tensor], weights: dict[str, float], dt: float) -> torch.Tensor:
+def relative_tracking(rewards: Mapping[str, torch.Tensor], terms: Mapping[str, RewardTerm], dt: float) -> torch.Tensor:
     """Return the linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2).
 
     Args:
         rewards: what `evaluate_terms` returned.
-        weights: the weights that it was given.
+        terms: the terms that it was given.
         dt: control period [s].
     """
     names = (linear_velocity_tracking.__name__, angular_velocity_tracking.__name__)
-    return torch.stack([rewards[name] / (weights[name] * dt) for name in names], dim=1)
+    return torch.stack([rewards[name] / (terms[name].weight * dt) for name in names], dim=1)

@@ -32,15 +32,18 @@ def _version(package: str) -> str | None:
 def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
     """Return settings in a form that JSON can hold, for the record of a policy.
 
-    Folders mean nothing on another machine: of a path only the last two parts are kept, and of `out` nothing.
+    Folders mean nothing on another machine: of a path only the last two parts are kept, and of `out` nothing. Functions
+    of a user's file are named with the digest of the file.
     """
-    record = json.loads(json.dumps(dataclasses.asdict(settings), default=_last_parts))
+    record = json.loads(json.dumps(dataclasses.asdict(settings), default=_named))
     record.pop("out", None)
     return record
 
 
-def _last_parts(value: object) -> str:
-    return "/".join(value.parts[-2:]) if isinstance(value, pathlib.PurePath) else str(value)
+def _named(value: object) -> str:
+    if isinstance(value, pathlib.PurePath):
+        return "/".join(value.parts[-2:])
+    return f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"
 
 
 def trained_with(name_or_path: str | pathlib.Path) -> str | None:

@@ -136,7 +136,9 @@ def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], lis
     _, metadata = checkpoint.load_file(path, "policy")
     ancestry = ancestry_in(metadata, path)
     if ancestry is None or not ancestry.stages:
-        return (), [f"{path} has no ancestry: no recipe made it, so that nobody can say how it was made"]
+        training = metadata.get("training", {}).get("config", {})
+        source = f" hugwbc train with {training['source']} did;" if training.get("source") else ""
+        return (), [f"{path} has no ancestry: no recipe made it;{source} its metadata has its settings"]
     problems, written = [], dict[str, str]()
     for record in ancestry.stages:
         for name, parent in record.parents.items():

@@ -304,7 +304,7 @@ class Trainer:
                 self.env.restore_levels(metadata["curriculum"])
             self.ppo.set_learning_rate(float(metadata["learning_rate"]))
             self.ppo.skipped = int(metadata["skipped"])
-            self.remark = _other_gains(metadata, self._env_config, path)
+            self.remark = _differences(metadata, self.config, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
                 self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
         if not self.config.resume:
@@ -370,9 +370,12 @@ def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str,
     return groups
 
 
-def _other_gains(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
-    """Return which feed-forward the legs had in the training of a file, if they have another one in this training."""
-    before = dict(dict(metadata.get("config", {})).get("env", {}))
+def _differences(metadata: dict[str, Any], config: TrainConfig, env: EnvConfig, path: pathlib.Path) -> str:
+    """Return what a user should know: another file of settings, or another feed-forward of the legs."""
+    record = dict(metadata.get("config", {}))
+    before, source = dict(record.get("env", {})), record.get("source", "")
+    if config.resume and source != config.source:
+        return f"{path} was trained with {source or 'no --config'}, this training has {config.source or 'none'}"
     words = [
         f"--env.{name.replace('_', '-')} {before[name]:g}"
         for name in ("squat_gain", "swing_gain")

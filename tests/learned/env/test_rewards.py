@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from hugwbc.gait import Gait
-from hugwbc.learned.config import ExtraWeights, RewardWeights
+from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardWeights
 from hugwbc.learned.env import rewards
 from hugwbc.learned.env.readings import Body, Transition
 from hugwbc.robot import load_robot
@@ -224,9 +224,9 @@ def test_unequal_support_only_in_phase_and_of_one_foot() -> None:
 
 def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
     transition = make_transition(height=torch.tensor([0.1]), angular_velocity=torch.tensor([[1.0, 0.0, 0.0]]))
-    weights = {"body_height_tracking": -40.0, "roll_pitch_angular_velocity": -0.5, "alive": 0.0}
-    values = rewards.evaluate_terms(transition, make_body(), weights, penalty_scale=0.2)
-    assert set(values) == {"body_height_tracking", "roll_pitch_angular_velocity"}
+    terms = rewards.reward_terms(EnvConfig(extra=ExtraWeights(alive=0.0)))
+    values = rewards.evaluate_terms(terms, transition, make_body(), penalty_scale=0.2)
+    assert "alive" not in values and set(values) > {"body_height_tracking", "roll_pitch_angular_velocity"}
     assert values["body_height_tracking"].item() == pytest.approx(-40 * 0.02 * 0.01)
     assert values["roll_pitch_angular_velocity"].item() == pytest.approx(-0.5 * 0.02 * 0.2)
 
