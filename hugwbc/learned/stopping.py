@@ -22,11 +22,7 @@ class Stop:
         self.requested = False
 
     def check(self) -> None:
-        """End the work if that was asked for.
-
-        Raises:
-            StoppedError: if so.
-        """
+        """End the work with a `StoppedError` if that was asked for."""
         if self.requested:
             raise StoppedError
 

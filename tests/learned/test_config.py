@@ -29,6 +29,7 @@ BAD: list[tuple[Callable, str, object]] = [
     (CurriculumConfig, "linear_threshold", math.inf),
     (CurriculumConfig, "agile_fraction", 1.1),
     (TerrainConfig, "threshold", math.nan),
+    (TerrainConfig, "start_level", 10),
     (RandomizationConfig, "friction", (1.0, 0.5)),
     (RandomizationConfig, "gains", (math.nan, 1.0)),
     (RandomizationConfig, "torso_mass", (-20.0, 0.0)),

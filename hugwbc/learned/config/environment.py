@@ -1,52 +1,48 @@
 """Settings of the training environment: commands, curricula, ground, rewards, physics."""
 
 import dataclasses
-import math
 import pathlib
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from pydantic import Field
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
-from hugwbc.learned.config.checks import require, require_finite
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.terms import further_terms
-from hugwbc.robot import Robot, load_robot
-from hugwbc.settings import settings
+from hugwbc.robot import Robot, robot_names
+from hugwbc.settings import Count, NotNegative, Positive, Share, one_of, settings
+
+RobotName = Annotated[str, one_of("robot", robot_names)]
 
 
 @settings
 class CommandConfig:
     """How training draws commands. Gaits are drawn in the fractions below; the rest is jumping."""
 
-    standing_fraction: float = 0.2
+    standing_fraction: Share = 0.2
     """Fraction of the commands that are for standing."""
-    walking_fraction: float = 0.55
+    walking_fraction: Share = 0.55
     """Fraction of the commands that are for walking."""
-    hopping_fraction: float = 0.0
+    hopping_fraction: Share = 0.0
     """Fraction of the commands that are for one-leg hopping, half on each leg. The paper trains it alone: standing 0.1,
     walking 0, hopping 0.9."""
-    default_fraction: float = 0.5
+    default_fraction: Share = 0.5
     """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
-    zero_velocity_fraction: float = 0.1
+    zero_velocity_fraction: Share = 0.1
     """Probability of stepping in place."""
-    resample_steps: int = 300
+    resample_steps: Count = 300
     """Control steps after which a new command is drawn."""
 
     def __post_init__(self) -> None:
-        """Check the fractions."""
-        gaits = ("standing_fraction", "walking_fraction", "hopping_fraction")
-        for name in (*gaits, "default_fraction", "zero_velocity_fraction"):
-            value = getattr(self, name)
-            require(0.0 <= value <= 1.0, f"command.{name}", value, "0 to 1")
-        total = sum(getattr(self, name) for name in gaits)
-        # Decimal fractions that sum to 1 may exceed it by rounding.
-        require(total <= 1.0 + 1e-9, " + ".join(f"command.{name}" for name in gaits), total, "at most 1")
-        require(self.resample_steps > 0, "command.resample_steps", self.resample_steps, "a positive integer")
+        """Check the sum of the fractions of gaits."""
+        total = self.standing_fraction + self.walking_fraction + self.hopping_fraction
+        if total > 1.0 + 1e-9:  # decimal fractions that sum to 1 may exceed it by rounding
+            raise ConfigError(f"the fractions of standing, walking and hopping sum to {total:g}; give at most 1")
 
     def fractions(self) -> dict[str, float]:
         """Return the fraction of the commands of each gait; jumping is the rest."""
@@ -62,76 +58,63 @@ class CurriculumConfig:
     They move after every so many environment steps, called an iteration here, whatever the length of the learner's own.
     """
 
-    steps: int = 24_576
+    steps: Count = 24_576
     """Environment steps between two moves: 24 control steps of 1,024 robots."""
-    warm_up_iterations: int = 120
+    warm_up_iterations: Annotated[int, Field(ge=0)] = 120
     """Number of iterations before any of the three moves."""
-    penalty_start: float = 0.2
+    penalty_start: Positive = 0.2
     """Initial factor on the regularisation rewards."""
-    penalty_growth: float = 1.002
+    penalty_growth: Positive = 1.002
     """Factor on the penalty scale per iteration, up to 1."""
     linear_threshold: float = 0.7
     angular_threshold: float = 0.5
     """Relative linear and angular tracking rewards of robots that move under intervention above which the noise level
     alpha rises; it falls below two thirds of either."""
-    alpha_step: float = 0.01
+    alpha_step: NotNegative = 0.01
     """Change of the noise level per decision (the paper's)."""
-    alpha_interval: int = 3
+    alpha_interval: Count = 3
     """Iterations between two decisions on alpha, so that the averages reflect the new level."""
     speed_threshold: float = 0.7
     """Relative linear tracking reward of moving robots of the agile group above which its speed grows."""
-    speed_step: float = 0.02
+    speed_step: NotNegative = 0.02
     """Growth of the largest forward speed of the agile group per decision [m/s]."""
-    speed_interval: int = 20
+    speed_interval: Count = 20
     """Iterations between two decisions on the speed."""
-    agile_fraction: float = 0.5
+    agile_fraction: Share = 0.5
     """Fraction of the robots that are in the agile group, which has higher speeds and no intervention."""
     rules: Annotated[dict[str, Callable[..., float]], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
     """Functions of a setting's present value and the `Curriculum`, which return its new value after each iteration, by
     the name of the setting, such as loads.payload; for settings written in Python."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require_finite(self, "curriculum.")
-        for name in ("steps", "alpha_interval", "speed_interval"):
-            value = getattr(self, name)
-            require(value > 0, f"curriculum.{name}", value, "a positive integer")
-        for name in ("penalty_start", "penalty_growth"):
-            value = getattr(self, name)
-            require(value > 0.0, f"curriculum.{name}", value, "a positive number")
-        for name in ("warm_up_iterations", "alpha_step", "speed_step"):
-            value = getattr(self, name)
-            require(value >= 0, f"curriculum.{name}", value, "0 or more")
-        require(0.0 <= self.agile_fraction <= 1.0, "curriculum.agile_fraction", self.agile_fraction, "0 to 1")
 
 
 @settings
 class TerrainConfig:
     """Rough ground of several levels; each robot has its own level. Without roughness the ground is a plane."""
 
-    roughness: float = 0.0
+    roughness: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Half-width of the uniformly random heights of the highest level [m]; 0 for a plane. The paper: 0.02."""
-    levels: int = 10
+    levels: Annotated[int, Field(ge=2)] = 10
     """From a plane to the roughness, in equal steps."""
-    start_level: int = 0
+    start_level: Annotated[int, Field(ge=0)] = 0
     """Highest level on which robots start; they are spread evenly over the levels from 0 up to it."""
     threshold: float = 0.7
     """Relative linear tracking reward from which a robot that did not fall moves one level up; a fall moves it down."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
-        require_finite(self, "terrain.")
-        require(0.0 <= self.roughness < 1.0, "terrain.roughness", self.roughness, "0 to 1 m")
-        require(self.levels >= 2, "terrain.levels", self.levels, "at least 2")
-        require(0 <= self.start_level < self.levels, "terrain.start_level", self.start_level, "0 to levels - 1")
+        """Check the level of the start."""
+        if self.start_level >= self.levels:
+            raise ConfigError(f"start_level is {self.start_level}; give at most {self.levels - 1}", at=("start_level",))
 
 
 @settings
 class RewardWeights:
-    """Weights of the paper's reward table, one per row. Every reward is multiplied by the control period."""
+    """Weights of the paper's reward table, one per row. Every reward is multiplied by the control period.
 
-    linear_velocity_tracking: float = 2.0
-    angular_velocity_tracking: float = 2.0
+    The curricula compare the tracking of velocities with its maximum, so that their weights are positive.
+    """
+
+    linear_velocity_tracking: Positive = 2.0
+    angular_velocity_tracking: Positive = 2.0
     body_height_tracking: float = -40.0
     body_pitch_tracking: float = -10.0
     waist_yaw_tracking: float = -2.0
@@ -148,13 +131,6 @@ class RewardWeights:
     hip_joint_deviation: float = -2.0
     feet_symmetry: float = -5.0
     termination: float = -200.0
-
-    def __post_init__(self) -> None:
-        """Check the weights."""
-        require_finite(self, "rewards.")
-        for name in ("linear_velocity_tracking", "angular_velocity_tracking"):
-            value = getattr(self, name)
-            require(value > 0.0, f"rewards.{name}", value, "above 0: the curricula compare the reward with its maximum")
 
 
 @settings
@@ -205,10 +181,6 @@ class ExtraWeights:
     """1 while a single foot carries the robot although both feet move in phase (standing, jumping). Without it the
     policy ran at twice the frequency instead of jumping."""
 
-    def __post_init__(self) -> None:
-        """Check the weights."""
-        require_finite(self, "extra.")
-
 
 @settings
 class RewardTerm:
@@ -226,54 +198,53 @@ class RewardTerm:
 class EnvConfig:
     """The training environment."""
 
-    count: int = 512
+    count: Count = 512
     """Robots simulated at once."""
-    robot: str = "h1"
+    robot: RobotName = "h1"
     """Robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
     drives: Literal["real", "ideal"] = "real"
-    """Drives of the joints: real (torque-speed limit and friction; their delay is part of the latency), or ideal. A GPU
-    has no torque-speed limit and needs ideal ones."""
+    """Drives of the joints: real (torque-speed limit and friction; their delay is part of the latency), or ideal."""
     ground: Literal["firm", "soft"] = "firm"
     """Firmness of the ground. At a time step of 5 ms, firm ground is softened to what that step allows."""
-    timestep: float = 0.005
+    timestep: Annotated[float, Field(gt=0, le=0.01)] = 0.005
     """Physics time step [s]."""
-    substeps: int = 4
+    substeps: Count = 4
     """Physics steps in a control step."""
-    episode_steps: int = 1000
+    episode_steps: Count = 1000
     """Control steps after which an episode ends."""
-    action_scale: float = ACTION_SCALE
+    action_scale: Positive = ACTION_SCALE
     """Radians of joint target per unit of action."""
-    yaw_action_factor: float = 0.4
+    yaw_action_factor: Positive = 0.4
     """Factor on the action scale of hip yaw and waist. These joints are stiff and the yaw inertia is small: at the
     common scale, their exploration noise hides the yaw rate from the reward. 1 gives the paper's."""
-    yaw_damping_factor: float = 3.0
+    yaw_damping_factor: Positive = 3.0
     """Factor on the damping of hip yaw and waist. With the paper's gains (1) they resonate near 2 Hz, the frequency of
     the stride."""
     starts: pathlib.Path | None = None
     """File of recorded motion in which a share of the episodes starts, instead of from a stand; a recipe's stage that
     records writes one as starts.safetensors."""
-    starts_share: float = 0.7
+    starts_share: Share = 0.7
     """Share of the episodes that start in recorded motion, among those whose gait was recorded."""
-    held_foot_grace: float = 0.0
+    held_foot_grace: NotNegative = 0.0
     """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
     episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
-    waist_rate: float = WAIST_RATE
+    waist_rate: NotNegative = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
-    squat_gain: float = 0.0
+    squat_gain: Share = 0.0
     """Share of the commanded height and pitch that the legs' joint targets follow by themselves
     (`hugwbc.learned.policy.leg_feed_forward`); the action is added. With 0 the action alone moves the legs, as in the
     paper."""
-    swing_gain: float = 0.0
+    swing_gain: Share = 0.0
     """Share of the clock's swing, up to the commanded height l, by which the legs' joint targets lift the feet; the
     action is added. With 0 the action alone lifts them, as in the paper."""
     intervention: Literal["noise", "motion", "none"] = "noise"
     """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
     """Folder of motion files (.npz) for the motion intervention; motions are generated if it is not given."""
-    flip_probability: float = 0.005
+    flip_probability: Share = 0.005
     """Probability per control step that the intervention indicator I(t) flips."""
-    noise_interval: int = 90
+    noise_interval: Count = 90
     """Control steps between two draws of the arm noise."""
     observations: tuple[str, ...] = ()
     """Observation terms (`hugwbc.learned.policy.terms.TERMS`) that the policy reads besides the paper's, by name;
@@ -290,22 +261,8 @@ class EnvConfig:
     terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
 
     def __post_init__(self) -> None:
-        """Check the sizes and the robot's name."""
-        load_robot(self.robot)
+        """Check what no single type can say."""
         further_terms(self.observations)
-        require(0.0 < self.timestep <= 0.01, "env.timestep", self.timestep, "above 0, up to 0.01 s")
-        for name in ("count", "substeps", "episode_steps", "noise_interval"):
-            value = getattr(self, name)
-            require(value > 0, f"env.{name}", value, "a positive integer")
-        require(0.0 < self.action_scale < math.inf, "env.action_scale", self.action_scale, "a positive number")
-        for name in ("yaw_action_factor", "yaw_damping_factor"):
-            value = getattr(self, name)
-            require(0.0 < value < math.inf, f"env.{name}", value, "a positive number")
-        require(0.0 <= self.waist_rate < math.inf, "env.waist_rate", self.waist_rate, "0 or a positive number")
-        for name in ("squat_gain", "swing_gain", "starts_share"):
-            require(0.0 <= getattr(self, name) <= 1.0, f"env.{name}", getattr(self, name), "0 to 1")
-        require(0.0 <= self.held_foot_grace < math.inf, "env.held_foot_grace", self.held_foot_grace, "0 or a time")
-        require(0.0 <= self.flip_probability <= 1.0, "env.flip_probability", self.flip_probability, "0 to 1")
         for name in self.terms:
             if hasattr(self.rewards, name) or hasattr(self.extra, name):
                 raise ConfigError(f"reward '{name}' exists; give another name", at=("terms", name))
@@ -313,8 +270,10 @@ class EnvConfig:
             if name.partition(".")[0] not in ADOPTED:
                 raise UnknownNameError("setting for a curriculum", name, ADOPTED, at=("curriculum", "rules"))
             value_of(self, name)
-        unused = self.motions is not None and self.intervention != "motion"
-        require(not unused, "env.motions", self.motions, "none without env.intervention motion")
+        if self.motions is not None and self.intervention != "motion":
+            raise ConfigError(
+                f"motions is {self.motions}; give the intervention motion as well, or leave it out", at=("motions",)
+            )
 
     @property
     def period(self) -> float:

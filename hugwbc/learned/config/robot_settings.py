@@ -1,52 +1,64 @@
 """Settings of the training robots: differences from their description, loads, and gains of moved arms."""
 
-import math
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 import tyro
+from pydantic import AfterValidator, Field, ValidationInfo
 
-from hugwbc.learned.config.checks import require, require_finite
+from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
-from hugwbc.settings import settings
+from hugwbc.settings import Count, NotNegative, Positive, Share, refusing, settings
+
+_Number = TypeVar("_Number")
+
+
+def _ascending(ends: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ConfigError(f"{info.field_name} is {ends[0]:g} to {ends[1]:g}; give low and high")
+    return ends
+
+
+Ascending = Annotated[tuple[_Number, _Number], AfterValidator(refusing(_ascending))]
+Range = Ascending[Positive]
 
 
 @settings
 class RandomizationConfig:
     """Model parameters of each robot, drawn once, and disturbances. Factors multiply the nominal value."""
 
-    friction: tuple[float, float] = (0.4, 1.5)
+    friction: Range = (0.4, 1.5)
     """Sliding friction of the robot's geometry."""
-    mass: tuple[float, float] = (0.84, 1.06)
+    mass: Range = (0.84, 1.06)
     """Factor on the masses and inertias of all links together. From 59.3 kg it reaches the 51.65 kg of the earlier
     description with room below."""
-    torso_mass: tuple[float, float] = (-1.0, 3.0)
+    torso_mass: Ascending[Annotated[float, Field(ge=-10)]] = (-1.0, 3.0)
     """Mass added to the torso, which has 18 kg [kg]."""
-    torso_centre: float = 0.03
+    torso_centre: NotNegative = 0.03
     """Half-width of the shift of the torso's centre of mass along each axis [m]."""
-    gains: tuple[float, float] = (0.9, 1.1)
+    gains: Range = (0.9, 1.1)
     """Factor on the stiffness of each joint and, independently, on its damping."""
-    link_mass: tuple[float, float] = (0.9, 1.1)
+    link_mass: Range = (0.9, 1.1)
     """Factor on the mass and inertia of each link by itself (the authors: 0.8 to 1.2)."""
-    link_centre: float = 0.01
+    link_centre: NotNegative = 0.01
     """Half-width of the shift of each link's centre of mass along each axis [m] (the authors: 0.01)."""
-    strength: tuple[float, float] = (0.9, 1.1)
+    strength: Range = (0.9, 1.1)
     """Factor on the torque of each joint before its limit applies (the authors: 0.8 to 1.2)."""
-    offset: float = 0.01
+    offset: NotNegative = 0.01
     """Half-width of the error of each joint's position target [rad] (the authors: 0.02)."""
-    drive_friction: tuple[float, float] = (0.5, 1.5)
+    drive_friction: Ascending[NotNegative] = (0.5, 1.5)
     """Factor on the Coulomb and viscous friction of each real drive."""
-    latency: tuple[float, float] = (0.0, 0.02)
+    latency: Ascending[NotNegative] = (0.0, 0.02)
     """Time from an action to its effect [s], one value per robot, rounded to physics steps. It stands for the age of
     the readings, which is 10 ms in the arena, and for the delay of the drives, which is 2 ms."""
-    push_velocity: float = 0.5
+    push_velocity: NotNegative = 0.5
     """Half-width of a push, which changes the horizontal velocity of the pelvis [m/s]."""
-    push_interval: int = 400
+    push_interval: Count = 400
     """Mean number of control steps between two pushes of a robot."""
-    noise: float = 0.0
+    noise: NotNegative = 0.0
     """Scale of the paper's observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
-    sensing: tuple[float, float] = (0.0, 1.5)
+    sensing: Ascending[NotNegative] = (0.0, 1.5)
     """Factor on the sensor errors of the arena (`hugwbc.sim.sensors.ROBOT`: noise, biases and offsets of encoders,
     joint speeds, gyro and attitude), one value per robot; 0 for the true state."""
     functions: Annotated[tuple[Callable[..., object], ...], tyro.conf.Suppress] = ()
@@ -78,21 +90,6 @@ class RandomizationConfig:
             sensing=none,
         )
 
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        may_vanish = ("latency", "drive_friction", "sensing")
-        for name in ("friction", "gains", "mass", "link_mass", "strength", *may_vanish):
-            low, high = getattr(self, name)
-            least = "at least 0" if name in may_vanish else "above 0"
-            valid = low >= 0.0 if name in may_vanish else low > 0.0
-            require(valid and low <= high < math.inf, f"randomization.{name}", (low, high), f"low and high, {least}")
-        low, high = self.torso_mass
-        require(-10.0 <= low <= high < math.inf, "randomization.torso_mass", (low, high), "low and high, at least -10")
-        for name in ("torso_centre", "push_velocity", "noise", "link_centre", "offset"):
-            value = getattr(self, name)
-            require(0.0 <= value < math.inf, f"randomization.{name}", value, "0 or a positive number")
-        require(self.push_interval >= 1, "randomization.push_interval", self.push_interval, "at least 1")
-
 
 @settings
 class LoadConfig:
@@ -101,34 +98,22 @@ class LoadConfig:
     Robots of the agile group and hopping ones carry nothing and are not pulled. A schedule makes a curriculum of it.
     """
 
-    payload: float = 0.0
+    payload: NotNegative = 0.0
     """Largest mass in each hand [kg], drawn for each hand at the start of an episode."""
-    hand_force: float = 0.0
+    hand_force: NotNegative = 0.0
     """Largest force on each hand, in any direction [N]. It acts on either or both hands and begins at once."""
-    trunk_force: float = 0.0
+    trunk_force: NotNegative = 0.0
     """Largest horizontal force on the trunk [N]."""
-    loaded_share: float = 0.7
+    loaded_share: Share = 0.7
     """Share of the episodes with a payload."""
-    hand_interval: float = 5.0
+    hand_interval: Positive = 5.0
     """Mean time between the end of a force on the hands and the next one [s]."""
-    hand_time: tuple[float, float] = (0.2, 5.0)
+    hand_time: Range = (0.2, 5.0)
     """Shortest and longest time for which a force on the hands acts [s]."""
-    trunk_interval: float = 8.0
+    trunk_interval: Positive = 8.0
     """Mean time between the end of a force on the trunk and the next one [s]."""
-    trunk_time: tuple[float, float] = (0.2, 1.2)
+    trunk_time: Range = (0.2, 1.2)
     """Shortest and longest time for which a force on the trunk acts [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require_finite(self, "loads.")
-        for name in ("payload", "hand_force", "trunk_force"):
-            require(getattr(self, name) >= 0.0, f"loads.{name}", getattr(self, name), "0 or a positive number")
-        for name in ("hand_interval", "trunk_interval"):
-            require(getattr(self, name) > 0.0, f"loads.{name}", getattr(self, name), "a positive time")
-        for name in ("hand_time", "trunk_time"):
-            low, high = getattr(self, name)
-            require(0.0 < low <= high, f"loads.{name}", (low, high), "shortest and longest, above 0")
-        require(0.0 <= self.loaded_share <= 1.0, "loads.loaded_share", self.loaded_share, "0 to 1")
 
 
 @settings
@@ -139,18 +124,12 @@ class ArmServoGains:
     H1 has. Its feed-forward torque is left out: the sag without it is 2 degrees, and the pelvis bears the same weight.
     """
 
-    stiffness: float = 140.0
+    stiffness: NotNegative = 140.0
     """Of every arm joint [N*m/rad]."""
-    shoulder_damping: float = 10.0
+    shoulder_damping: NotNegative = 10.0
     """Of shoulder pitch and roll [N*m*s/rad]."""
-    distal_damping: float = 3.0
+    distal_damping: NotNegative = 3.0
     """Of shoulder yaw and elbow [N*m*s/rad]."""
-
-    def __post_init__(self) -> None:
-        """Check the gains."""
-        require_finite(self, "arm_servo.")
-        for name, value in vars(self).items():
-            require(value >= 0.0, f"arm_servo.{name}", value, "0 or a positive number")
 
     def of(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         """Return stiffness and damping of the arm joints of a robot, shape (8,) each."""

@@ -9,9 +9,10 @@ from pydantic import Field
 
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config.environment import EnvConfig
+from hugwbc.learned.config.robot_settings import Range
 from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.seeds import SELECTION_SEED, TRAINING_SEED
-from hugwbc.settings import Count, NotNegative, Positive, Seed, Share, settings
+from hugwbc.settings import Count, NotNegative, Positive, PositiveShare, Seed, Share, settings
 
 CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
 
@@ -26,12 +27,12 @@ class PPOConfig:
     """Passes over the experience of an iteration."""
     minibatches: Count = 4
     """Minibatches per epoch."""
-    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99
+    gamma: PositiveShare = 0.99
     """Discount per control step."""
-    lam: Annotated[float, Field(gt=0, le=1)] = 0.95
+    lam: PositiveShare = 0.95
     """Trace decay lambda of the generalised advantage estimate. With the discount it gives credit over 1 / (1 - gamma
     lam) = 17 control steps, two thirds of a hop's cycle."""
-    clip: Annotated[float, Field(gt=0, le=1)] = 0.2
+    clip: PositiveShare = 0.2
     """Largest change of the probability ratio that the surrogate rewards."""
     policy_weight: NotNegative = 1.0
     """Weight of the surrogate loss (the paper's lambda_policy)."""
@@ -48,7 +49,7 @@ class PPOConfig:
     """Learning rate of the actor at the start; the KL divergence then moves it within `learning_rate_range`."""
     critic_learning_rate: Positive = 3e-4
     """Learning rate of the critic, constant."""
-    learning_rate_range: tuple[Positive, Positive] = (1e-5, 1e-3)
+    learning_rate_range: Range = (1e-5, 1e-3)
     """Smallest and largest learning rate of the actor."""
     target_kl: Positive = 0.02
     """KL divergence of an update at which the learning rate stays; above twice of it the rate falls, below half of it
@@ -65,14 +66,6 @@ class PPOConfig:
     """Largest exploration std whatever the three settings above say; for schedules of other forms."""
     std_min: Positive = 0.03
     """Smallest exploration std."""
-
-    def __post_init__(self) -> None:
-        """Check the range of learning rates."""
-        low, high = self.learning_rate_range
-        if low > high:
-            raise ConfigError(
-                f"learning_rate_range is {low:g} to {high:g}; give low and high", at=("learning_rate_range",)
-            )
 
 
 @settings
@@ -168,7 +161,7 @@ class CalibrationConfig:
     """Values of each command at which a curve is measured, spread evenly over its range."""
     rounds: Annotated[int, Field(ge=1, le=20)] = 3
     """How often the curves are measured and corrected."""
-    rate: Annotated[float, Field(gt=0, le=1)] = 0.7
+    rate: PositiveShare = 0.7
     """Fraction of the measured error that is corrected in a round."""
     duration: Annotated[float, Field(ge=1.5, le=60)] = 6.0
     """Length of an episode [s]; the first second does not count."""

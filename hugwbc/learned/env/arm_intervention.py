@@ -180,9 +180,6 @@ def make_arm_targets(
         motions: folder of motion files; None for generated motions.
         motions_seed: seed of the generated motions.
         generator: source of the draws.
-
-    Raises:
-        MotionFileError: if the motion files cannot be used.
     """
     if kind != "motion":
         return NoiseTargets(count, interval, generator)

@@ -73,9 +73,6 @@ def record_starts(
         config: the settings.
         make_teacher: builds a controller for a control period [s]; called once per robot.
         report: called after every control step with the fraction that is done.
-
-    Raises:
-        ConfigError: if the robots keep falling.
     """
     torch.set_num_threads(config.threads)
     env = HumanoidEnv(config.env, seed=config.seed, threads=config.threads)

@@ -47,9 +47,6 @@ class RecordedStarts:
         Args:
             columns: the columns by name.
             path: path of the file, for messages.
-
-        Raises:
-            PolicyFileError: if a column is missing or has another shape than `COLUMNS` says.
         """
         rows = len(columns["gait"]) if "gait" in columns else 0
         for name, shape in COLUMNS.items():
@@ -63,11 +60,7 @@ class RecordedStarts:
 
     @classmethod
     def load(cls, path: pathlib.Path) -> "RecordedStarts":
-        """Read a file that `StartRecorder.save` wrote.
-
-        Raises:
-            PolicyFileError: if the file is missing, truncated, corrupted or of another kind.
-        """
+        """Read a file that `StartRecorder.save` wrote."""
         tensors, _ = checkpoint.load_file(path, "starts")
         return cls(tensors, path)
 

@@ -48,10 +48,6 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     Args:
         path: path of the file.
         kind: kind that the file must have.
-
-    Raises:
-        PolicyFileError: if the file is missing, truncated, corrupted, written by another program or a newer version,
-            or of another kind.
     """
     try:
         data = read_file(pathlib.Path(path), LARGEST_FILE)

@@ -231,9 +231,6 @@ def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
     Args:
         metadata: metadata of the file.
         origin: name of the file, for messages.
-
-    Raises:
-        PolicyFileError: if there is none, or this version cannot run it.
     """
     fields = metadata.get("contract")
     if not isinstance(fields, Mapping):

@@ -38,9 +38,6 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
     Args:
         path: TorchScript or ONNX (`SUFFIXES`).
         state: for an ONNX network, names of the state inputs and of the outputs with their next values.
-
-    Raises:
-        PolicyFileError: if the file is missing, of another kind or cannot be read.
     """
     if not path.is_file():
         raise PolicyFileError(f"there is no policy file {path}; give the path of a {', '.join(SUFFIXES)} file")

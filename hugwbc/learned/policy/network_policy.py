@@ -29,9 +29,6 @@ def load_contract_policy(contract: str | pathlib.Path, network: str | pathlib.Pa
     Args:
         contract: name of a shipped contract, or path of a contract file or of a folder with a `contract.yaml`.
         network: the network's file; None for the file that the contract names.
-
-    Raises:
-        PolicyFileError: if the network file is missing, cannot be read, or does not fit the contract.
     """
     settings = load_contract(contract)
     path = settings.policy if network is None else pathlib.Path(network)
@@ -41,12 +38,7 @@ def load_contract_policy(contract: str | pathlib.Path, network: str | pathlib.Pa
 
 
 def load_onnx_policy(path: pathlib.Path) -> "NetworkPolicy":
-    """Load a policy that `hugwbc export` wrote; its joint targets are those of the policy, up to rounding.
-
-    Raises:
-        PolicyFileError: if the file is missing or no ONNX network, onnxruntime is not installed, or the contract is
-            missing, malformed or does not fit the network.
-    """
+    """Load a policy that `hugwbc export` wrote; its joint targets are those of the policy, up to rounding."""
     network = load_network(path, {})
     assert isinstance(network, OnnxNetwork)
     if not network.metadata:
@@ -59,11 +51,7 @@ def load_onnx_policy(path: pathlib.Path) -> "NetworkPolicy":
 
 
 def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
-    """Return a network after checking that its inputs and outputs fit a contract.
-
-    Raises:
-        PolicyFileError: if they do not.
-    """
+    """Return a network after checking that its inputs and outputs fit a contract."""
     sizes = contract.input_sizes
     terms = [" + ".join(f"{t.term} {t.size(contract.joints)}" for t in part) for part in _inputs(contract)]
     asked = f"{contract.history.frames} x ({'), and ('.join(terms)}) = {' and '.join(map(str, sizes))} numbers"

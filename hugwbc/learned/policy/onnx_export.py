@@ -43,9 +43,6 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
 
     Returns:
         Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.
-
-    Raises:
-        PolicyFileError: if the file does not give the outputs of the policy.
     """
     onnx, runtime = _onnx()
     model = _model(onnx, controller.actor)

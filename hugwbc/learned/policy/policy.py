@@ -22,10 +22,6 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
         name_or_path: "h1", or a path.
         threads: number of threads that torch may use in this process; None leaves torch's own choice. One robot gains
             nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms to 55 ms.
-
-    Raises:
-        PolicyFileError: if the file is truncated, corrupted, of another program or another robot, has weights that
-            are not finite, or fails its self-test.
     """
     if threads is not None:
         torch.set_num_threads(threads)

@@ -40,11 +40,7 @@ def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Pa
 
 
 def read_header(path: pathlib.Path) -> dict[str, str]:
-    """Return the metadata of a safetensors file.
-
-    Raises:
-        PolicyFileError: if it is not such a file.
-    """
+    """Return the metadata of a safetensors file."""
     try:
         return header_of(read_file(path, LARGEST_FILE))
     except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:

@@ -47,11 +47,7 @@ def _named(value: object) -> str:
 
 
 def trained_with(name_or_path: str | pathlib.Path) -> str | None:
-    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record.
-
-    Raises:
-        PolicyFileError: if the file cannot be read.
-    """
+    """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record."""
     path = policy_file(name_or_path)
     if path.suffix == ONNX_SUFFIX:
         record: Any = OnnxNetwork(path, {}).metadata

@@ -20,9 +20,6 @@ def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None
     """Load tensors, by their names in the network.
 
     Observation terms of other packages that the tensors' network did not read have weights of zero.
-
-    Raises:
-        RuntimeError: if they do not fit the network.
     """
     widened = _widened(network, tensors) if network.own else {}
     network.load_state_dict(dict(tensors) | widened)
@@ -54,11 +51,7 @@ def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[
 
 
 def network_of(tensors: Mapping[str, torch.Tensor]) -> ActorCritic:
-    """Return the network that tensors, by their names in it, belong to.
-
-    Raises:
-        RuntimeError: if they do not fit this version's networks.
-    """
+    """Return the network that tensors, by their names in it, belong to."""
     network = ActorCritic(symmetric=is_symmetric(tensors))
     load_into(network, tensors)
     return network

@@ -94,11 +94,7 @@ def seal(path: pathlib.Path, ancestry: Ancestry) -> None:
 
 
 def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | None:
-    """Return the ancestry in the metadata of a file; None if it has none.
-
-    Raises:
-        PolicyFileError: if it is damaged.
-    """
+    """Return the ancestry in the metadata of a file; None if it has none."""
     home = metadata.get("training", metadata)
     content = home.get(KEY) if isinstance(home, dict) else None
     try:
@@ -109,11 +105,7 @@ def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | N
 
 
 def read_record(path: pathlib.Path) -> StageRecord | None:
-    """Return the record of a finished stage; None without such a file.
-
-    Raises:
-        PolicyFileError: if it is damaged.
-    """
+    """Return the record of a finished stage; None without such a file."""
     if not path.exists():
         return None
     try:
@@ -127,9 +119,6 @@ def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], lis
 
     Args:
         name_or_path: name of a shipped policy, or path of a policy or its folder.
-
-    Raises:
-        HugwbcError: if there is no such policy, or its file is damaged.
     """
     path = policy_file(name_or_path)
     load_policy(path, threads=None)  # which runs its self-test

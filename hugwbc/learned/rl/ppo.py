@@ -189,11 +189,7 @@ class PPO:
 
     @property
     def rollout(self) -> Rollout:
-        """The experience of the present iteration.
-
-        Raises:
-            RuntimeError: before the first step of the first iteration.
-        """
+        """The experience of the present iteration."""
         if self._rollout is None:
             raise RuntimeError("there is no experience yet: call act for step 0 first")
         return self._rollout

@@ -54,12 +54,7 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`.
-
-        Raises:
-            ConfigError: if the device is cuda and torch finds no GPU.
-            PolicyFileError: if the file to continue from cannot be used.
-        """
+        """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
         if config.device == "cuda":
             _claim_gpu()
         torch.set_num_threads(config.threads)
@@ -279,11 +274,7 @@ class Trainer:
             self.begin = {name: int(metadata["begin"][name]) for name in here} if self.config.resume else here
 
     def _restore(self, tensors: dict[str, torch.Tensor], metadata: dict[str, Any], path: pathlib.Path) -> None:
-        """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser.
-
-        Raises:
-            PolicyFileError: if the file cannot be used, or holds another number of robots.
-        """
+        """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser."""
         if not self.leads:
             tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
@@ -435,9 +426,6 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
         config: settings of the run.
         report: called after every iteration with the figures and the gates' words, in the first process only.
         notice: called with the trainer's remark, if it has one, in the first process only.
-
-    Raises:
-        ConfigError: if a new run would overwrite the one in its folder.
     """
     if not config.resume and (config.out / CHECKPOINT_NAME).exists():
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
@@ -451,11 +439,7 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
 
 
 def _claim_gpu() -> None:
-    """Select the GPU of this process.
-
-    Raises:
-        ConfigError: if torch finds none.
-    """
+    """Select the GPU of this process."""
     if not torch.cuda.is_available():
         raise ConfigError("device cuda needs an NVIDIA GPU and torch built for it; none was found. Use --device cpu")
     torch.cuda.set_device(distributed.local_rank())

@@ -59,5 +59,5 @@ def test_small_velocities_are_drawn_as_they_are() -> None:
 
 
 def test_fractions_that_exceed_one_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"hopping_fraction = 1\.25; valid: at most 1"):
+    with pytest.raises(ConfigError, match=r"hopping sum to 1\.25; give at most 1"):
         dataclasses.replace(CommandConfig(), hopping_fraction=0.5)

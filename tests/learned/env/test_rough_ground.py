@@ -1,10 +1,8 @@
 import dataclasses
 
 import numpy as np
-import pytest
 import torch
 
-from hugwbc.errors import ConfigError
 from hugwbc.learned.config import EnvConfig, RandomizationConfig, TerrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.rough_ground import RoughGround
@@ -135,14 +133,6 @@ def test_a_run_on_a_plane_goes_on_on_rough_ground() -> None:
     env = make_env()
     env.load_state_dict(flat.state_dict())
     assert not env.ground.shift(env.readings.position[:, :2]).any()
-
-
-def test_bad_settings_are_refused() -> None:
-    for changes, message in (({"roughness": -0.1}, "terrain.roughness"), ({"levels": 1}, "terrain.levels")):
-        with pytest.raises(ConfigError, match=message):
-            TerrainConfig(**changes)
-    with pytest.raises(ConfigError, match=r"terrain.start_level = 10"):
-        TerrainConfig(start_level=10)
 
 
 def test_a_robot_that_has_just_passed_the_end_of_its_region_is_resumed_as_it_is() -> None:
