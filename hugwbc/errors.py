@@ -48,7 +48,7 @@ class PolicyFileError(HugwbcError):
 
 
 class RecipeError(HugwbcError):
-    """A recipe that cannot be read or is not valid, or a run of one that cannot go on."""
+    """A recipe that cannot be read or is not valid, or a run of one that cannot continue."""
 
 
 class ModelError(HugwbcError):

@@ -1,7 +1,7 @@
 """What a behaviour is, and how behaviours are put together.
 
 A behaviour is a generator function. It gets what is known now, a `View`, yields an `Action` for every tick, receives
-the next view, and returns the last one. Where it cannot go on, it raises `Failure` with a reason. It never waits.
+the next view, and returns the last one. Where it cannot continue, it raises `Failure` with a reason. It never waits.
 
     def fetch(view: View) -> Course:
         view = yield from walk_to(view, before="desk")

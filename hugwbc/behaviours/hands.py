@@ -26,7 +26,7 @@ NO_HAND = np.full(3, np.nan)
 _PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
 _GLIDE_SPEED, _SHORTEST_GLIDE = 0.25, 0.5  # [m/s] mean speed, [s]
 _PRESSING_GAIN = 2.0  # [1/s], at which the force of a pressing hand goes to the wanted one
-_MOST_MORE = 25.0  # [N], that a hand is asked for beyond the wanted force
+_MOST_MORE = 25.0  # [N], by which the requested force may exceed the wanted one
 
 Aim = Callable[[View], HandTargets]
 Directions = tuple[np.ndarray | None, np.ndarray | None]
@@ -196,7 +196,7 @@ def points_of(view: View, hands: HandTargets) -> np.ndarray:
 
 
 def now(view: View) -> np.ndarray:
-    """Return where the hands are asked to be in the world, or else where they are [m], shape (2, 3)."""
+    """Return the hand targets in the world, or else the hand positions [m], shape (2, 3)."""
     if view.last.hands is None:
         return view.hands.copy()
     asked = points_of(view, view.last.hands)
@@ -204,7 +204,7 @@ def now(view: View) -> np.ndarray:
 
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:
-    """Return where the hands are asked to be in a frame, or else where they are [m], shape (2, 3)."""
+    """Return the hand targets in a frame, or else the hand positions [m], shape (2, 3)."""
     measured, last = points_in(view, view.hands, frame), view.last.hands
     if last is None:
         return measured

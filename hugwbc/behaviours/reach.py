@@ -70,7 +70,7 @@ def reach(
 
     Args:
         view: now.
-        left: target of the left hand [m]; None for a hand that stays where it is asked to be.
+        left: target of the left hand [m]; None for a hand that keeps its target.
         right: of the right hand, likewise.
         frame: "pelvis", "heading", "steady", "world", or the name of an object.
         left_direction: along which the left forearm should point, in that frame.
@@ -151,7 +151,7 @@ def press(
     """Press something with the end of a forearm: go before it, push on along an axis, and come back.
 
     It ends when the object has been seen to give way by `travel`, or has been pressed with `force` where forces on the
-    hands are known, or at the end of `depth` if neither is asked for.
+    hands are known, or at the end of `depth` if neither is given.
 
     Args:
         view: now.
@@ -161,7 +161,7 @@ def press(
         axis: in which direction, in the object's frame.
         travel: way of the object after which it is pressed [m].
         force: on the hand after which it is pressed [N].
-        depth: how far the hand is asked to go beyond the point [m].
+        depth: how far the target goes beyond the point [m].
         approach: distance before the point from which it goes slowly [m].
         hold: how long it stays pressed [s].
         speed: of the slow way [m/s].
@@ -195,7 +195,7 @@ def press(
         if asked and deep > depth + 0.5 * speed:
             wanted = [f"{1000 * travel:.0f} mm"] if travel is not None else []
             wanted += [f"{force:.0f} N"] if force is not None else []
-            raise Failure(f"{progress}, and should by {' or '.join(wanted)}")
+            raise Failure(f"{progress} instead of {' or '.join(wanted)}")
         points = one_hand(row, point + (min(deep, depth) - TIP) * ahead)
         action = Action(standing(view), targets(points, "world", directions=way), progress=progress)
         view = yield action

@@ -262,7 +262,7 @@ class _Walk:
 
         Args:
             view: now.
-            bias: what has been learnt of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
+            bias: estimated bias of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
             ahead: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); it aims as far before the
                 goal.
         """

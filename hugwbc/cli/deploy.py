@@ -147,7 +147,7 @@ def _await_robot(endpoint: Endpoint, net: str) -> None:
     while not endpoint.receive(_POLL):
         if time.perf_counter() > end:
             raise DeploymentError(
-                f"no state has come on {net} for {_PATIENCE:g} s; check the robot, the network and the domain"
+                f"no state has arrived on {net} for {_PATIENCE:g} s; check the robot, the network and the domain"
             )
 
 

@@ -23,7 +23,7 @@ With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc tra
 
 @dataclasses.dataclass(frozen=True)
 class RecipeOptions:
-    """Make a policy by a recipe, or go on with its run; Ctrl-C stops, and the same command goes on."""
+    """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues."""
 
     recipe: str
     """Name of a shipped recipe, or path of a recipe file that ends in .yaml."""
@@ -87,7 +87,7 @@ def _run_recipe(options: RecipeOptions) -> int:
                 line(figures, {})
 
         finished = run_recipe(recipe, out, RecipeServices(options.workers), report=report, say=say)
-    say(f"finished; the policy is in {out}" if finished else f"stopped; the same command goes on with {out}")
+    say(f"finished; the policy is in {out}" if finished else f"stopped; the same command continues {out}")
     return 0 if finished else INTERRUPTED
 
 

@@ -32,7 +32,7 @@ _POSE = 7
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Capture:
-    """One picture of a motion capture, with what the hands hold.
+    """One frame of motion capture, with the objects in the hands.
 
     Attributes:
         time: when it was taken, on the robot's clock [s].
@@ -77,7 +77,7 @@ class CapturedWorld:
     """View of robot, objects and grippers for a behaviour, from the last capture.
 
     Attributes:
-        grips: what was last asked of the grippers, to be published.
+        grips: last gripper requests, to be published.
     """
 
     def __init__(self) -> None:
@@ -110,7 +110,7 @@ class CapturedWorld:
         return None if self._last is None else self._last.held[SIDES.index(side)]
 
     def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Note what is asked of the grippers."""
+        """Note the gripper requests."""
         self.grips = grips
 
 

@@ -109,7 +109,7 @@ class Pilot:
 
     @property
     def grips(self) -> tuple[Grip, ...]:
-        """What the source asked of the idealised grippers at the last call of the controller."""
+        """What the source requested of the idealised grippers at the last call of the controller."""
         return self._world.grips
 
     def see(self, capture: Capture) -> None:
@@ -194,7 +194,7 @@ class Pilot:
         time = message.state.time
         if time < self._due - _ROUNDING and self._last is not None:
             return Decision(time, self._last, new=False)
-        # After a gap the controller goes on from now; it does not catch up.
+        # After a gap the controller continues from now; it does not catch up.
         on_time = time < self._due + self.safe.period - _ROUNDING
         self._due = (self._due if on_time else time) + self.safe.period
         if self._steer is not None:

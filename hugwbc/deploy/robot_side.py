@@ -113,7 +113,7 @@ class Settings:
         slower: how many times slower than the wall clock the robot's clock is; 1 for a real robot.
         dry_run: do everything but send.
         age: assumed age of a reading at its arrival [s].
-        duration: how long to go on after the first state [s of the robot's clock]; None until the operator's end.
+        duration: how long to run after the first state [s of the robot's clock]; None until the operator's end.
     """
 
     lockstep: bool = False
@@ -151,7 +151,7 @@ class RobotSide:
             endpoint: the connection to the robot.
             settings: how to run; None for the defaults.
             recorder: records everything; None for no recording.
-            tell: called with what the publisher's watchdogs find.
+            tell: called with the messages of the publisher's watchdogs.
         """
         self._tell = tell
         self.pilot, self.settings = pilot, settings or Settings()
@@ -299,7 +299,7 @@ class RobotSide:
             work()
         except BaseException as error:
             self._failure = self._failure or error
-            # The publisher goes on and damps, since the states are no longer answered.
+            # The publisher continues and damps, since the states are no longer answered.
             if work == self._publish:
                 self._end.set()
             else:

@@ -88,7 +88,7 @@ class SimulatedRobot:
             mode: name of the motion mode that is active at first; empty for none.
             latency: age of a state when it is sent [s].
             seed: of losses and jitter.
-            tell: called with what a person should know.
+            tell: called with messages for the operator.
             watch: called after each physics step, with the command that the drives had.
         """
         if simulation.sensing.latency > 0.0:

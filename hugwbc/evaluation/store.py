@@ -161,13 +161,13 @@ def _key_of(path: pathlib.Path) -> dict[str, Any]:
     except (OSError, ValueError):
         key = None
     if not isinstance(key, dict) or not isinstance(key.get("settings"), dict):
-        raise ResultFileError(f"{path} is no table of episodes; move it away, or choose another folder for the results")
+        raise ResultFileError(f"{path} is not a table of episodes; move it away, or choose another folder")
     return key
 
 
 def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
     if _key_of(path) != key:
-        raise ResultFileError(f"{path} has another key than its name says; move it away, or choose another folder")
+        raise ResultFileError(f"{path} does not match its name; move it away, or choose another folder")
     rows: dict[str, Row] = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
         try:

@@ -22,7 +22,7 @@ class Episode:
     Attributes:
         simulation: robot and objects.
         shapes: what is told of the objects.
-        behaviour: carries out what is asked for; set its `wish`.
+        behaviour: carries out its `wish`; set it.
         time: since the start [s].
     """
 
@@ -30,7 +30,7 @@ class Episode:
         """Begin.
 
         Args:
-            task: its judge is asked.
+            task: gives the judge.
             simulation: a robot among the objects of the task's scene.
             controller: any object with the members of `Controller`.
             arms: turns hand targets into arm targets.
@@ -56,7 +56,7 @@ class Episode:
 
     @property
     def problem(self) -> str:
-        """Why what is asked for is not carried out any more; empty while it is."""
+        """Why the request is not carried out; empty while it is."""
         return self._source.reason
 
     @property

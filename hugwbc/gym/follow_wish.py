@@ -22,7 +22,7 @@ class FollowWish:
     """Does what `wish` says; it never ends.
 
     Attributes:
-        wish: what is asked for; set it at any time.
+        wish: the request; set it at any time.
         points: where the targets of the hands are now, heading frame [m], shape (2, 3); NaN for a hand without one.
     """
 

@@ -80,7 +80,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Begin an episode of every robot.
 
         Args:
-            seed: of all random numbers. With a seed the robots are built anew, with other masses, frictions and delays;
+            seed: of all random numbers. With a seed the robots are rebuilt, with other masses, frictions and delays;
                 without one, they stay the same, and so do the levels of the curricula.
             options: none are known.
 

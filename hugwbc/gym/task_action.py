@@ -85,7 +85,7 @@ class Wish:
 
         Args:
             action: of a behaviour that was shown the view; joint targets and directions of the forearms are left out.
-            view: what is known now. A gripper that holds something goes on unless it is told to let go.
+            view: what is known now. A gripper keeps its object unless it is told to let go.
         """
         hands = None if action.hands is None or action.hands.joints is not None else action.hands
         grips = np.array([name is not None for name in view.held])

@@ -52,7 +52,7 @@ class Leap:
         self.release()
 
     def release(self) -> None:
-        """Drop the force plan: the feet no longer push."""
+        """Drop the force plan: the feet do not push."""
         self.forces: np.ndarray | None = None
         self.momentum_rate: np.ndarray | None = None
         self._force_plan: ForcePlan | None = None

@@ -1,7 +1,7 @@
 """Controlled kneel after loss of the state estimate, followed by damping of the joints.
 
 The knees and the toes carry a kneeling robot without any balance. Its thighs stand upright on them, so that the trunk
-keeps its momentum of a walk for no longer than the legs fold. Then the stiffness fades against strong damping:
+keeps the walk's momentum only while the legs fold. Then the stiffness fades against strong damping:
 joints that are damped as usual let the trunk of a kneeling robot fall.
 """
 

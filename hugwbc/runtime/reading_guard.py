@@ -32,7 +32,7 @@ class GuardParams:
         gyro_jump: largest change of the gyro between two readings [rad/s].
         drift: growth of the first of these while the joint is not read [rad/s].
         repeats: number of equal readings from which on a device hangs.
-        still: speed of a joint below which equal readings are no sign of a fault if they say that it stands [rad/s].
+        still: speed of a joint below which equal readings are not a fault if they show that it stands [rad/s].
         longest_step: largest time between two readings; a longer one, or one back, is a wrong time stamp [s].
         imu_loss, encoder_loss, all_loss: how long a device, or all of them, may be missing before it is lost [s].
     """

@@ -50,11 +50,11 @@ def rollout(
             the sensors tell the state.
         forces: external forces on the robot.
         on_progress: called with the fraction done, about fifty times per simulated second.
-        on_moment: called at each sample of the record, with what a picture shows.
-        on_step: called after each physics step, with the true state and with what the controller knows.
+        on_moment: called at each sample of the record, with the state that pictures show.
+        on_step: called after each physics step, with the true state and the controller's state.
         until: called after each control period; the run ends early where it returns True, such as when a behaviour has
             ended (`BehaviourSource.done`).
-        past_falls: whether the run goes on after a fall, for what happens to a robot on the ground.
+        past_falls: whether the run continues after a fall.
 
     Returns:
         The record of the run.

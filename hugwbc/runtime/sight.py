@@ -121,7 +121,7 @@ class World(Protocol):
         ...
 
     def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Take what is asked of the grippers at this tick."""
+        """Take the gripper requests of this tick."""
         ...
 
 
@@ -147,7 +147,7 @@ class SimulatedWorld:
         return None if gripper is None else gripper.held(side)
 
     def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Carry out what is asked of the grippers."""
+        """Carry out the gripper requests."""
         if grips:
             carry_out(grips, self._simulation)
 
@@ -197,7 +197,7 @@ class Sight:
         )
 
     def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Pass on what is asked of the grippers at this tick."""
+        """Pass on the gripper requests of this tick."""
         self._world.grip(grips)
 
     def _objects(self, picture: Picture | None) -> SeenObjects:

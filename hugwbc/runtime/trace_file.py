@@ -81,7 +81,7 @@ def read_trace(path: str | pathlib.Path) -> Trace:
     except HugwbcError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"{path} is no record of a run ({error}); give a file that write_trace wrote") from error
+        raise ConfigError(f"{path} is not a recorded run ({error}); give a file that write_trace wrote") from error
 
 
 def _report(values: dict[str, Any]) -> SafetyReport:

@@ -126,7 +126,7 @@ def _read_motion(path: pathlib.Path) -> ArmMotion:
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
         valid = f"valid for arms: {' and '.join(_READABLE)}, for the whole body with play --motion: .bvh; convert it"
-        raise MotionFileError(f"cannot read {path}: '{path.suffix}' is no kind of motion file; {valid}")
+        raise MotionFileError(f"cannot read {path}: '{path.suffix}' is not a motion file type; {valid}")
     arrays = _read_csv(path) if path.suffix.lower() == ".csv" else read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]
     if absent:
@@ -217,7 +217,7 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
         if size > LARGEST_MOTION:
             raise MotionFileError(f"{path} unpacks to {size} bytes; valid: up to {LARGEST_MOTION}. Cut the motion")
         if others:
-            raise MotionFileError(f"cannot read {path}: {others[0]!r} is no array of NumPy; write it with np.savez")
+            raise MotionFileError(f"cannot read {path}: {others[0]!r} is not a NumPy array; write it with np.savez")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except _UNREADABLE as error:

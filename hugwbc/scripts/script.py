@@ -1,4 +1,4 @@
-"""Command scripts: what the robot is asked to do over time, the same for every controller.
+"""Command scripts: what the robot does over time, the same for every controller.
 
 A script is a list of segments. Within a segment the commands ramp smoothly from the previous segment's values to its
 own, and then hold; the gait switches at the segment's start. `script_file` reads scripts from YAML; the shipped ones

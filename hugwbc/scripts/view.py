@@ -120,7 +120,7 @@ class View:
         objects: the objects that are seen, by name.
         hand_force: force on each hand from outside, world frame [N], shape (2, 3); None where nothing tells.
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
-        last: what was asked for at the last tick.
+        last: the request of the last tick.
     """
 
     time: float

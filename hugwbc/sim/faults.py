@@ -47,7 +47,7 @@ class Fault:
         kind: imu-gone (its numbers are NaN), imu-bias (it is tilted by 2 degrees, and its gyro reads 0.1 rad/s too
             much, in pitch), encoder-stuck (position and velocity of a joint stay at their last reading), encoder-noise
             (of all joints, three times as much as usual), wild-speed (a joint's velocity reads 500 rad/s), frozen (all
-            readings stay, while time stamps go on), dropped (readings are lost at random, and the last one stands),
+            readings stay, while time stamps continue), dropped (readings are lost at random, and the last one stands),
             disordered (time stamps are wrong by up to 20 ms in both directions), or motor-dead (a joint has no torque
             but its friction).
         start: [s].

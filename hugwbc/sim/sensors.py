@@ -71,7 +71,7 @@ class SensorProfile:
     object_latency: _Latency = 0.0
 
 
-# Perfect sensors, and some that no H1 has: for tests, and for what is said to use them.
+# Perfect sensors, and some that no H1 has, for tests and where a caller asks for them.
 EXACT = SensorProfile("exact", position=True, foot_force=True, hand_force=True)
 
 # IMU: Bosch Sensortec BMI088 data sheet (document BST-BMI088-DS001): gyro 0.014 deg/s/sqrt(Hz) and up to 1 deg/s of

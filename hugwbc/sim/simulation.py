@@ -125,7 +125,7 @@ class Simulation(Engine):
     def redraw(self, seed: int) -> RobotState:
         """Begin another episode: draw the scene's variations and the sensor errors from a seed, and reset.
 
-        The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled anew.
+        The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled again.
         """
         check_seed(seed)
         self._sensors = Sensors(self.sensing, seed, self.robot)

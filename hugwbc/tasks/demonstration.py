@@ -1,6 +1,6 @@
 """Demonstrations: observations and actions of a behaviour in an episode of a task, as frames.
 
-A frame pairs what was known at one time with what the robot was then told to do. All of it is estimated or seen, as on
+A frame pairs the known state with the command that followed. All of it is estimated or seen, as on
 a robot; only the verdict is the truth.
 """
 
@@ -81,15 +81,15 @@ def state_vector(view: View) -> np.ndarray:
 
 
 def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
-    """Return what was asked for as one vector, in the order of `ACTION_NAMES`.
+    """Return the request as one vector, in the order of `ACTION_NAMES`.
 
     Targets of hands are in the heading frame, level and at the pelvis, whatever frame the behaviour used. A hand
     without a target has `given` 0 and the place where it is.
 
     Args:
         view: what was known then.
-        action: what was asked for.
-        grip: whether the idealised gripper of each hand is asked to hold something, shape (2,).
+        action: the request.
+        grip: whether the idealised gripper of each hand should hold something, shape (2,).
     """
     command, hands = action.command, action.hands
     points = points_in(view, view.hands, "heading")
@@ -118,7 +118,7 @@ class Demonstration:
         state: what was known of the robot, shape (T, names of `state_names`).
         objects: poses of the bodies of the scene as they were seen: position [m] and quaternion (w, x, y, z), in the
             order of `Scene.body_names`, shape (T, bodies, 7).
-        action: what was asked for, shape (T, names of `ACTION_NAMES`).
+        action: the requests, shape (T, names of `ACTION_NAMES`).
         steps: what the robot was at, in the words of the behaviour, one for each frame.
         verdict: whether the task was done, from the true states.
     """

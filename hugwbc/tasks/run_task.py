@@ -53,7 +53,7 @@ def run_task(
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         on_progress: called with the fraction of the time limit.
-        on_moment: called at each sample, with what a picture shows.
+        on_moment: called at each sample, with the state that pictures show.
         stop: whether to end the episode now.
     """
     if simulation.scene is None:

@@ -59,7 +59,7 @@ class RunningJudge:
         """Begin to watch.
 
         Args:
-            task: its judge is asked.
+            task: gives the judge.
             simulation: a robot among the objects of the task's scene.
         """
         self._task, self._simulation = task, simulation

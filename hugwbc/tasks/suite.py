@@ -1,4 +1,4 @@
-"""The tasks of the suite, by name: the constant `TASK` of the module of that name, loaded when it is asked for.
+"""The tasks of the suite, by name: the constant `TASK` of the module of that name, loaded on request.
 
 Tasks of the user's own are entry points in the group `hugwbc.tasks`, or Python files with a constant `TASK`.
 

@@ -136,7 +136,7 @@ class Drive:
         self.page.source.stand()
         try:
             words = self.perform(task, stop)
-        except HugwbcError as error:  # such as a scene in which the robot does not fit; driving goes on
+        except HugwbcError as error:  # such as a scene in which the robot does not fit; driving continues
             words = f"{task} was not done: {error}"
         self.page.stage(self.loop.simulation)
         self._restart()
@@ -151,7 +151,7 @@ class Drive:
         self.page.moved()
 
     def _end_record(self, *, fell: bool) -> None:
-        """Close the record, if there is one, and write it while the robot goes on."""
+        """Close the record, if there is one, and write it while the robot continues."""
         record, self._record = self._record, None
         if record is None:
             return

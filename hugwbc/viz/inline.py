@@ -1,4 +1,4 @@
-"""Replays where they are asked for: inside a notebook, or in a browser."""
+"""Replays inside a notebook, or in a browser."""
 
 import html
 import pathlib

@@ -94,7 +94,7 @@ class LivePage:
         self.recording: bool | None = None
         self.can_reset = False
         self._asked: set[str] = set()
-        self._moved: set[str] = set()  # sliders that do not show what is wanted
+        self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
         self._abandoned = self._unheard = False
         self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
@@ -160,7 +160,7 @@ class LivePage:
             self._objects.append(frame)
 
     def stage(self, simulation: Engine) -> None:
-        """Show another robot of the same kind among its own objects, and forget what was asked for until now."""
+        """Show another robot of the same kind among its own objects, and forget earlier requests."""
         with self.server.atomic():
             for shown in (*self._objects, *self._forces.values()):
                 shown.remove()
@@ -261,7 +261,7 @@ class LivePage:
         return self._abandoned or self._unheard or not self._asked.isdisjoint(("stop", "reset"))
 
     def moved(self) -> None:
-        """Show what is wanted on the sliders, after it was changed elsewhere."""
+        """Show the command on the sliders, after it was changed elsewhere."""
         self._moved.update(COMMAND_NAMES)
 
     def _obey(self, action: str) -> None:
@@ -301,7 +301,7 @@ class LivePage:
             self.source.halt("the page is gone: the robot was stopped")
             self._moved.update(VELOCITY_NAMES)
             self._driven = {}
-        # A busy computer may keep a page from speaking for a moment; the robot then waits and goes on.
+        # A busy computer may keep a page from speaking for a moment; the robot then waits and continues.
         self.source.pause(on=not gone and silence > SILENT_TIME)
         # A task has no such pause: whoever runs it stops it (`interrupted`).
         self._unheard = self._unheard or silence > SILENT_TIME

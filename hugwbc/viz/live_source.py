@@ -87,7 +87,7 @@ class LiveSource:
             self._walks_by_itself = False
 
     def pause(self, *, on: bool) -> None:
-        """Stand and wait, or go on with what is wanted, by the usual ramps."""
+        """Stand and wait, or continue with the command, by the usual ramps."""
         self._paused = on
 
     def halt(self, reason: str) -> None:

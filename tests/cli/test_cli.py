@@ -173,7 +173,7 @@ def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
     assert len(path.read_bytes().splitlines()) == 7 and capsys.readouterr().out == printed, "new rows take their place"
     path.write_text("something else\n")
     assert main(words) == 2
-    assert "is no table of episodes" in capsys.readouterr().err
+    assert "is not a table of episodes" in capsys.readouterr().err
     assert path.read_text() == "something else\n"
 
 

@@ -100,7 +100,7 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
 def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
     run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
     (path,) = tmp_path.iterdir()
-    for text, message in (("no json\n", "is no table of episodes"), ('{"settings": {}}\n', "has another key")):
+    for text, message in (("no json\n", "not a table of episodes"), ('{"settings": {}}\n', "does not match its name")):
         path.write_text(text)
         with pytest.raises(ResultFileError, match=message):
             run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))

@@ -56,7 +56,7 @@ def test_other_files_are_refused(tmp_path, make_run):
     with pytest.raises(ConfigError, match="give a file that write_trace wrote"):
         read_trace(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", positions=np.zeros(3))
-    with pytest.raises(ConfigError, match="is no record of a run"):
+    with pytest.raises(ConfigError, match="is not a recorded run"):
         read_trace(tmp_path / "other.npz")
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="give a path that can be written"):

@@ -66,7 +66,7 @@ class EstimationSettings(CountedSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.conditions.chosen.estimates:
-            raise ConfigError("exact sensors tell the whole state; give --sensing robot")
+            raise ConfigError("exact sensors give the whole state; give --sensing robot")
         if self.speed is not None:
             dataclasses.replace(default_command(self.gaits[0]), v_x=self.speed).validate()
 

@@ -119,7 +119,7 @@ def plan(settings: FaultsSettings) -> list[Plan]:
 
 
 def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row:
-    """Run one walk with a fault, which goes on after a fall.
+    """Run one walk with a fault; it continues after a fall.
 
     - `faults`: as they were injected.
     - `fell`: whether the robot fell, or knelt down since its state was lost; `lowered`: whether it knelt down.

@@ -96,7 +96,7 @@ def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
 
 EXPERIMENT = Experiment(
     "stops",
-    "told to stand at once at several speeds: who falls, and how far it goes on",
+    "told to stand at once at several speeds: falls, and distance after the command",
     StopsSettings,
     plan,
     episode,

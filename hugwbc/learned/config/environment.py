@@ -295,12 +295,12 @@ class EnvConfig:
         return scaled
 
 
-# What an environment can take over while its robots go on.
+# What an environment can take over without rebuilding its robots.
 ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain", "starts_share")
 
 
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:
-    """Return whether the robots of one environment can go on in the other; otherwise they must be built anew."""
+    """Return whether the robots of one environment can continue in the other, without being rebuilt."""
     kept = [field.name for field in dataclasses.fields(one) if field.name not in ADOPTED]
     hops = (one.command.hopping_fraction > 0.0) == (other.command.hopping_fraction > 0.0)
     return hops and all(getattr(one, name) == getattr(other, name) for name in kept)

@@ -1,6 +1,6 @@
 """The learned policy: observation terms, networks, contracts and the files that hold them, and the controller itself.
 
-What needs torch is loaded when it is asked for: paths, contracts and exported networks do not.
+What needs torch is loaded on request: paths, contracts and exported networks do not.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -64,7 +64,7 @@ def calibrate(
 ) -> dict[str, float | None]:
     """Measure a policy at every knot, correct its curves, and keep those that made the mean error smaller.
 
-    Finished rounds are in the folder: a calibration that was interrupted goes on after them.
+    Finished rounds are in the folder: an interrupted calibration continues after them.
 
     Args:
         config: the settings.

@@ -1,7 +1,7 @@
 """The run of a recipe: one stage after the other, from wherever an earlier session ended, on this machine or another.
 
 Everything that a run needs is in its folder. A folder for each stage holds what the stage wrote, its record once it is
-finished, and until then what it takes to go on.
+finished, and until then what it needs to continue.
 """
 
 import contextlib
@@ -174,11 +174,11 @@ class _Work:
         shutil.rmtree(self.folder / BEST_FOLDER, ignore_errors=True)
 
     def _check_settings(self, finished: StageRecord | None) -> None:
-        """Refuse to go on with a stage that was begun with other settings."""
+        """Refuse to continue a stage that began with other settings."""
         begun = finished.settings if finished is not None else _Spent.begun(self.folder)
         if begun is not None and begun != self.digest:
             raise RecipeError(
-                f"the recipe says something else than when stage {self.name} was begun. Give another --out, or remove "
+                f"the recipe has changed since stage {self.name} began. Give another --out, or remove "
                 f"{self.folder} and the folders of the stages after it, to make them again"
             )
 

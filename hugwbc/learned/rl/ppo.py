@@ -53,7 +53,7 @@ def generalised_advantage(
     """Return the generalised advantage estimates, shape (t, n).
 
     A_t = delta_t + gamma lam (1 - done_t) A_{t+1}, delta_t = r_t + gamma (1 - done_t) V_{t+1} - V_t, and A_t = 0 where
-    the robot was disturbed. What a new command or a push does to the value is no merit of an action: in the credit of
+    the robot was disturbed. What a new command or a push does to the value is not due to an action: in the credit of
     the actions before, the value of the state just before it stands for all that follows.
 
     Args:

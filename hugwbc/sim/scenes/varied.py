@@ -16,7 +16,7 @@ _FORMS = "a number, {uniform: [low, high]} or {choice: [a, b]}"
 
 @settings
 class Uniform:
-    """A number that is drawn anew for every episode, evenly between two bounds."""
+    """A number that is redrawn for every episode, evenly between two bounds."""
 
     low: float
     high: float
@@ -28,7 +28,7 @@ class Uniform:
 
 @settings
 class Choice:
-    """A value that is drawn anew for every episode, one of several with equal chances.
+    """A value that is redrawn for every episode, one of several with equal chances.
 
     Attributes:
         values: numbers, or colours.

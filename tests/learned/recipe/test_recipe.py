@@ -123,7 +123,7 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
     monkeypatch.setattr(Trainer, "run", stopped)
     assert not run_recipe(load_recipe(recipe), tmp_path / "a", Services())
     recipe.write_text(RECIPE.replace("horizon: 8", "horizon: 4"))
-    with pytest.raises(RecipeError, match="says something else than when stage walk was begun"):
+    with pytest.raises(RecipeError, match="recipe has changed since stage walk began"):
         run_recipe(load_recipe(recipe), tmp_path / "a", Services())
     assert json.loads((tmp_path / "a" / "starts" / RECORD).read_text())["stage"] == "starts"
 
