@@ -29,7 +29,7 @@ from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
-from hugwbc.viz.show import at_real_time, open_view, run_live
+from hugwbc.viz.show import RealTime, at_real_time, open_view, run_live
 
 UNWATCHED_DURATION = 10.0  # [s]
 LAST_PORT = 65535  # of TCP
@@ -186,14 +186,14 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     verdict = run_task(task, controller, simulation, on_moment=draw).verdict
     words = _words(verdict)
     say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
-    if verdict.detail:
-        say(f"it ended with: {verdict.detail}")
     say(f"score: {verdict.score:.2f}")
     return 0
 
 
 def _words(verdict: Verdict) -> str:
-    return "done" if verdict.success else f"not done: {verdict.reason}"
+    if verdict.success:
+        return "done"
+    return f"not done: {verdict.reason}" + (f" ({verdict.detail})" if verdict.detail else "")
 
 
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
@@ -233,9 +233,10 @@ def _drive(options: PlayOptions) -> int:
         task = load_task(name)
         its_own = arena.simulation(seed=options.seed, scene=task.scene)
         page.stage(its_own)
-        draw = at_real_time(lambda _: page.show(its_own, name), its_own)
-        run = run_task(task, controller, its_own, on_moment=draw, stop=lambda: page.interrupted or stop())
-        words = "stopped" if page.interrupted else _words(run.verdict)
+        clock = RealTime()
+        draw = at_real_time(lambda _: page.show(its_own, name, clock.speed), its_own, clock)
+        run = run_task(task, controller, its_own, on_moment=draw, stop=lambda: bool(page.interruption) or stop())
+        words = f"stopped ({page.interruption})" if page.interruption else _words(run.verdict)
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:

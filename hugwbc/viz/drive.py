@@ -17,6 +17,7 @@ from hugwbc.viz.replay import write_replay
 from hugwbc.viz.show import FALLEN_PAUSE, FRAME_PERIOD, RealTime, Tell
 
 LONGEST_RECORD = 600.0  # [s]; a record holds about 80 kB for a second
+VERDICT_TIME = 60.0  # [s] that the page shows how a task ended
 NAME = "drive"  # of the files
 Perform = Callable[[str, Callable[[], bool]], str]
 """Does a task by its name in its own scene, until it is over or the second argument says so; says how it went."""
@@ -79,7 +80,7 @@ class Drive:
                 if simulated >= next_frame:
                     next_frame += FRAME_PERIOD
                     self.page.disturb(self.loop.simulation)
-                    self.page.show(self.loop.simulation)
+                    self.page.show(self.loop.simulation, speed=clock.speed)
                     self._obey()
                     self._do_task(stop)
                     clock.keep(simulated)
@@ -141,7 +142,7 @@ class Drive:
         self.page.stage(self.loop.simulation)
         self._restart()
         self.tell(words)
-        self.page.source.tell(words)
+        self.page.source.tell(words, VERDICT_TIME)
 
     def _restart(self) -> None:
         self._messages += self.loop.safe.report().messages  # the reset clears them

@@ -35,7 +35,6 @@ CAMERA, LOOK_AT = (2.6, 1.2, 1.5), (0.0, 0.0, 0.85)  # [m]
 SCENE_CAMERA = (-1.0, 2.8, 1.8)  # [m], from the side: what a robot works at is ahead of it
 GONE_TIME = 2.0  # [s]; a page that says nothing for longer is given up
 FOLLOW_TIME = 0.3  # [s], time constant with which the camera follows
-NOTICE_TIME = 6.0  # [s] that a notice is shown
 HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
 CAMERA_MODES = ("follows", "turns along", "stays")
 NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
@@ -87,7 +86,7 @@ class LivePage:
         gaits = [gait.label for gait in Gait]
         self.link = DriveLink({"title": title, "gaits": gaits, "commands": commands, "tasks": list(tasks)})
         # viser prints the address; what is printed is for the caller to decide.
-        with guarded(any_host=expose, addition=self.link), contextlib.redirect_stdout(io.StringIO()):
+        with guarded(self.link, any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []
@@ -96,7 +95,7 @@ class LivePage:
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
-        self._abandoned = self._unheard = False
+        self._abandoned, self._missed = False, ""
         self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
         # The page draws MuJoCo's model of the robot, whichever engine moves it.
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
@@ -166,7 +165,7 @@ class LivePage:
                 shown.remove()
             self._build_objects(simulation.scene)
         self._asked.clear()
-        self._unheard = False
+        self._missed = ""
         self.pushes.clear()
 
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
@@ -256,9 +255,10 @@ class LivePage:
         return asked[0].removeprefix(TASK) if asked else None
 
     @property
-    def interrupted(self) -> bool:
-        """Whether the person asked to stop or to reset since the page was staged, fell silent meanwhile, or is gone."""
-        return self._abandoned or self._unheard or not self._asked.isdisjoint(("stop", "reset"))
+    def interruption(self) -> str:
+        """Why a task must stop: the person asked for it since the page was staged, or is gone; empty to go on."""
+        pressed = next((action for action in ("stop", "reset") if action in self._asked), "")
+        return f"{pressed} was pressed" if pressed else self._missed
 
     def moved(self) -> None:
         """Show the command on the sliders, after it was changed elsewhere."""
@@ -303,8 +303,9 @@ class LivePage:
             self._driven = {}
         # A busy computer may keep a page from speaking for a moment; the robot then waits and continues.
         self.source.pause(on=not gone and silence > SILENT_TIME)
-        # A task has no such pause: whoever runs it stops it (`interrupted`).
-        self._unheard = self._unheard or silence > SILENT_TIME
+        # A task has no such pause: whoever runs it stops it (`interruption`).
+        if gone and not self._missed:
+            self._missed = "the page was closed" if self.link.closed else f"the page was silent for {GONE_TIME:g} s"
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
@@ -313,12 +314,13 @@ class LivePage:
             turn = rotations.rotation_z(simulation.state().yaw)
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
-    def show(self, simulation: Engine, task: str = "") -> None:
+    def show(self, simulation: Engine, task: str = "", speed: float = 1.0) -> None:
         """Draw the robot where it is, say what it does, and take what the person asks for.
 
         Args:
             simulation: the robot, among the objects that the page shows.
             task: name of the task that the robot does; empty while the person drives.
+            speed: simulated time over real time.
         """
         self._steer()
         if self.link.dark is not None and self.link.dark != self._dark:
@@ -339,7 +341,7 @@ class LivePage:
             while self._moved:
                 name = self._moved.pop()
                 self._sliders[name].value = getattr(self.source.wanted, name)
-        self._say(simulation, forces, task)
+        self._say(simulation, forces, task, speed)
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
         """Move the world so that cameras, which stay, keep the robot in view.
@@ -357,7 +359,7 @@ class LivePage:
         self._world.wxyz = rotations.from_yaw_pitch_roll(-self._view[2], 0.0, 0.0)
         self._world.position = -rotations.rotation_z(-self._view[2]) @ np.array([*self._view[:2], 0.0])
 
-    def _say(self, simulation: Engine, forces: str, task: str) -> None:
+    def _say(self, simulation: Engine, forces: str, task: str, speed: float) -> None:
         """Tell the pages what to display."""
         state, wanted, command = simulation.state(), self.source.wanted, self.source.command
         assert state.position is not None
@@ -366,11 +368,12 @@ class LivePage:
         allowed, changes = feasible(command.clamp()[0])
         gait = command.gait.label
         coming = "" if wanted.gait is command.gait else f", slows down for {wanted.gait.label}"
-        notice = self.source.notice if time.monotonic() - self.source.noticed < NOTICE_TIME else ""
+        notice = self.source.notice if time.monotonic() < self.source.noticed else ""
+        about = f"{speed:.2f} × real time, pelvis {state.position[2]:.2f} m{forces}"
         status: dict[str, Any] = {
             "gait": gait,
             "next": wanted.gait.label,
-            "line": f"{gait.replace('_', ' ')} at {state.time:.1f} s{coming}, pelvis {state.position[2]:.2f} m{forces}",
+            "line": f"{gait.replace('_', ' ')} at {state.time:.1f} s{coming}, {about}",
             "notes": [note for note in (notice, *(f"guard: {change}" for change in changes)) if note],
             "asked": {name: getattr(wanted, name) for name in COMMAND_NAMES},
             "commanded": {name: getattr(allowed, name) for name in COMMAND_NAMES},
@@ -385,7 +388,7 @@ class LivePage:
             ],
         }
         if task:  # the task commands the robot, not the person
-            line = f"{task.replace('_', ' ')} at {state.time:.1f} s, pelvis {state.position[2]:.2f} m{forces}"
+            line = f"{task.replace('_', ' ')} at {state.time:.1f} s, {about}"
             status |= {"task": task, "line": line, "notes": [notice] if notice else [], "gait": "", "next": ""}
             status |= {"asked": {}, "commanded": {}, "changed": [], "missing": ["record"]}
         self.link.say(**finite_json(status))

@@ -12,6 +12,7 @@ from hugwbc.targets import HandTargets
 
 # How fast commands follow the sliders, in the command's unit per second, in the order of COMMAND_NAMES.
 RATES = np.array([0.5, 0.5, 1.0, 1.0, 0.3, 0.2, 0.4, 0.8])
+NOTICE_TIME = 6.0  # [s] that a notice is shown
 SLOW = 0.02  # [m/s, rad/s]; a robot with slower commands may change its gait
 
 
@@ -26,7 +27,7 @@ class LiveSource:
         wanted: the command that the person asks for, with its gait.
         hands: the hand targets; None leaves the arms to the controller.
         notice: what was done with the last request that could not be taken as it was, for people; empty at first.
-        noticed: when that was, by `time.monotonic` [s].
+        noticed: until when it is shown, by `time.monotonic` [s].
     """
 
     def __init__(self, wanted: Command | None = None) -> None:
@@ -53,9 +54,9 @@ class LiveSource:
         """The command as far as the ramps have come."""
         return self._command
 
-    def tell(self, notice: str) -> None:
-        """Say something to the person."""
-        self.notice, self.noticed = notice, time.monotonic()
+    def tell(self, notice: str, shown: float = NOTICE_TIME) -> None:
+        """Say something to the person, shown for a time [s]."""
+        self.notice, self.noticed = notice, time.monotonic() + shown
 
     def ask(self, name: str, value: float) -> None:
         """Ask for a value of one command; a value outside the range of the gait is clamped.

@@ -14,6 +14,7 @@ import urllib.parse
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, Protocol
 
+import websockets
 import websockets.asyncio.server as server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
@@ -22,7 +23,6 @@ from hugwbc.errors import ConfigError
 
 HOST = "127.0.0.1"
 OWN_NAMES = ("127.0.0.1", "localhost", "::1")
-ProcessRequest = Callable[[server.ServerConnection, Request], Response | None]
 Handler = Callable[[server.ServerConnection], Awaitable[None]]
 _starting = threading.Lock()
 
@@ -82,57 +82,45 @@ def _hostname(url: str) -> str | None:
 
 
 @contextlib.contextmanager
-def guarded(*, any_host: bool, addition: Addition | None = None) -> Iterator[None]:
+def guarded(addition: Addition, *, any_host: bool) -> Iterator[None]:
     """Make a viser server that starts within this context refuse what `refusal` refuses.
 
-    viser starts its server in its constructor and has no option to check requests. For the time of the context viser
-    alone, and no other user of websockets, finds a `serve` that checks them. If viser did not use it, its requests
-    would go unchecked, and a ConfigError says so.
+    viser 1.1 starts its server in its constructor and has no option to check requests. A proxy would not help: viser
+    would still listen on a port of its own. While the context lasts, the one module of viser that serves therefore
+    finds a `serve` that checks first; the library `websockets` stays as it is.
 
     Args:
+        addition: what the server offers besides viser's page, behind the same checks.
         any_host: whether requests may call this machine by any name.
-        addition: what the server offers besides viser's page, behind the same checks; None for nothing.
     """
     from viser.infra import _infra
 
     infra: Any = _infra
-    started = []
+    started = False
 
-    def serve(
-        handler: Handler,
-        *arguments: Any,  # noqa: ANN401  as websockets'
-        process_request: ProcessRequest | None = None,
-        **options: Any,  # noqa: ANN401  as websockets'
-    ) -> server.serve:
+    def serve(handler: Handler, *arguments: Any, process_request: Callable, **options: Any) -> server.serve:  # noqa: ANN401
+        nonlocal started
+        started = True
+
         def checked(connection: server.ServerConnection, request: Request) -> Response | None:
             reason = refusal(request.headers, any_host=any_host)
             if reason is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+            return addition.answer(request, lambda asked: process_request(connection, asked))
 
-            def viser(asked: Request) -> Response | None:
-                return None if process_request is None else process_request(connection, asked)
+        return server.serve(addition.handler(handler), *arguments, process_request=checked, **options)
 
-            return viser(request) if addition is None else addition.answer(request, viser)
-
-        started.append(True)
-        both = handler if addition is None else addition.handler(handler)
-        return server.serve(both, *arguments, process_request=checked, **options)
-
+    checking = types.SimpleNamespace(
+        server=types.SimpleNamespace(serve=serve, ServerConnection=server.ServerConnection)
+    )
     with _starting:
-        websockets = infra.websockets
-        checking = _with(websockets, asyncio=_with(websockets.asyncio, server=_with(server, serve=serve)))
-        infra.websockets = checking
+        infra.websockets = types.SimpleNamespace(**{**vars(websockets), "asyncio": checking})
         try:
             yield
         finally:
             infra.websockets = websockets
     if not started:
         raise ConfigError("this version of viser starts its server in another way; install the one of constraints.txt")
-
-
-def _with(module: types.ModuleType, **names: Any) -> Any:  # noqa: ANN401  what is used like a module
-    """Return what has the names of a module, with some in place of its own; the module stays as it is."""
-    return types.SimpleNamespace(**{**vars(module), **names})
 
 
 def page_address(host: str, port: int) -> str:

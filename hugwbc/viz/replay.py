@@ -210,6 +210,10 @@ def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips
         f'<li><span style="background:{colour}"></span>{html.escape(trace.name)}{" (fell)" if trace.fell else ""}</li>'
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
     )
+    names = "".join(
+        f'<div class="name" style="border-color:{colour}">{html.escape(trace.name)}</div>'
+        for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
+    )
     layers = "".join(
         f'<label><input type="checkbox" id="{layer}" checked> {html.escape(name)}</label>'
         for layer, name in LAYERS.items()
@@ -225,6 +229,7 @@ def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips
         .replace("@HALF_WIDTH@", f"{half_width:g}")
         .replace("@ROBOTS@", str(len(traces)))
         .replace("@LEGEND@", legend)
+        .replace("@NAMES@", names)
         .replace("@COMMANDS@", data)
         .replace("@VIEWER@", viewer)
     )

@@ -23,6 +23,8 @@ from hugwbc.sim import Engine, Force, Scene, Simulation
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
 PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
+DEARER, CHEAPER = 0.2, 0.02  # shares by which a picture's time changes what the next one may take
+SMOOTHING = 0.05  # share of a picture in the speed that is told
 USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
 
 Draw = Callable[[Moment], None]
@@ -32,25 +34,38 @@ Tell = Callable[[str], object]
 class RealTime:
     """A clock that holds simulated time back to real time.
 
-    Time that a slow computer loses is given up: the robot then moves in slow motion, and never faster than in reality.
+    On a slow computer the robot moves in slow motion, as evenly as possible: every picture takes as long as the slower
+    ones of the last seconds. It never moves faster than in reality.
+
+    Attributes:
+        speed: simulated time over real time, of the last seconds.
     """
 
     def __init__(self) -> None:
         """Start at a simulated time of 0."""
-        self._begin = time.monotonic()
+        self.speed = 1.0
+        self._simulated, self._shown = 0.0, time.monotonic()
+        self._cost = 0.0  # of a simulated second [s], for the slower pictures
 
     def keep(self, simulated: float) -> None:
-        """Wait until as much real time has passed since the start as simulated time [s]."""
-        ahead = self._begin + simulated - time.monotonic()
-        if ahead > 0.0:
-            time.sleep(ahead)
-        else:
-            self._begin -= ahead
+        """Wait until the picture of a simulated time [s] is due."""
+        now, step = time.monotonic(), simulated - self._simulated
+        self._simulated = simulated
+        if step <= 0.0:  # the robot was reset
+            self._shown = now
+            return
+        dearer = (now - self._shown) / step - self._cost
+        self._cost += dearer * (DEARER if dearer > 0.0 else CHEAPER)
+        due = self._shown + step * max(1.0, self._cost)
+        if due > now:
+            time.sleep(due - now)
+        length, self._shown = max(due, now) - self._shown, max(due, now)
+        self.speed += SMOOTHING * (step / length - self.speed)
 
     def pause(self, duration: float) -> None:
         """Stop the clock for a duration [s]."""
         time.sleep(duration)
-        self._begin += duration
+        self._shown += duration
 
 
 def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
@@ -119,9 +134,9 @@ def watch(
     return trace
 
 
-def at_real_time(draw: Draw, simulation: Engine) -> Draw:
+def at_real_time(draw: Draw, simulation: Engine, clock: RealTime | None = None) -> Draw:
     """Return a function that draws moments of a simulation every `FRAME_PERIOD`, and holds it back to real time."""
-    clock, next_frame = RealTime(), 0.0
+    clock, next_frame = clock or RealTime(), 0.0
 
     def draw_in_time(moment: Moment) -> None:
         nonlocal next_frame
@@ -163,7 +178,6 @@ def run_live(
     duration: float,
     draw: Draw | None = None,
     *,
-    on_reset: Callable[[], None] | None = None,
     until: Callable[[], bool] | None = None,
     tell: Tell = print,
 ) -> None:
@@ -175,7 +189,6 @@ def run_live(
         loop: the control loop; it is reset first.
         duration: how long to run, falls included [s]; infinite to run until Ctrl-C.
         draw: draws a moment; None to run as fast as possible.
-        on_reset: called after the robot has stood up again.
         until: called after each control period; the run ends where it returns True.
         tell: receives a line for each fall and, at the end, how the run went.
     """
@@ -199,8 +212,6 @@ def run_live(
             messages += loop.safe.report().messages  # the reset clears them
             loop.reset()
             t = 0.0
-            if on_reset is not None:
-                on_reset()
         elif until is not None and until():
             break
     tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")

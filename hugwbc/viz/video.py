@@ -4,6 +4,7 @@ Rendering runs in a child process: MuJoCo chooses its OpenGL library at import, 
 the caller with it. Marks are drawn as MuJoCo's geoms, made from the same parts as the replay's.
 """
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -24,6 +25,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, moment
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, footprint, mark_shapes
@@ -39,6 +41,7 @@ GEOM_NUMBERS = 20
 ARROW_RADIUS = 2.0 * FORCE_RADIUS  # [m], of the head; the shaft of MuJoCo's arrows is thinner
 PRINT_OPACITY = 0.8
 TEXT_SIZE = 26  # [pixel]
+NAME_HEIGHT = 0.85  # [m] of a robot's name above its pelvis
 VIEW = (200.0, -10.0)  # [deg], azimuth and elevation: from ahead
 SCENE_VIEW = (290.0, -14.0)  # [deg], from the left and a little from behind: what a robot works at is ahead of it
 _SCENE = "around/"
@@ -71,32 +74,12 @@ def write_video(
     for name in hide:
         if name not in LAYERS:
             raise UnknownNameError("layer", name, LAYERS)
-    end = max(float(trace.time[-1]) for trace in traces)
-    samples = [frame_samples(trace.time, FPS, end) for trace in traces]
-    frames = np.stack([trace.qpos[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
-    layers = [name for name in LAYERS if name not in hide]
-    marks = [
-        mark_geoms(trace, sample, label, lane, layers)
-        for trace, sample, label, lane in zip(traces, samples, LABEL_COLOURS, lanes(len(traces)), strict=False)
-    ]
-    geoms = [np.concatenate(rows) for rows in zip(*marks, strict=True)]
     with tempfile.TemporaryDirectory() as folder:
-        names = ("frames.npz", "log.txt", "film.mp4", "stage.mjb")
-        data, log, film, stage = (pathlib.Path(folder) / name for name in names)
-        bodies, poses = _object_poses(traces, samples)
-        model = _stage(traces)
-        mujoco.mj_saveModel(model, str(stage), None)
-        np.savez(
-            data,
-            frames=frames,
-            bodies=[model.body(name).id for name in bodies],
-            poses=poses,
-            views=np.column_stack(camera_path(traces, FPS, end)),
-            geoms=np.concatenate(geoms),
-            ends=np.cumsum([len(rows) for rows in geoms]),
-            captions=np.array(json.dumps(captions(traces, chapters, len(frames)))),
-        )
-        command = [sys.executable, "-m", "hugwbc.viz.video", str(data), str(stage), str(film)]
+        log, film = pathlib.Path(folder) / "log.txt", pathlib.Path(folder) / "film.mp4"
+        for number, trace in enumerate(traces):
+            write_trace(pathlib.Path(folder) / f"run_{number}.npz", trace)
+        settings = {"hide": list(hide), "chapters": [dataclasses.asdict(chapter) for chapter in chapters]}
+        command = [sys.executable, "-m", "hugwbc.viz.video", json.dumps(settings), str(film)]
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
         with log.open("w", encoding="utf-8") as errors:
             process = subprocess.Popen(
@@ -105,24 +88,28 @@ def write_video(
         assert process.stdout is not None
         for line in process.stdout:
             if on_progress is not None and line.strip().isdigit():
-                on_progress(int(line) / len(frames))
+                on_progress(int(line) / frame_count(traces))
         if process.wait() == 0:
             return _put(film, path)
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"
 
 
-def captions(traces: Sequence[Trace], chapters: Sequence[Chapter], count: int) -> list[dict[str, Any]]:
+def frame_count(traces: Sequence[Trace]) -> int:
+    """Return how many frames a film of the runs has."""
+    return len(frame_samples(traces[0].time, FPS, max(float(trace.time[-1]) for trace in traces)))
+
+
+def captions(traces: Sequence[Trace], chapters: Sequence[Chapter]) -> list[dict[str, Any]]:
     """Return what is written into each frame: "names" (text and colour of each robot), "clock" and "chapter".
 
     Args:
         traces: the runs.
         chapters: stretches of time with names.
-        count: number of frames.
     """
     begin = float(traces[0].time[0])
     frames = []
-    for number in range(count):
+    for number in range(frame_count(traces)):
         now = begin + number / FPS
         names = [
             (f"{trace.name} (fell)" if trace.fell and now >= trace.time[-1] else trace.name, colour)
@@ -339,59 +326,69 @@ def _add_geoms(scene: mujoco.MjvScene, rows: np.ndarray) -> None:
         scene.ngeom += 1
 
 
-def _render(
-    model: mujoco.MjModel,
-    frames: np.ndarray,
-    bodies: np.ndarray,
-    poses: np.ndarray,
-    geoms: Sequence[np.ndarray],
-    views: np.ndarray,
-    texts: Sequence[Mapping[str, Any]],
-    path: pathlib.Path,
-) -> None:
-    """Render frames, and write the number of each finished frame to standard output.
+def _add_name(scene: mujoco.MjvScene, name: str, position: np.ndarray) -> None:
+    """Write a robot's name at a position in the world [m], if the scene has room for a geom."""
+    if scene.ngeom < scene.maxgeom:
+        geom, nothing = scene.geoms[scene.ngeom], np.zeros(4, dtype=np.float32)
+        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_LABEL, np.zeros(3), position, np.eye(3).ravel(), nothing)
+        geom.label = name
+        scene.ngeom += 1
+
+
+def _render(traces: Sequence[Trace], layers: Sequence[str], chapters: Sequence[Chapter], path: pathlib.Path) -> None:
+    """Render a film of runs, and write the number of each finished frame to standard output.
 
     Args:
-        model: the stage.
-        frames: qpos of each robot, shape (frames, robots, 26).
-        bodies: bodies around the robots, shape (bodies,).
-        poses: their positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
-        geoms: geoms of the marks in each frame, each of shape (marks, `GEOM_NUMBERS`).
-        views: point on the ground to look at and factor of the camera's distance (`camera_path`), shape (frames, 3).
-        texts: `captions`.
+        traces: the runs.
+        layers: layers of marks to show.
+        chapters: stretches of time with names.
         path: path of the MP4 file.
     """
-    count = frames.shape[1]
-    frames[:, :, 1] += lanes(count)
+    end = max(float(trace.time[-1]) for trace in traces)
+    samples = [frame_samples(trace.time, FPS, end) for trace in traces]
+    offsets = lanes(len(traces))
+    frames = np.stack([trace.qpos[sample] for trace, sample in zip(traces, samples, strict=True)], axis=1)
+    frames[:, :, 1] += offsets
+    marks = [
+        mark_geoms(*of_run, layers) for of_run in zip(traces, samples, LABEL_COLOURS, offsets.tolist(), strict=False)
+    ]
+    names, poses = _object_poses(traces, samples)
+    model = _stage(traces)
+    bodies = np.array([model.body(name).id for name in names], dtype=int)
     data = mujoco.MjData(model)
     options = mujoco.MjvOption()
     options.geomgroup[3] = 0
     camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = SCENE_VIEW if bodies.size else VIEW
+    camera.azimuth, camera.elevation = SCENE_VIEW if names else VIEW
+    looked_at, distance = camera_path(traces, FPS, end)
+    texts = captions(traces, chapters)
     with (
         mujoco.Renderer(model, HEIGHT, WIDTH) as renderer,
         imageio.get_writer(path, fps=FPS, codec="libx264", quality=7) as writer,
     ):
-        for number, (frame, marks, view) in enumerate(zip(frames, geoms, views, strict=True), start=1):
+        for number, frame in enumerate(frames):
             data.qpos[: frame.size] = frame.ravel()
             mujoco.mj_kinematics(model, data)
-            _place(model, data, bodies, poses[number - 1])
+            _place(model, data, bodies, poses[number])
             mujoco.mj_camlight(model, data)
-            camera.lookat[:] = [*view[:2], LOOK_AT_HEIGHT]
-            camera.distance = view[2] * (2.2 + 0.7 * count)
+            camera.lookat[:] = [*looked_at[number], LOOK_AT_HEIGHT]
+            camera.distance = distance[number] * (2.2 + 0.7 * len(traces))
             renderer.update_scene(data, camera, options)
-            _add_geoms(renderer.scene, marks)
+            for trace, pose, of_run in zip(traces, frame, marks, strict=True):
+                _add_geoms(renderer.scene, of_run[number])
+                _add_name(renderer.scene, trace.name, np.array([*pose[:2], pose[2] + NAME_HEIGHT]))
             for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
                 renderer.scene.flags[flag] = 0
-            writer.append_data(write_captions(renderer.render(), texts[number - 1]))
-            sys.stdout.write(f"{number}\n")
+            writer.append_data(write_captions(renderer.render(), texts[number]))
+            sys.stdout.write(f"{number + 1}\n")
             sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    with np.load(sys.argv[1], allow_pickle=False) as recorded:
-        geoms = np.split(recorded["geoms"].reshape(-1, GEOM_NUMBERS), recorded["ends"][:-1])
-        stage = mujoco.MjModel.from_binary_path(sys.argv[2])
-        around = recorded["bodies"].astype(int), recorded["poses"]
-        texts = json.loads(str(recorded["captions"][()]))
-        _render(stage, recorded["frames"], *around, geoms, recorded["views"], texts, pathlib.Path(sys.argv[3]))
+    told, film = json.loads(sys.argv[1]), pathlib.Path(sys.argv[2])
+    _render(
+        [read_trace(file) for file in sorted(film.parent.glob("run_*.npz"))],
+        [layer for layer in LAYERS if layer not in told["hide"]],
+        [Chapter(**chapter) for chapter in told["chapters"]],
+        film,
+    )

@@ -13,19 +13,24 @@ from hugwbc.sim import Simulation
 from hugwbc.viz import show
 
 
-def test_the_clock_keeps_real_time_and_gives_up_lost_time(monkeypatch):
-    slept, now = [], [10.0]
-    monkeypatch.setattr(show.time, "sleep", slept.append)
+def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(monkeypatch):
+    now = [10.0]
+    monkeypatch.setattr(show.time, "sleep", lambda length: now.__setitem__(0, now[0] + length))
     monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
-    clock = show.RealTime()
-    now[0] = 10.5
-    clock.keep(0.7)
-    assert slept == [pytest.approx(0.2)]
-    clock.keep(0.3)
-    assert len(slept) == 1
-    # Two tenths of a second are lost: 0.7 s of simulated time are over at 10.9.
-    clock.keep(0.7)
-    assert slept[1:] == [pytest.approx(0.4)]
+
+    def lengths(costs):
+        clock, times = show.RealTime(), []
+        for picture, cost in enumerate(costs, start=1):
+            before = now[0]
+            now[0] += cost
+            clock.keep(0.04 * picture)
+            times.append(now[0] - before)
+        return times, clock.speed
+
+    times, speed = lengths([0.01, 0.03] * 100)
+    assert times == pytest.approx([0.04] * 200) and speed == pytest.approx(1.0)
+    times, speed = lengths([0.03, 0.08] * 100)  # every other picture takes twice as long as it should
+    assert np.ptp(times[-50:]) < 0.01 and 0.5 < speed < 0.6
 
 
 def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):

@@ -37,7 +37,7 @@ def test_video_is_written_or_says_why_not(make_run: Callable, tmp_path: pathlib.
 
 def test_names_clock_and_segment_are_written_into_the_picture(make_run: Callable) -> None:
     runs = [make_run(seconds=2.0), make_run(name="learned", seconds=1.0, fell=True)]
-    texts = video.captions(runs, [Chapter(0.0, "stand"), Chapter(1.2, "walk")], 50)
+    texts = video.captions(runs, [Chapter(0.0, "stand"), Chapter(1.2, "walk")])
     assert texts[0] == {"names": [("qp", "#2f7fd6"), ("learned", "#e0702a")], "clock": "0.0 s", "chapter": "stand"}
     assert texts[24]["names"][1][0] == "learned" and texts[25]["names"][1][0] == "learned (fell)"
     assert [text["chapter"] for text in texts].index("walk") == 30 and texts[30]["clock"] == "1.2 s"
