@@ -72,8 +72,8 @@ class SceneError(HugwbcError):
 
 
 class CaptureError(HugwbcError):
-    """A text of a motion capture or for the grippers that is not of its form."""
+    """A malformed message of motion capture or for the grippers."""
 
 
 class DeploymentError(HugwbcError):
-    """A robot that cannot be reached, or does not let itself be controlled."""
+    """A robot that cannot be reached, or refuses control."""

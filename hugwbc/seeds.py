@@ -1,4 +1,4 @@
-"""Which seeds are for what: training, selection, or report.
+"""Classes of seeds: selection, report, training.
 
 A figure is only as honest as its seed. If many policies are tried on one seed and the best is kept, that seed's figures
 flatter it. So the seeds with which something is chosen are not those with which it is reported:

@@ -49,7 +49,7 @@ _UNCHECKED = (View, Course, Behaviour, Callable[[View], bool], inspect.Parameter
 
 
 class Failure(Exception):  # noqa: N818  an outcome, not an error of the program
-    """The end of a behaviour that did not do what it should; its text is the reason.
+    """A failed behaviour; its text is the reason.
 
     Attributes:
         named: whether the reason says already which step failed.

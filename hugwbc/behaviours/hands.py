@@ -257,7 +257,7 @@ def _cm(metres: float) -> str:
 
 
 class Pressing:
-    """The force to ask of a hand that it presses with a wanted one.
+    """The requested force with which a hand presses with the wanted one.
 
     A hand gives way along the force that it is asked for, so that its target cannot make up for what friction of the
     drives and errors of the model take from it. Where forces on the hands are known, their error changes what is asked.

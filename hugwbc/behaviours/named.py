@@ -1,4 +1,4 @@
-"""Behaviours by name: shipped ones, and those of Python files of the user's own."""
+"""Behaviours by name: shipped ones, and those in the user's Python files."""
 
 import pathlib
 from typing import Any

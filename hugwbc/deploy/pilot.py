@@ -27,7 +27,7 @@ _ROUNDING = 1e-9  # [s]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decision:
-    """What answers a state.
+    """The response to a state.
 
     Attributes:
         time: of the state, on the robot's clock [s].

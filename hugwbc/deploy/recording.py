@@ -1,4 +1,4 @@
-"""Recordings of a deployment: every message, and what the pilot made of them, for a replay bit for bit.
+"""Recordings of a deployment: every message and decision, for a replay bit for bit.
 
 A recording is a line of JSON (what was run) and a zlib stream of entries: kind, time, length, content. What a killed
 process leaves behind can be read up to its last flush.

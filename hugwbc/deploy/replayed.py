@@ -1,4 +1,4 @@
-"""The record of a replayed deployment, for the pages that show runs: what the robot side knew of the robot."""
+"""The record of a replayed deployment, for the pages that show runs: the robot side's estimates."""
 
 from typing import Any
 

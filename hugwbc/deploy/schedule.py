@@ -13,7 +13,7 @@ _PRESS = 0.2  # [s] for which a button is held
 
 @dataclasses.dataclass(frozen=True)
 class Happening:
-    """One thing that happens.
+    """One event.
 
     Attributes:
         time: when [s].
@@ -27,7 +27,7 @@ class Happening:
 
 
 class Schedule:
-    """A list of happenings, and how far it has come.
+    """A list of events, and the next one to come.
 
     Attributes:
         remote: the remote control now.

@@ -1,4 +1,4 @@
-"""An experiment: settings, plans, a row of each episode, figures of all rows; and how a controller is put to it."""
+"""An experiment: settings, plans, a row of each episode, figures of all rows; and how a controller runs it."""
 
 import dataclasses
 import threading
@@ -170,7 +170,7 @@ def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, 
 
 
 class _Last(threading.local):
-    """The controller that a thread made last: a controller has a state, and a worker may run several threads."""
+    """The last controller of a thread: a controller has a state, and a worker may run several threads."""
 
     key: object = None
     controller: Controller | None = None

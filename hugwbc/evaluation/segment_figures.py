@@ -1,4 +1,4 @@
-"""What happened in each segment of a script, where each robot ended, and one sentence on who did better at what."""
+"""What happened in each segment of a script, where each robot ended, and a sentence that compares them."""
 
 import dataclasses
 import math

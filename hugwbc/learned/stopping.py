@@ -1,4 +1,4 @@
-"""The wish to stop long work: Ctrl-C and SIGTERM set it, and the work ends at a place where it can save."""
+"""The request to stop long work: Ctrl-C and SIGTERM set it, and the work ends where it can save."""
 
 import contextlib
 import signal
@@ -12,7 +12,7 @@ class StoppedError(Exception):
 
 
 class Stop:
-    """The wish to stop; the work looks at it between its steps.
+    """The request to stop; the work checks it between its steps.
 
     Attributes:
         requested: whether the work was asked to stop.

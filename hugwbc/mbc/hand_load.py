@@ -1,4 +1,4 @@
-"""Hand forces for the QP: those that the targets tell, and estimated pulls that made the robot step."""
+"""Hand forces for the QP: those that the targets give, and estimated pulls that made the robot step."""
 
 import math
 

@@ -132,7 +132,7 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot | No
 
 
 class _Leg(NamedTuple):
-    """What a leg's motion takes of its hip, in the nominal pose.
+    """The hip torque that a leg's motion takes, in the nominal pose.
 
     Attributes:
         hip_height: height of the hip above the ankle of a standing foot at h = 0 [m].

@@ -105,7 +105,7 @@ class CentreOfMassTask:
 
 
 class CentreOfMassMotionTask:
-    r"""Acceleration of the centre of mass in all three directions, as a force plan has it.
+    r"""Acceleration of the centre of mass in all three directions, from a force plan.
 
     .. math:: \ddot c^* = \ddot c_{ff}
 

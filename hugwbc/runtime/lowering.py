@@ -19,7 +19,7 @@ _FINAL_DAMPING_TIME = 0.1  # [s], in which the damping grows when the stiffness 
 
 @dataclasses.dataclass(frozen=True)
 class LoweringParams:
-    """How the robot goes down.
+    """Settings of the kneel.
 
     Attributes:
         time: until the legs are folded [s].
@@ -43,7 +43,7 @@ class LoweringParams:
 
 
 class Lowering:
-    """One way down; it needs encoders no further than for where it begins, and no IMU."""
+    """One kneel; it needs encoders only at its start, and no IMU."""
 
     def __init__(self, robot: Robot, params: LoweringParams | None = None) -> None:
         """Set up for a robot that does not go down yet."""

@@ -46,7 +46,7 @@ SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a rob
 
 
 class PlanView:
-    """A controller's plan, as far as it has one; which parts it has is found out once, here.
+    """A controller's plan, as far as it has one; its parts are determined once, here.
 
     See `hugwbc.controller.HasPhase`, `HasFootholds` and `HasPlannedAcceleration`.
     """

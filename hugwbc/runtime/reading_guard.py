@@ -1,4 +1,4 @@
-"""A guard between the sensors and the estimator: it refuses readings that cannot be true, and fills the gaps.
+"""A guard between the sensors and the estimator: it refuses implausible readings, and fills the gaps.
 
 Each device is judged by itself: the IMU, and the encoder of every joint. What is not a number, beyond what the sensor
 or the joint can do, far from where the last readings lead, or repeated to the last digit although the robot moves, is
@@ -20,7 +20,7 @@ IMU, ALL = "imu", "all readings"
 
 @dataclasses.dataclass(frozen=True)
 class GuardParams:
-    """What a reading may be, and how long one can do without it.
+    """Valid readings, and how long the robot can do without them.
 
     Attributes:
         gyro: largest angular velocity [rad/s]; the IMU's range is 2000 degrees per second.

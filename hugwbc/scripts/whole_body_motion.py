@@ -177,7 +177,7 @@ def _shoulders(robot: Robot, p: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 class MotionScore:
-    """A record of what the robot did of a whole-body motion, for the error per part."""
+    """A record of how the robot followed a whole-body motion, for the error per part."""
 
     def __init__(self, motion: WholeBodyMotion, robot: Robot | None = None) -> None:
         """Watch a motion on a robot, by default the H1."""

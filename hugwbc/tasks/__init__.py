@@ -1,4 +1,4 @@
-"""The suite of loco-manipulation tasks: scenes, behaviours, and judges that look at what truly happened.
+"""The suite of loco-manipulation tasks: scenes, behaviours, and judges that see the true states.
 
 This is the door of the room: other rooms import from here. `docs/tasks.md` says what each task asks for.
 """

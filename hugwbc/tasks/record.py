@@ -73,7 +73,7 @@ class Ending:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TaskRecord:
-    """What truly happened in an episode: T samples, one every `RECORD_PERIOD`.
+    """True states of an episode: T samples, one every `RECORD_PERIOD`.
 
     Attributes:
         scene: the objects around the robot, as drawn.

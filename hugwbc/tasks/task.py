@@ -1,4 +1,4 @@
-"""A task: a scene, a behaviour that is meant to do something in it, and a judge of whether it was done."""
+"""A task: a scene, a behaviour that acts in it, and a judge of the result."""
 
 import pathlib
 from collections.abc import Callable, Mapping

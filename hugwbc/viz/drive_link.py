@@ -37,7 +37,7 @@ class _Page:
 
 
 class DriveLink:
-    """What the open pages say, for the control loop, and what the loop has to say, for the pages.
+    """The messages between the open pages and the control loop.
 
     The server's thread and the control loop's thread use it at any time.
 

@@ -1,4 +1,4 @@
-"""What a person made a robot do, as a script that can be played again, with any controller."""
+"""A person's drive as a script that any controller can replay."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""A behaviour of the user's own, played again and again: how often it is done, how long it takes, why it fails."""
+"""A behaviour of the user's own, repeated: how often it succeeds, how long it takes, why it fails."""
 
 import polars as pl
 

@@ -1,4 +1,4 @@
-"""Carry a mass in each hand of which nobody is told, standing or walking: how far do the hands sag?"""
+"""Carry an unknown mass in each hand, standing or walking: how far do the hands sag?"""
 
 import dataclasses
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""All commands drawn at random over their full ranges at once: does the robot stay up, and where does it not?
+"""All commands drawn at random over their full ranges at once: does the robot stay up, and where does it fall?
 
 The paper studies pairs of commands; this experiment covers the whole space. In each episode, every command is drawn
 independently and uniformly from its finishing range. The errors stand beside those of single commands: a controller may

@@ -1,4 +1,4 @@
-"""Told to stand at once while it moves: does the robot brake and stay up?
+"""A command to stand while the robot moves: does it brake and stay up?
 
 Every episode moves at one of several speeds and is told to stand at a random time of its stride, as by a key or by the
 end of a connection. The change of gait waits for the brake of the safety filter.

@@ -1,4 +1,4 @@
-"""The suite of loco-manipulation tasks: how often a controller does what each of them asks for, and why not."""
+"""The suite of loco-manipulation tasks: how often a controller succeeds at each, and why it fails."""
 
 import math
 

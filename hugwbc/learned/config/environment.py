@@ -135,7 +135,7 @@ class RewardWeights:
 
 @settings
 class ExtraWeights:
-    """Weights of terms that the paper's table lacks; 0 switches a term off. The reasons are in docs/learned.md."""
+    """Weights of terms that the paper's table lacks; 0 switches a term off."""
 
     alive: float = 4.0
     """Constant reward while the robot is up. It keeps early returns positive, so that falling never pays."""

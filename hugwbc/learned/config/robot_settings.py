@@ -93,7 +93,7 @@ class RandomizationConfig:
 
 @settings
 class LoadConfig:
-    """What hands carry and what pulls and pushes the robot; the largest values, from which training draws downwards.
+    """Loads of the hands, pulls and pushes of the robot: the largest values that training draws.
 
     Robots of the agile group and hopping ones carry nothing and are not pulled. A schedule makes a curriculum of it.
     """

@@ -1,4 +1,4 @@
-"""Settings that change during a training, as functions of its steps, instead of by hand between two trainings."""
+"""Settings that change during a training, as functions of its steps."""
 
 import dataclasses
 from collections.abc import Mapping

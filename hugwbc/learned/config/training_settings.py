@@ -130,7 +130,7 @@ def _recording_env() -> EnvConfig:
 
 @settings
 class RecordConfig:
-    """States of robots that another controller, such as the QP, drives; episodes of a training can start in them."""
+    """States of robots driven by another controller, such as the QP, from which training episodes can start."""
 
     states: Count = 3000
     """States to record."""
@@ -149,7 +149,7 @@ class RecordConfig:
 
 @settings
 class CalibrationConfig:
-    """Calibration of a policy by feed-forward: curves of what to ask it for, measured in the arena."""
+    """Calibration of a policy by feed-forward: curves of what to request, measured in the arena."""
 
     policy: pathlib.Path
     """Policy to calibrate: a file, or in a recipe the name of an earlier stage."""

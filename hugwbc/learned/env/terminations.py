@@ -32,7 +32,7 @@ def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
 
 
 class FeetRule:
-    """A rule that ends an episode when the feet do for too long what their gait forbids.
+    """A rule that ends an episode when the feet violate their gait for too long.
 
     A brief touch is allowed: ending episodes at it made the policy give up its velocity to keep the foot high. A third
     of a second would be too long: a jump on both feet stays on the ground no longer than that.

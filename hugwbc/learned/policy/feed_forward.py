@@ -1,4 +1,4 @@
-"""Feed-forward of commands: what to ask a policy for, so that it executes what was commanded.
+"""Feed-forward of commands: what to request from a policy, so that it executes the command.
 
 A trained policy is often precise but biased: it walks at 1.09 of the commanded speed, or squats two centimetres too
 little. Curves that were measured once, linear between knots, take the mean error out. They change only what the network
@@ -40,7 +40,7 @@ def check_curves(curves: Curves) -> Curves:
 
 
 class FeedForward:
-    """Curves of what to ask for, by gait and command; commands without a curve stay as they are."""
+    """Curves of the requested value, by gait and command; commands without a curve are unchanged."""
 
     def __init__(self, curves: Curves) -> None:
         """Take curves that `check_curves` admits."""

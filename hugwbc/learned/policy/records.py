@@ -1,4 +1,4 @@
-"""Records of trainings: the versions and settings that made a policy, and what a policy's file says of them."""
+"""Records of trainings: the versions and settings that made a policy, as its file states them."""
 
 import dataclasses
 import importlib.metadata

@@ -1,1 +1,1 @@
-"""Recipes: a policy made by one file, stage by stage, and what its files say of how they were made."""
+"""Recipes: a policy made by one file, stage by stage, with a record in its files."""

@@ -1,4 +1,4 @@
-"""Ancestry: what a policy and other files of tensors say of how they were made.
+"""Ancestry: the record in a policy, or another file of tensors, of how it was made.
 
 Each stage of a recipe has a record: with which code and seed it was made, from what, and at which cost. A file carries
 the records of all stages that led to it in its metadata, each after those that it took something from. A record names
@@ -24,7 +24,7 @@ _DIGITS = 32
 
 @settings(kw_only=True)
 class Parent:
-    """A file that a stage took: digest of its tensors, and the stage that wrote it, if one did."""
+    """An input of a stage: digest of its tensors, and the stage that wrote it, if one did."""
 
     stage: str | None
     digest: str

@@ -1,4 +1,4 @@
-"""Calibration of a policy by feed-forward: what to ask it for, so that it does what it is told."""
+"""Calibration of a policy by feed-forward: what to request from it, so that it executes the command."""
 
 import dataclasses
 import json

@@ -31,7 +31,7 @@ _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 
 class _Steps:
-    """What the feet of n robots do: touch-downs, heights of the swings, speeds before the ground, held feet."""
+    """Motion of the feet of n robots: touch-downs, heights of the swings, speeds before the ground, held feet."""
 
     FIGURES = ("f", "l", "impact", "held_foot")
 
