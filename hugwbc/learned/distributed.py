@@ -44,8 +44,8 @@ def size() -> int:
     return dist.get_world_size() if dist.is_initialized() else 1
 
 
-def own_path(path: pathlib.Path) -> pathlib.Path:
-    """Return the path of this process's own version of a file: as given in the first, with the rank in the others."""
+def rank_path(path: pathlib.Path) -> pathlib.Path:
+    """Return the path of this process's version of a file: as given in the first, with the rank in the others."""
     return path.with_stem(f"{path.stem}-rank{rank()}") if rank() else path
 
 
@@ -103,5 +103,5 @@ def standardised(values: torch.Tensor, groups: torch.Tensor | None = None, count
 
     members = sums(torch.ones_like(values)).clamp(min=1.0)
     centred = values - (sums(values) / members)[groups]
-    own_spread = (sums(centred.square()) / members).sqrt()
-    return centred / (torch.maximum(own_spread, LEAST_SPREAD * spread)[groups] + 1e-8)
+    spreads = (sums(centred.square()) / members).sqrt()
+    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[groups] + 1e-8)

@@ -8,8 +8,8 @@ import torch
 from safetensors.torch import save
 
 from hugwbc.cli import main
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import checkpoint, save_policy
-from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.networks import Actor
 
 PLAY = ["play", "--viewer", "none", "--duration", "0.1", "--policy"]
@@ -18,7 +18,7 @@ PLAY = ["play", "--viewer", "none", "--duration", "0.1", "--policy"]
 @pytest.fixture
 def policy(tmp_path):
     path = tmp_path / "policy.safetensors"
-    save_policy(path, Actor(), policy_contract(), {})
+    save_policy(path, Actor(), EnvConfig().contract(), {})
     return path
 
 
@@ -55,7 +55,7 @@ def test_a_foreign_file_is_refused(policy, capsys):
 
 
 def test_another_robots_policy_is_refused(policy, capsys):
-    contract = dataclasses.asdict(policy_contract()) | {"robot": "g1"}
+    contract = dataclasses.asdict(EnvConfig().contract()) | {"robot": "g1"}
     checkpoint.save_file(policy, Actor().state_dict(), "policy", {"contract": contract})
     assert "unknown robot 'g1'" in refused(policy, capsys)
 

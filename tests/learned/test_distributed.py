@@ -113,6 +113,6 @@ def test_standardised_has_mean_zero_and_deviation_one() -> None:
 
 def test_each_process_but_the_first_has_files_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     path = pathlib.Path("runs") / "checkpoint.safetensors"
-    assert distributed.own_path(path) == path
+    assert distributed.rank_path(path) == path
     monkeypatch.setattr(distributed, "rank", lambda: 2)
-    assert distributed.own_path(path) == pathlib.Path("runs") / "checkpoint-rank2.safetensors"
+    assert distributed.rank_path(path) == pathlib.Path("runs") / "checkpoint-rank2.safetensors"

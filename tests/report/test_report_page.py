@@ -8,8 +8,8 @@ from hugwbc.errors import HugwbcError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import save_policy
-from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.report.report_page import Report, sections
 from hugwbc.report.report_plan import ReportPlan
@@ -51,7 +51,7 @@ def test_a_profile_has_every_section_for_every_controller(profile):
 
 def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     record = {"config": {"env": {"intervention": "motion"}}}
-    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), policy_contract(), record)
+    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), EnvConfig().contract(), record)
     plan = ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),))
     theirs = [cell.experiment.name for cell in plan.cells if cell.spec.name == "learned"]
     assert theirs == ["intervention"] * 3 + ["foot-displacement"]

@@ -13,8 +13,10 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import value_of
-from hugwbc.learned.policy.terms import further_terms
-from hugwbc.robot import Robot, robot_names
+from hugwbc.learned.policy.contract import Contract, History, Term
+from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
+from hugwbc.learned.policy.terms import TERMS, further_terms
+from hugwbc.robot import Robot, load_robot, robot_names
 from hugwbc.settings import Count, NotNegative, Positive, Share, one_of, settings
 
 RobotName = Annotated[str, one_of("robot", robot_names)]
@@ -287,6 +289,26 @@ class EnvConfig:
     def damping(self, robot: Robot) -> np.ndarray:
         """Return the damping of the joints' PD [N*m*s/rad], shape (19,)."""
         return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
+
+    def contract(self) -> Contract:
+        """Return the contract of a policy that is trained here."""
+        robot = load_robot(self.robot)
+        return Contract(
+            name="learned",
+            robot=robot.name,
+            period=self.period,
+            joints=robot.joint_names,
+            default_pose=tuple(robot.nominal.tolist()),
+            kp=tuple(robot.kp.tolist()),
+            kd=tuple(self.damping(robot).tolist()),
+            action_scale=tuple(self.action_scales(robot).tolist()),
+            observation=tuple(Term(name, scale=TERMS[name].scale) for name in FRAME_TERMS),
+            history=History(frames=HISTORY_FRAMES),
+            command=tuple(Term(name, scale=TERMS[name].scale) for name in (*COMMAND_TERMS, *self.observations)),
+            waist_rate=self.waist_rate,
+            squat_gain=self.squat_gain,
+            swing_gain=self.swing_gain,
+        )
 
     @staticmethod
     def _with_yaw(values: np.ndarray, factor: float, robot: Robot) -> np.ndarray:

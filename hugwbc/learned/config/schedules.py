@@ -77,13 +77,13 @@ def replaced(settings: Settings, values: Mapping[str, Any]) -> Settings:
 
     All values of a group are replaced at once: the shares of the gaits are only valid together.
     """
-    own: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         head, _, rest = name.partition(".")
         if rest:
             groups.setdefault(head, {})[rest] = value
         else:
-            own[head] = value
-    own |= {head: replaced(getattr(settings, head), inner) for head, inner in groups.items()}
-    return dataclasses.replace(settings, **own)  # type: ignore[type-var]
+            flat[head] = value
+    flat |= {head: replaced(getattr(settings, head), inner) for head, inner in groups.items()}
+    return dataclasses.replace(settings, **flat)  # type: ignore[type-var]

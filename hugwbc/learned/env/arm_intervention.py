@@ -8,7 +8,6 @@ other, faded into each other.
 
 import pathlib
 from collections.abc import Sequence
-from typing import Protocol
 
 import torch
 
@@ -18,30 +17,6 @@ from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, 
 RAMP_FRACTION = 2.0 / 3.0
 FADE_STEPS = 25  # control steps over which a motion takes over from the posture before it
 _ARMS = 8
-
-
-class ArmTargets(Protocol):
-    """A source of arm targets for n robots; `step` is called once per control step."""
-
-    def reset(self, robots: torch.Tensor) -> None:
-        """Restart robots (indices) from the nominal posture."""
-        ...
-
-    def step(self) -> None:
-        """Advance by one control step."""
-        ...
-
-    def targets(self) -> torch.Tensor:
-        """Return the targets in the order of `Robot.arm_names` [rad], shape (n, 8)."""
-        ...
-
-    def state_dict(self) -> dict[str, torch.Tensor]:
-        """Return everything that a resumed run needs."""
-        ...
-
-    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` returned; ignore the state of another kind of source."""
-        ...
 
 
 def _nominal_arms(count: int) -> torch.Tensor:
@@ -162,6 +137,9 @@ class MotionTargets:
             self._frame, self._played = state["frame"].clone(), state["played"].clone()
 
 
+ArmTargets = NoiseTargets | MotionTargets
+
+
 def make_arm_targets(
     kind: str,
     count: int,
@@ -241,8 +219,8 @@ class Intervention:
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return everything that a resumed run needs."""
-        own = {"active": self.active, "alpha": torch.tensor(self.alpha, dtype=torch.float64)}
-        return own | self.source.state_dict()
+        state = {"active": self.active, "alpha": torch.tensor(self.alpha, dtype=torch.float64)}
+        return state | self.source.state_dict()
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore what `state_dict` returned."""

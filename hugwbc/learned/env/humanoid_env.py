@@ -25,7 +25,7 @@ from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
+from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.terms import Sensed, further_terms, observe
 from hugwbc.robot import load_robot
@@ -35,11 +35,10 @@ from hugwbc.sim.ground import Ground
 
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
-_F, _L, _H, _P, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
+_F, _L, _H, _P = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p"))
 _ALL = slice(None)
-# Parts of a recorded start in the environment, and in the simulation; `actions` is stored transposed.
+# Parts of a recorded start besides the simulation's `qpos` and `qvel`, and `actions`, which is stored transposed.
 _START_TENSORS = ("command", "gait", "phase", "history", "waist")
-_START_SIMULATION = ("qpos", "qvel")
 
 
 class HumanoidEnv:
@@ -60,7 +59,7 @@ class HumanoidEnv:
         history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
         friction: sliding friction of each robot, shape (n,).
         noise: half-widths of the paper's observation noise, shape (63,).
-        own: observation terms besides the paper's.
+        further: observation terms besides the paper's.
         sensors: errors of the sensors.
         loads: what the robots carry and what pulls and pushes them.
         bias: errors of v_x, v_y and omega filtered over `BIAS_TIME`, shape (n, 3).
@@ -91,10 +90,9 @@ class HumanoidEnv:
         self.generator = torch.Generator().manual_seed(seed)
         rough = config.terrain.roughness > 0.0
         self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed)) if rough else None
-        terrain = None if self.ground is None else self.ground.terrain
         self.simulation = BatchSimulation(
             config.count,
-            terrain=terrain,
+            terrain=None if self.ground is None else self.ground.terrain,
             threads=threads,
             robot=self.robot,
             actuators=DRIVES[config.drives],
@@ -129,8 +127,8 @@ class HumanoidEnv:
         self.adopt(config)
         self.body = Body.of(self.robot, self.dt)
         self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
-        self.own = further_terms(config.observations)
-        self._own_noise = obs.noise_amplitude(self.own)
+        self.further = further_terms(config.observations)
+        self._further_noise = obs.noise_amplitude(self.further)
         self.noise = obs.noise_amplitude(obs.FRAME) * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
@@ -144,7 +142,6 @@ class HumanoidEnv:
         self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.waist = torch.zeros(self.count)
         self.posture = torch.zeros(self.count, 2)
-        self._legs = LegFeedForward(self.robot)
         self.bias = torch.zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count))
         nobody = torch.zeros(self.count, dtype=torch.bool)
@@ -158,6 +155,7 @@ class HumanoidEnv:
         self._given = config  # before the rules of the curriculum
         self.config = config = self.curriculum.applied(config)
         self._terms = reward_terms(config)
+        self._commanded = CommandFeedForward(config.contract())
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
 
@@ -219,7 +217,7 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
-        self.waist, self.posture = self._next_waist(), self._next_posture()
+        self.waist, self.posture = self._followed()
         target = self.body.nominal + self.action_scale * action + self._feed_forward(_ALL, self.waist, self.posture)
         self.intervention.alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
@@ -229,28 +227,19 @@ class HumanoidEnv:
         self.arm_gains.update(self.intervention.active * self.curriculum.alpha)
         self.simulation.ctrl[:] = target.numpy()
 
-    def _next_waist(self) -> torch.Tensor:
-        reach = self.config.waist_rate * self.dt
-        return self.waist + (self.command[:, _W] - self.waist).clamp(-reach, reach)
-
-    def _next_posture(self) -> torch.Tensor:
-        return tensor(follow(self.posture.numpy(), self.command[:, [_H, _P]].numpy(), self.dt))
+    def _followed(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return waist, and height and pitch, of the feed-forward after the next control period."""
+        state = (self.waist, self.posture, self.command)
+        waist, posture = self._commanded.follow(*(value.numpy() for value in state))
+        return tensor(waist), tensor(posture)
 
     def next_feed_forward(self) -> torch.Tensor:
         """Return what the next step adds to nominal pose and action: waist, squat and swing [rad], shape (n, 19)."""
-        return self._feed_forward(_ALL, self._next_waist(), self._next_posture())
+        return self._feed_forward(_ALL, *self._followed())
 
     def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
-        squat, swing = self.config.squat_gain, self.config.swing_gain
-        if squat > 0.0 or swing > 0.0:
-            phase, gait, command = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
-            height, pitch = squat * posture.numpy().T
-            lifted = swing * swing_clearance(phase, gait, command, self.dt)
-            offsets = tensor(self._legs.offsets(height, pitch, lifted))
-        else:
-            offsets = torch.zeros(len(waist), obs.JOINTS)
-        offsets[:, self.body.waist] += waist
-        return offsets
+        told = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
+        return tensor(self._commanded.offsets(waist.numpy(), posture.numpy(), *told))
 
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
@@ -259,15 +248,6 @@ class HumanoidEnv:
             fallen |= self.held_foot.broken(terminations.held_foot_down(self.readings, self.gait), self.age)
         return fallen
 
-    @property
-    def command_time(self) -> torch.Tensor:
-        """Time since the command of each robot was drawn [s], shape (n,)."""
-        return self.age % self.config.command.resample_steps * self.dt
-
-    def bar_phase(self) -> torch.Tensor:
-        """Return the homogenised phases of the left and the right foot, shape (n, 2)."""
-        return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
-
     def _filter_errors(self) -> None:
         """Add the velocity errors of this step to their running means."""
         r = self.readings
@@ -275,7 +255,7 @@ class HumanoidEnv:
         self.bias = self.bias + self.dt / BIAS_TIME * (torch.nan_to_num(error) - self.bias)
 
     def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
-        bar_phase = self.bar_phase()
+        bar_phase = gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))  # of both feet
         return Transition.between(
             previous,
             self.readings,
@@ -408,7 +388,7 @@ class HumanoidEnv:
         columns = {name: getattr(self, name)[robots] for name in _START_TENSORS}
         columns["actions"] = self.actions[:, robots].transpose(0, 1)
         ids = robots.numpy()
-        columns |= {name: torch.from_numpy(getattr(self.simulation, name)[ids]) for name in _START_SIMULATION}
+        columns |= {name: torch.from_numpy(getattr(self.simulation, name)[ids]) for name in ("qpos", "qvel")}
         return {name: columns[name] for name in COLUMNS}
 
     # Observations ---------------------------------------------------------------------------------------------------
@@ -428,9 +408,9 @@ class HumanoidEnv:
         history = self.history[robots].flatten(1)
         sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1].numpy(), self.robot.nominal))
         command = torch.from_numpy(observe(obs.COMMAND, sensed))
-        own = torch.from_numpy(observe(self.own, sensed))
-        if bool(self._own_noise.any()):
-            own += (2.0 * torch.rand(own.shape, generator=self.generator) - 1.0) * self._own_noise
+        further = torch.from_numpy(observe(self.further, sensed))
+        if bool(self._further_noise.any()):
+            further += (2.0 * torch.rand(further.shape, generator=self.generator) - 1.0) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
             velocity,
@@ -444,9 +424,9 @@ class HumanoidEnv:
             self._body_facts[robots],
         )
         terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
-        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, own, terrain), dim=1)
+        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, further, terrain), dim=1)
         return Observation(
-            history, torch.cat((command, own), 1), critic, obs.estimate_target(velocity, clearance, height)
+            history, torch.cat((command, further), 1), critic, obs.estimate_target(velocity, clearance, height)
         )
 
     def _sensed(self, robots: torch.Tensor | slice, *frame: np.ndarray) -> Sensed:
@@ -466,8 +446,5 @@ class HumanoidEnv:
         Args:
             state: of a run with as many robots. Where its settings of latency, ground or intervention differ from
                 these, the part in question starts afresh.
-
-        Raises:
-            KeyError: if a part is missing.
         """
         environment_state.restore(self, state)

@@ -31,10 +31,10 @@ def randomize(
     """
     batch, model, count = simulation.batch, simulation.model, simulation.count
     floor = model.geom("floor").id
-    own = np.arange(model.ngeom) != floor
+    bodies = np.arange(model.ngeom) != floor
     friction = rng.uniform(*config.friction, count)
     sliding = batch.expand("geom_friction")[:, :, 0]
-    sliding[:, own] = friction[:, None]
+    sliding[:, bodies] = friction[:, None]
     # A contact has the larger of its two coefficients: a floor of 1 would hide every robot below it.
     sliding[:, floor] = np.minimum(sliding[:, floor], friction)
     torso = model.body("torso_link").id

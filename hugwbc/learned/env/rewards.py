@@ -13,7 +13,7 @@ import torch
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait, flies
-from hugwbc.learned.config import EnvConfig, RewardTerm
+from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardTerm, RewardWeights
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
 TRACKING_SIGMA = 0.2
@@ -261,53 +261,11 @@ def unequal_support(t: Transition, body: Body) -> torch.Tensor:
 
 # Tables and evaluation -----------------------------------------------------------------------------------------------
 
-PAPER_TERMS: dict[str, Term] = {
-    function.__name__: function
-    for function in (
-        linear_velocity_tracking,
-        angular_velocity_tracking,
-        body_height_tracking,
-        body_pitch_tracking,
-        waist_yaw_tracking,
-        foot_swing_tracking,
-        contact_swing_tracking,
-        roll_pitch_angular_velocity,
-        vertical_body_movement,
-        feet_slip,
-        action_rate,
-        action_smoothness,
-        joint_torque,
-        joint_acceleration,
-        upper_joint_deviation,
-        hip_joint_deviation,
-        feet_symmetry,
-        termination,
-    )
-}
-EXTRA_TERMS: dict[str, Term] = {
-    function.__name__: function
-    for function in (
-        alive,
-        body_roll_tracking,
-        joint_limits,
-        linear_velocity_precision,
-        linear_velocity_error,
-        yaw_rate_precision,
-        yaw_rate_error,
-        posture_precision,
-        swing_precision,
-        velocity_bias,
-        yaw_rate_bias,
-        foot_impact,
-        contact_mismatch,
-        flight_contact,
-        bounce_tracking,
-        bounce_error,
-        unequal_support,
-    )
-}
+_PAPER, _EXTRA = ([field.name for field in dataclasses.fields(kind)] for kind in (RewardWeights, ExtraWeights))
+TERMS: dict[str, Term] = {name: globals()[name] for name in (*_PAPER, *_EXTRA)}
+"""The function of each weight, which has its name."""
 # Terms that the penalty curriculum scales. Termination is not one of them: a fall must cost as much in early training.
-REGULARISATION = frozenset(PAPER_TERMS) - {
+REGULARISATION = frozenset(_PAPER) - {
     "linear_velocity_tracking",
     "angular_velocity_tracking",
     "body_height_tracking",
@@ -329,8 +287,7 @@ REGULARISATION = frozenset(PAPER_TERMS) - {
 def reward_terms(config: EnvConfig) -> dict[str, RewardTerm]:
     """Return all terms with a weight other than zero, by name; those of a user's settings come last."""
     weights = dataclasses.asdict(config.rewards) | dataclasses.asdict(config.extra)
-    functions = PAPER_TERMS | EXTRA_TERMS
-    ours = {name: RewardTerm(functions[name], weight, name in REGULARISATION) for name, weight in weights.items()}
+    ours = {name: RewardTerm(TERMS[name], weight, name in REGULARISATION) for name, weight in weights.items()}
     return {name: term for name, term in (ours | config.terms).items() if term.weight != 0.0}
 
 

@@ -10,17 +10,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
-from hugwbc.learned import ACTION_SCALE, PERIOD, WAIST_RATE
 from hugwbc.learned.policy.feed_forward import Curves, check_curves
-from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
 from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_names
+from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
 from hugwbc.settings import Beside, NotNegative, Positive, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
@@ -240,48 +237,3 @@ def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
     except (HugwbcError, TypeError) as error:
         hint = "use a policy that this version wrote; a term of your own needs the Python file that adds it to TERMS"
         raise PolicyFileError(f"the contract of {origin} is not valid: {error}; {hint}") from error
-
-
-def policy_contract(
-    *,
-    period: float = PERIOD,
-    action_scale: ArrayLike = ACTION_SCALE,
-    waist_rate: float = WAIST_RATE,
-    squat_gain: float = 0.0,
-    swing_gain: float = 0.0,
-    kp: ArrayLike | None = None,
-    kd: ArrayLike | None = None,
-    robot: Robot | None = None,
-    own: tuple[str, ...] = (),
-) -> Contract:
-    """Return the contract of a policy that is trained with this version.
-
-    Args:
-        period: time between two actions [s].
-        action_scale: radians of joint target per unit of action, one number or one per joint.
-        waist_rate: as in `Contract`.
-        squat_gain: as in `Contract`.
-        swing_gain: as in `Contract`.
-        kp: stiffness of the training [N*m/rad], shape (19,); None for the robot's own.
-        kd: damping of the training [N*m*s/rad], shape (19,); None for the robot's own.
-        robot: robot of the training; None for the default one.
-        own: names of further observation terms, which come after those of the command.
-    """
-    robot = robot or load_robot()
-    count = len(robot.joint_names)
-    return Contract(
-        name="learned",
-        robot=robot.name,
-        period=period,
-        joints=robot.joint_names,
-        default_pose=tuple(robot.nominal.tolist()),
-        kp=tuple(np.asarray(robot.kp if kp is None else kp).tolist()),
-        kd=tuple(np.asarray(robot.kd if kd is None else kd).tolist()),
-        action_scale=tuple(np.broadcast_to(np.asarray(action_scale, dtype=float), count).tolist()),
-        observation=tuple(Term(name, scale=TERMS[name].scale) for name in FRAME_TERMS),
-        history=History(frames=HISTORY_FRAMES),
-        command=tuple(Term(name, scale=TERMS[name].scale) for name in (*COMMAND_TERMS, *own)),
-        waist_rate=waist_rate,
-        squat_gain=squat_gain,
-        swing_gain=swing_gain,
-    )

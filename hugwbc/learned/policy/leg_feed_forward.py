@@ -13,11 +13,13 @@ import numpy as np
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.robot import SIDES, Robot
+from hugwbc.learned.policy.contract import Contract
+from hugwbc.robot import SIDES, Robot, load_robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
-_F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
+_F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
+_SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
 
 
 class LegFeedForward:
@@ -61,13 +63,45 @@ def swing_clearance(phase: np.ndarray, gait: np.ndarray, command: np.ndarray, pe
     return gaits.swing_height(gaits.homogenised_phase(gaits.foot_phases(later, gait)), command[:, [_L]])
 
 
-def follow(value: np.ndarray, target: np.ndarray, period: float) -> np.ndarray:
-    """Return height [m] and pitch [rad] of the feed-forward after a control period, shape (n, 2).
+class CommandFeedForward:
+    """What the joint targets take from the commands alone, besides the policy's actions: waist, squat and swing."""
 
-    Args:
-        value: before it, shape (n, 2).
-        target: commanded height and pitch, shape (n, 2).
-        period: control period [s].
-    """
-    reach = period * np.array([HEIGHT_RATE, PITCH_RATE])
-    return value + np.clip(target - value, -reach, reach)
+    def __init__(self, contract: Contract) -> None:
+        """Take robot, period, rate and gains of a contract."""
+        robot, period = load_robot(contract.robot), contract.period
+        self._legs, self._waist, self._period = LegFeedForward(robot), robot.waist, period
+        self._joints, self._waist_reach = len(robot.joint_names), contract.waist_rate * period
+        self._squat, self._swing = contract.squat_gain, contract.swing_gain
+
+    def follow(self, waist: np.ndarray, posture: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the angle of the waist [rad], height [m] and pitch [rad] after a control period.
+
+        Args:
+            waist: angle before it, shape (n,).
+            posture: height and pitch before it, shape (n, 2).
+            command: commands, shape (n, 8).
+        """
+        waist = waist + np.clip(command[:, _W] - waist, -self._waist_reach, self._waist_reach)
+        reach = self._period * np.array([HEIGHT_RATE, PITCH_RATE])
+        return waist, posture + np.clip(command[:, _SQUAT] - posture, -reach, reach)
+
+    def offsets(
+        self, waist: np.ndarray, posture: np.ndarray, phase: np.ndarray, gait: np.ndarray, command: np.ndarray
+    ) -> np.ndarray:
+        """Return what to add to pose and action [rad], shape (n, 19).
+
+        Args:
+            waist: what `follow` returned.
+            posture: likewise.
+            phase: common phase, shape (n,).
+            gait: values of `Gait`, shape (n,).
+            command: commands, shape (n, 8).
+        """
+        if self._squat > 0.0 or self._swing > 0.0:
+            height, pitch = self._squat * posture.T
+            lifted = self._swing * swing_clearance(phase, gait, command, self._period)
+            result = self._legs.offsets(height, pitch, lifted)
+        else:
+            result = np.zeros((len(waist), self._joints))
+        result[:, self._waist] += waist
+        return result

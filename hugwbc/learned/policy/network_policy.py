@@ -12,15 +12,14 @@ from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy.contract import Contract, Term, contract_of, load_contract
 from hugwbc.learned.policy.feed_forward import FeedForward
-from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
+from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.network_files import Network, OnnxNetwork, load_network
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
 LARGEST_READING = 1e10  # [rad], [rad/s], MuJoCo's own bound; far beyond it the network overflows
-_F, _W = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("w")
-_SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
+_F = COMMAND_NAMES.index("f")
 
 
 def load_contract_policy(contract: str | pathlib.Path, network: str | pathlib.Path | None = None) -> "NetworkPolicy":
@@ -104,7 +103,7 @@ class NetworkPolicy:
         self._kp[self._joints], self._kd[self._joints] = contract.kp, contract.kd
         self._scale = np.array(contract.action_scale)
         self._feed_forward = FeedForward(contract.feed_forward)
-        self._legs = LegFeedForward(self.robot)
+        self._commanded = CommandFeedForward(contract)
         self._readers = [_Reader(contract, terms) for terms in _inputs(contract)]
         self._history = _History(contract)
         self._start(None)
@@ -159,7 +158,8 @@ class NetworkPolicy:
             self._network.reset()
         q = self._pose.copy()
         q[self._joints] += self._scale * self._action
-        self._add_feed_forward(q, asked, gait)
+        self._waist, self._posture = self._commanded.follow(self._waist, self._posture, asked)
+        q += self._commanded.offsets(self._waist, self._posture, self._phase, gait, asked)[0]
         zero = np.zeros_like(q)
         return override_arms(JointCommand(q, zero, self._kp, self._kd, zero), upper_body, self.robot)
 
@@ -179,18 +179,6 @@ class NetworkPolicy:
             pose=self._pose,
             velocity=None if velocity is None else rotations.rotate_inverse(state.orientation, velocity)[None],
         )
-
-    def _add_feed_forward(self, q: np.ndarray, command: np.ndarray, gait: np.ndarray) -> None:
-        """Add to the joint targets what follows from the command alone: waist, squat and swing."""
-        contract = self.contract
-        reach = contract.waist_rate * self.period
-        self._waist += np.clip(command[:, _W] - self._waist, -reach, reach)
-        q[self.robot.waist] += self._waist[0]
-        if contract.squat_gain > 0.0 or contract.swing_gain > 0.0:
-            self._posture = follow(self._posture, command[:, _SQUAT], self.period)
-            height, pitch = contract.squat_gain * self._posture.T
-            lifted = contract.swing_gain * swing_clearance(self._phase, gait, command, self.period)
-            q += self._legs.offsets(height, pitch, lifted)[0]
 
 
 def _is_readable(state: RobotState) -> bool:

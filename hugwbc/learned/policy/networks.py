@@ -69,7 +69,7 @@ class Actor(nn.Module):
 
         Args:
             history: the last five proprioceptive frames, oldest first, shape (n, 315).
-            command: commands, gait, clocks and indicator, shape (n, 18), then the terms of other packages.
+            command: commands, gait, clocks and indicator, shape (n, 18), then further terms.
 
         Returns:
             Mean action, shape (n, 19), and estimate [v, l, h] in observation units, shape (n, 6).
@@ -93,10 +93,10 @@ class Critic(nn.Module):
         core: width of what it reads besides the terrain.
     """
 
-    def __init__(self, own: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for observation terms of other packages."""
+    def __init__(self, further: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for further observation terms."""
         super().__init__()
-        self.core = CRITIC_CORE_SIZE + size_of(own)
+        self.core = CRITIC_CORE_SIZE + size_of(further)
         self.value = _mlp(self.core + TERRAIN_SIZE, CRITIC_HIDDEN, 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
@@ -214,10 +214,10 @@ class SplitMlp(nn.Module):
 class SymmetricActor(nn.Module):
     """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
 
-    def __init__(self, own: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for observation terms of other packages."""
+    def __init__(self, further: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for further observation terms."""
         super().__init__()
-        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror(own))
+        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror(further))
         self._frame, self._action = EvenOdd(obs.frame_mirror()), EvenOdd(obs.action_mirror())
         self._estimate = EvenOdd(obs.estimate_mirror())
         half = LATENT_SIZE // 2
@@ -261,10 +261,10 @@ class SymmetricActor(nn.Module):
 class SymmetricCritic(nn.Module):
     """`Critic` with V(F o) = V(o)."""
 
-    def __init__(self, own: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for observation terms of other packages."""
+    def __init__(self, further: tuple[Part, ...] = ()) -> None:
+        """Set up the layers, with further inputs for further observation terms."""
         super().__init__()
-        self._core, self._terrain = EvenOdd(obs.critic_mirror(own)), EvenOdd(obs.terrain_mirror())
+        self._core, self._terrain = EvenOdd(obs.critic_mirror(further)), EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
         self.value = SplitMlp(inputs, CRITIC_HIDDEN)
         self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
@@ -330,15 +330,15 @@ class ActorCritic(nn.Module):
 
     Attributes:
         symmetric: whether the networks commute with the mirror; joints that are mirror images then share their std.
-        own: observation terms of other packages that the networks read.
+        further: observation terms besides those of `layout` that the networks read.
     """
 
-    def __init__(self, std: float = 1.0, *, symmetric: bool = True, own: tuple[Part, ...] = ()) -> None:
+    def __init__(self, std: float = 1.0, *, symmetric: bool = True, further: tuple[Part, ...] = ()) -> None:
         """Draw the weights of symmetric or plain networks, and set the std of all joints."""
         super().__init__()
-        self.symmetric, self.own = symmetric, own
-        self.actor = SymmetricActor(own) if symmetric else Actor(COMMAND_SIZE + size_of(own))
-        self.critic = SymmetricCritic(own) if symmetric else Critic(own)
+        self.symmetric, self.further = symmetric, further
+        self.actor = SymmetricActor(further) if symmetric else Actor(COMMAND_SIZE + size_of(further))
+        self.critic = SymmetricCritic(further) if symmetric else Critic(further)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
         last = self.actor.policy.layers[-1] if isinstance(self.actor, SymmetricActor) else self.actor.policy[-1]
         for linear in (last.even, last.odd) if isinstance(last, SplitLinear) else (last,):

@@ -36,9 +36,9 @@ class Observation:
 
     Attributes:
         history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: commands, gait, clocks and indicator, shape (n, 18), then the terms of other packages.
+        command: commands, gait, clocks and indicator, shape (n, 18), then further terms.
         critic: privileged observation, shape (n, 342); on a plane, where all heights of the terrain are one number, it
-            has that number once, shape (n, 122). The terms of other packages come before the terrain.
+            has that number once, shape (n, 122). Further terms come before the terrain.
         estimate: target of the estimator, shape (n, 6).
     """
 
@@ -168,13 +168,13 @@ def history_mirror() -> SignedPermutation:
 
 
 @functools.cache
-def command_mirror(own: tuple[Part, ...] = ()) -> SignedPermutation:
+def command_mirror(further: tuple[Part, ...] = ()) -> SignedPermutation:
     """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet.
 
     Args:
-        own: parts of other packages that come after it.
+        further: parts that come after it.
     """
-    return _mirror([*COMMAND, *own])
+    return _mirror([*COMMAND, *further])
 
 
 @functools.cache
@@ -184,13 +184,13 @@ def estimate_mirror() -> SignedPermutation:
 
 
 @functools.cache
-def critic_mirror(own: tuple[Part, ...] = ()) -> SignedPermutation:
+def critic_mirror(further: tuple[Part, ...] = ()) -> SignedPermutation:
     """Return the mirror map of the critic's observation without the terrain, n = 121.
 
     Args:
-        own: parts of other packages that come after it.
+        further: parts that come after it.
     """
-    return _mirror([*FRAME, *COMMAND, *PRIVILEGED, *own])
+    return _mirror([*FRAME, *COMMAND, *PRIVILEGED, *further])
 
 
 @functools.cache
@@ -198,28 +198,3 @@ def terrain_mirror() -> SignedPermutation:
     """Return the mirror map of the terrain's samples, n = 221: y changes sign."""
     index = torch.arange(TERRAIN_SIZE).view(TERRAIN_SHAPE).flip(1).flatten()
     return SignedPermutation(index, torch.ones(TERRAIN_SIZE))
-
-
-def mirror_history(history: torch.Tensor) -> torch.Tensor:
-    """Mirror a proprioceptive history, shape (n, 315)."""
-    return history_mirror()(history)
-
-
-def mirror_command_observation(observation: torch.Tensor, own: tuple[Part, ...] = ()) -> torch.Tensor:
-    """Mirror a command observation, shape (n, 18): lateral commands change sign, hopping legs and clocks swap.
-
-    Args:
-        observation: the observation.
-        own: parts of other packages that come after it.
-    """
-    return command_mirror(own)(observation)
-
-
-def mirror_estimate(estimate: torch.Tensor) -> torch.Tensor:
-    """Mirror an output of the estimator, shape (n, 6): v_y changes sign, the soles swap."""
-    return estimate_mirror()(estimate)
-
-
-def mirror_action(action: torch.Tensor) -> torch.Tensor:
-    """Mirror an action, shape (n, 19)."""
-    return action_mirror()(action)

@@ -64,7 +64,7 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: Contract, training: 
     Args:
         path: path of the file.
         actor: the network.
-        contract: contract of the training, from `policy_contract`.
+        contract: contract of the training, from `EnvConfig.contract`.
         training: record of the training, anything JSON can hold.
     """
     tensors = actor.state_dict() | self_test.record(LearnedController(actor, contract, training))

@@ -19,27 +19,27 @@ def is_symmetric(tensors: Mapping[str, torch.Tensor]) -> bool:
 def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None:
     """Load tensors, by their names in the network.
 
-    Observation terms of other packages that the tensors' network did not read have weights of zero.
+    Observation terms that the tensors' network did not read have weights of zero.
     """
-    widened = _widened(network, tensors) if network.own else {}
+    widened = _widened(network, tensors) if network.further else {}
     network.load_state_dict(dict(tensors) | widened)
 
 
 def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Return the weights of first layers with zeros for the terms of other packages; none where they fit already."""
+    """Return the weights of first layers with zeros for further terms; none where they fit already."""
     actor, critic = network.actor, network.critic
     if isinstance(actor, SymmetricActor) and isinstance(critic, SymmetricCritic):
-        own = EvenOdd(obs.command_mirror(network.own)).even - EvenOdd(obs.command_mirror()).even
+        even = EvenOdd(obs.command_mirror(network.further)).even - EvenOdd(obs.command_mirror()).even
         core = EvenOdd(obs.critic_mirror())
-        odd = obs.size_of(network.own) - own
+        odd = obs.size_of(network.further) - even
         places = {
-            "actor.policy.layers.0.even.weight": (None, own),
+            "actor.policy.layers.0.even.weight": (None, even),
             "actor.policy.layers.0.odd.weight": (None, odd),
-            "critic.value.layers.0.even.weight": (core.even, own),
+            "critic.value.layers.0.even.weight": (core.even, even),
             "critic.value.layers.0.odd.weight": (core.odd, odd),
         }
     else:
-        size = obs.size_of(network.own)
+        size = obs.size_of(network.further)
         places = {_POLICY: (None, size), _CRITIC: (obs.CRITIC_CORE_SIZE, size)}
     wide, wanted = {}, network.state_dict()
     for name, (place, count) in places.items():
@@ -48,10 +48,3 @@ def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[
             place = weight.shape[1] if place is None else place
             wide[name] = torch.cat((weight[:, :place], weight.new_zeros(len(weight), count), weight[:, place:]), 1)
     return wide
-
-
-def network_of(tensors: Mapping[str, torch.Tensor]) -> ActorCritic:
-    """Return the network that tensors, by their names in it, belong to."""
-    network = ActorCritic(symmetric=is_symmetric(tensors))
-    load_into(network, tensors)
-    return network

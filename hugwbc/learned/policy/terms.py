@@ -252,7 +252,7 @@ TERMS: dict[str, ObservationTerm] = {
 and cosine, and one number for each gait instead of the paper's psi, with which a jump looks like a hop."""
 
 
-# Terms of the user's own ----------------------------------------------------------------------------------------------
+# Terms of the user ----------------------------------------------------------------------------------------------------
 
 
 def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:

@@ -136,7 +136,7 @@ def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], lis
             elif written.get(parent.digest) != parent.stage:
                 problems.append(f"{record.stage}: stage {parent.stage} did not write its {name}")
         written |= dict.fromkeys(record.outputs.values(), record.stage)
-    own = ancestry.stages[-1]
+    last = ancestry.stages[-1]
     for name in {path.name, *KINDS} & {one.name for one in path.parent.glob("*.safetensors")}:
         kind = KINDS.get(name, "policy")
         try:
@@ -144,6 +144,6 @@ def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], lis
         except HugwbcError as error:
             problems.append(str(error))
             continue
-        if made_here is None or (kind == "policy" and made_here != own.stage):
-            problems.append(f"{path.parent / name} is not what stage {own.stage} or its ancestors wrote")
+        if made_here is None or (kind == "policy" and made_here != last.stage):
+            problems.append(f"{path.parent / name} is not what stage {last.stage} or its ancestors wrote")
     return ancestry.stages, problems

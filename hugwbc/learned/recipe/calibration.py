@@ -111,8 +111,8 @@ def _errors(config: CalibrationConfig, policy: pathlib.Path, curves: Curves, exe
 
 
 def _mean_error(errors: Mapping[tuple[str, str, int], float], label: str, name: str) -> float:
-    own = [abs(error) for key, error in errors.items() if key[:2] == (label, name)]
-    return float(np.mean(own)) if own and all(map(math.isfinite, own)) else math.nan
+    found = [abs(error) for key, error in errors.items() if key[:2] == (label, name)]
+    return float(np.mean(found)) if found and all(map(math.isfinite, found)) else math.nan
 
 
 def _best_curves(rounds: list[dict[str, Any]]) -> tuple[Curves, dict[str, float | None]]:

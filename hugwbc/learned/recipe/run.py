@@ -156,8 +156,8 @@ class _Work:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         spent = _Spent(self.folder, self.digest) if leads else None
-        own_seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
-        config = replaced(self.stage.config, {**self.inputs, **own_seed})
+        seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
+        config = replaced(self.stage.config, {**self.inputs, **seed})
         if isinstance(config, TrainConfig):
             steps, discarded, figures = self._train(config, spent)
         elif isinstance(config, RecordConfig):

@@ -128,8 +128,8 @@ class Evaluator:
         """Names of the figures that `run` returns."""
         names = [SCORE, _FALLS]
         for gait in self._gaits:
-            own = [n for n in _Steps.FIGURES if gait is not Gait.STANDING and (gait.hops or n != "held_foot")]
-            names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *own)]
+            of_steps = [n for n in _Steps.FIGURES if gait is not Gait.STANDING and (gait.hops or n != "held_foot")]
+            names += [f"evaluation/{gait.label}/{name}" for name in (*ERROR_SCALES, "falls", *of_steps)]
         return names
 
     def adopt(self, config: EnvConfig) -> None:
@@ -164,11 +164,11 @@ class Evaluator:
                 samples += upright
                 steps.add(step, env.readings, upright)
         env.statistics.pop()
-        own = {
+        steps_of_gaits = {
             one: {"falls": float((~upright[gait == one]).float().mean())} | steps.errors(gait == one)
             for one in self._gaits
         }
-        return self._figures(gait, sums, samples, float((~upright).float().mean()), own)
+        return self._figures(gait, sums, samples, float((~upright).float().mean()), steps_of_gaits)
 
     def _figures(
         self,
@@ -178,7 +178,7 @@ class Evaluator:
         falls: float,
         steps: Mapping[Gait, Mapping[str, float]] | None = None,
     ) -> dict[str, float]:
-        """Return the figures of `run` from sums of errors, shape (n, 6), and what the gaits have of their own."""
+        """Return the figures of `run` from sums of errors, shape (n, 6), and what else the gaits have."""
         scales, figures, scores = ERROR_SCALES | GAIT_SCALES, {}, []
         for one in self._gaits:
             chosen = gait == one

@@ -144,7 +144,7 @@ class PPO:
         count: int,
         generator: torch.Generator,
         device: str = "cpu",
-        own: tuple[obs.Part, ...] = (),
+        further: tuple[obs.Part, ...] = (),
     ) -> None:
         """Build networks and optimiser.
 
@@ -153,12 +153,12 @@ class PPO:
             count: number of robots.
             generator: source of exploration noise and minibatches, on the CPU.
             device: device of networks and experience; observations and actions are exchanged on the CPU.
-            own: observation terms of other packages.
+            further: observation terms besides those of `layout`.
         """
         self.config = config
         self.device = torch.device(device)
         symmetric = config.symmetry == "network"
-        self.network = ActorCritic(config.std_initial, symmetric=symmetric, own=own).to(self.device)
+        self.network = ActorCritic(config.std_initial, symmetric=symmetric, further=further).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
@@ -196,7 +196,7 @@ class PPO:
 
     def allocate(self, critic: int) -> None:
         """Make room for an iteration of the present horizon, with a critic's observation of `critic` numbers."""
-        command = obs.COMMAND_SIZE + obs.size_of(self.network.own)
+        command = obs.COMMAND_SIZE + obs.size_of(self.network.further)
         self._rollout = Rollout.empty(self.config.horizon, self._count, command, critic, self.device)
 
     @torch.no_grad()
@@ -338,10 +338,9 @@ class PPO:
         """
         if self.config.symmetry != "loss":
             return mean.new_zeros(())
-        mirrored, _ = self.network.actor(
-            obs.mirror_history(history), obs.mirror_command_observation(command, self.network.own)
-        )
-        return (mean.detach() - obs.mirror_action(mirrored)).square().mean()
+        command_mirror = obs.command_mirror(self.network.further)
+        mirrored, _ = self.network.actor(obs.history_mirror()(history), command_mirror(command))
+        return (mean.detach() - obs.action_mirror()(mirrored)).square().mean()
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""

@@ -16,7 +16,6 @@ from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
-from hugwbc.learned.policy.contract import Contract, policy_contract
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.records import settings_record, versions
 from hugwbc.learned.policy.snapshots import is_symmetric, load_into
@@ -24,7 +23,6 @@ from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
 from hugwbc.learned.stopping import Stop, stopped_by_signals
-from hugwbc.robot import load_robot
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
@@ -68,11 +66,11 @@ class Trainer:
             self._read_counters(metadata, path)
         now = config.at(self.run_steps)
         # The networks start equal in all processes; robots, commands and noise must not.
-        own_seed = config.seed + _SEED_STEP * distributed.rank()
+        self._seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
-        self.generator = torch.Generator().manual_seed(own_seed)
+        self.generator = torch.Generator().manual_seed(self._seed)
         self.env = self._robots(now.env)
-        self.ppo = PPO(now.ppo, config.env.count, self.generator, config.device, self.env.own)
+        self.ppo = PPO(now.ppo, config.env.count, self.generator, config.device, self.env.further)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
@@ -88,9 +86,8 @@ class Trainer:
         return self.steps - self.begin["steps"]
 
     def _robots(self, config: EnvConfig) -> HumanoidEnv:
-        seed = self.config.seed + _SEED_STEP * distributed.rank()
         self._env_config = config
-        return HumanoidEnv(config, seed=seed, threads=self.config.threads)
+        return HumanoidEnv(config, seed=self._seed, threads=self.config.threads)
 
     # Training -------------------------------------------------------------------------------------------------------
 
@@ -213,7 +210,7 @@ class Trainer:
     def save(self) -> None:
         """Write checkpoint, snapshot and policy; processes other than the first write their robots only."""
         if not self.leads:
-            path = distributed.own_path(self.config.out / CHECKPOINT_NAME)
+            path = distributed.rank_path(self.config.out / CHECKPOINT_NAME)
             checkpoint.save_file(path, self._robot_tensors(), "robots", {"iteration": self.iteration})
             return
         tensors = self._learner_tensors() | self._robot_tensors()
@@ -261,7 +258,7 @@ class Trainer:
                 "steps": self.steps,
                 "losses": {k: str(v) for k, v in losses.items()},
             }
-            path = distributed.own_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
+            path = distributed.rank_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
             checkpoint.save_file(path, minibatch, "minibatch", record)
 
     # Restoring ------------------------------------------------------------------------------------------------------
@@ -276,7 +273,7 @@ class Trainer:
     def _restore(self, tensors: dict[str, torch.Tensor], metadata: dict[str, Any], path: pathlib.Path) -> None:
         """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser."""
         if not self.leads:
-            tensors = _with_own_robots(tensors, path, metadata.get("iteration"))
+            tensors = _with_robots_of_rank(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
         symmetric = is_symmetric(groups["network"])
         if symmetric != self.ppo.network.symmetric:
@@ -375,32 +372,17 @@ def _differences(metadata: dict[str, Any], config: TrainConfig, env: EnvConfig, 
     return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
 
 
-def _with_own_robots(
+def _with_robots_of_rank(
     tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
 ) -> dict[str, torch.Tensor]:
     """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
     common = {name: value for name, value in tensors.items() if name.startswith(("network.", "optimiser."))}
-    own = distributed.own_path(path)
-    if not own.exists():
+    place = distributed.rank_path(path)
+    if not place.exists():
         return common
-    robots, metadata = checkpoint.load_file(own, "robots")
+    robots, metadata = checkpoint.load_file(place, "robots")
     # A file of another iteration comes from an earlier time or run in the same folder: start new episodes instead.
     return common | robots if metadata.get("iteration") == iteration else common
-
-
-def contract_of(env: EnvConfig) -> Contract:
-    """Return the contract of a policy trained in an environment."""
-    robot = load_robot(env.robot)
-    return policy_contract(
-        robot=robot,
-        period=env.period,
-        action_scale=env.action_scales(robot),
-        kd=env.damping(robot),
-        waist_rate=env.waist_rate,
-        squat_gain=env.squat_gain,
-        swing_gain=env.swing_gain,
-        own=env.observations,
-    )
 
 
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
@@ -415,8 +397,7 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
     # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
-    contract = contract_of(env)
-    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), contract, metadata)
+    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), env.contract(), metadata)
 
 
 def train(config: TrainConfig, report: Report, notice: Callable[[str], object] = print) -> Trainer:

@@ -260,8 +260,8 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     twin.phase[:] = torch.where(env.gait == Gait.WALKING, (env.phase + 0.5) % 1.0, env.phase)
     twin.waist[:] = -env.waist
     twin.bias[:] = env.bias * torch.tensor([1.0, -1.0, -1.0])
-    twin.actions[:] = torch.stack([obs.mirror_action(actions) for actions in env.actions])
-    twin.history[:] = obs.mirror_history(env.history.flatten(1)).view_as(env.history)
+    twin.actions[:] = torch.stack([obs.action_mirror()(actions) for actions in env.actions])
+    twin.history[:] = obs.history_mirror()(env.history.flatten(1)).view_as(env.history)
     qpos, qvel = env.simulation.qpos, env.simulation.qvel
     pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
     twin.simulation.qpos[:] = np.concatenate((pose, mirror.joints(qpos[:, 7:])), axis=1)
@@ -281,17 +281,17 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> No
     generator = torch.Generator().manual_seed(1)
     for _ in range(4):
         action = 0.3 * torch.randn((8, 19), generator=generator)
-        reward, image = env.step(action).reward, twin.step(obs.mirror_action(action)).reward
+        reward, image = env.step(action).reward, twin.step(obs.action_mirror()(action)).reward
         # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
         torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
         seen, image = env.observe(), twin.observe()
-        torch.testing.assert_close(image.history, obs.mirror_history(seen.history), atol=0.02, rtol=0.0)
-        torch.testing.assert_close(image.command, obs.mirror_command_observation(seen.command), atol=1e-5, rtol=0.0)
+        torch.testing.assert_close(image.history, obs.history_mirror()(seen.history), atol=0.02, rtol=0.0)
+        torch.testing.assert_close(image.command, obs.command_mirror()(seen.command), atol=1e-5, rtol=0.0)
         core = slice(0, obs.CRITIC_CORE_SIZE)
         torch.testing.assert_close(
             image.critic[:, core], obs.critic_mirror()(seen.critic[:, core]), atol=0.05, rtol=0.0
         )
-        torch.testing.assert_close(image.estimate, obs.mirror_estimate(seen.estimate), atol=0.01, rtol=0.0)
+        torch.testing.assert_close(image.estimate, obs.estimate_mirror()(seen.estimate), atol=0.01, rtol=0.0)
 
 
 def test_restored_run_continues_bit_for_bit() -> None:

@@ -8,9 +8,9 @@ import pytest
 
 import hugwbc
 from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
-from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import shipped_contracts
-from hugwbc.learned.policy.contract import Contract, History, Term, contract_of, load_contract, policy_contract
+from hugwbc.learned.policy.contract import Contract, History, Term, contract_of, load_contract
 from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot import load_robot
 
@@ -120,10 +120,13 @@ def test_the_contract_in_the_docs_is_the_shipped_one(tmp_path):
 
 
 def test_ours_has_the_sizes_of_the_networks_and_the_settings_of_the_training():
-    scale, kd = np.linspace(0.1, 0.3, 19), np.full(19, 7.0)
-    contract = policy_contract(period=0.01, action_scale=scale, kd=kd, waist_rate=0.0, robot=load_robot("h1-2023"))
+    env = EnvConfig(substeps=2, action_scale=0.3, yaw_action_factor=0.5, waist_rate=0.0, robot="h1-2023")
+    robot, contract = load_robot("h1-2023"), env.contract()
     assert contract.input_sizes == (315, 18) and contract.follows_gait
     assert (contract.period, contract.waist_rate, contract.robot) == (0.01, 0.0, "h1-2023")
+    scale, kd = np.full(19, 0.3), robot.kd.copy()
+    scale[robot.yaw_joints] *= 0.5
+    kd[robot.yaw_joints] *= env.yaw_damping_factor
     assert contract.action_scale == tuple(scale) and contract.kd == tuple(kd)
 
 
@@ -143,7 +146,7 @@ def test_ours_has_the_sizes_of_the_networks_and_the_settings_of_the_training():
 )
 def test_what_cannot_be_run_is_refused(key, value):
     with pytest.raises(PolicyFileError, match="the contract of the_file is not valid"):
-        contract_of({"contract": dataclasses.asdict(policy_contract()) | {key: value}}, "the_file")
+        contract_of({"contract": dataclasses.asdict(EnvConfig().contract()) | {key: value}}, "the_file")
     with pytest.raises(PolicyFileError, match="has no contract that this hugwbc reads"):
         contract_of({"contract": 2}, "the_file")
 

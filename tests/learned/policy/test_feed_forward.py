@@ -11,8 +11,8 @@ from hugwbc.commands import COMMAND_NAMES, Command, default_command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import HugwbcError
 from hugwbc.gait import Gait
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import load_policy, save_policy
-from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.feed_forward import FeedForward
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.state import RobotState
@@ -46,8 +46,10 @@ def test_the_commands_of_the_caller_are_not_changed() -> None:
 def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.Path) -> None:
     torch.manual_seed(0)
     actor = Actor()
-    save_policy(tmp_path / "plain.safetensors", actor, policy_contract(), {})
-    save_policy(tmp_path / "fed.safetensors", actor, dataclasses.replace(policy_contract(), feed_forward=CURVES), {})
+    save_policy(tmp_path / "plain.safetensors", actor, EnvConfig().contract(), {})
+    save_policy(
+        tmp_path / "fed.safetensors", actor, dataclasses.replace(EnvConfig().contract(), feed_forward=CURVES), {}
+    )
     plain, fed = load_policy(tmp_path / "plain.safetensors"), load_policy(tmp_path / "fed.safetensors")
 
     def act(controller: Any, v_x: float) -> np.ndarray:
@@ -78,4 +80,4 @@ def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.P
 )
 def test_a_malformed_one_is_refused(curves: Any) -> None:
     with pytest.raises(HugwbcError):
-        dataclasses.replace(policy_contract(), feed_forward=curves)
+        dataclasses.replace(EnvConfig().contract(), feed_forward=curves)

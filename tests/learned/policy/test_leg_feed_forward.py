@@ -5,11 +5,12 @@ from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy.leg_feed_forward import (
     HEIGHT_RATE,
     PITCH_RATE,
+    CommandFeedForward,
     LegFeedForward,
-    follow,
     swing_clearance,
 )
 from hugwbc.robot import load_robot
@@ -72,5 +73,9 @@ def test_absurd_commands_stay_within_the_joints_ranges() -> None:
 
 
 def test_it_follows_at_its_rates() -> None:
-    value = follow(np.zeros((2, 2)), np.array([[-0.3, 0.4], [-0.001, 0.0]]), 0.02)
-    np.testing.assert_allclose(value, [[-0.02 * HEIGHT_RATE, 0.02 * PITCH_RATE], [-0.001, 0.0]])
+    commanded = CommandFeedForward(EnvConfig(squat_gain=1.0).contract())
+    command = np.zeros((2, 8))
+    command[:, [COMMAND_NAMES.index(name) for name in ("h", "p", "w")]] = [[-0.3, 0.4, -1.0], [-0.001, 0.0, 0.01]]
+    waist, posture = commanded.follow(np.zeros(2), np.zeros((2, 2)), command)
+    np.testing.assert_allclose(waist, [-0.04, 0.01])
+    np.testing.assert_allclose(posture, [[-0.02 * HEIGHT_RATE, 0.02 * PITCH_RATE], [-0.001, 0.0]])

@@ -58,9 +58,9 @@ def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot() -> None:
         state, action = random_frame(rng)
         expected = frame_of(mirror.state(state), mirror.joints(action)).repeat(1, obs.HISTORY_FRAMES)
         history = frame_of(state, action).repeat(1, obs.HISTORY_FRAMES)
-        torch.testing.assert_close(obs.mirror_history(history), expected)
+        torch.testing.assert_close(obs.history_mirror()(history), expected)
         torch.testing.assert_close(
-            obs.mirror_action(torch.tensor(action)[None].float())[0],
+            obs.action_mirror()(torch.tensor(action)[None].float())[0],
             torch.tensor(mirror.joints(action), dtype=torch.float32),
         )
 
@@ -73,20 +73,20 @@ def command_row(command: Command, phase: float) -> torch.Tensor:
 def test_mirror_of_a_command_is_the_observation_of_the_mirrored_command() -> None:
     command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7, gait=Gait.WALKING)
     row = command_row(command, 0.3)
-    torch.testing.assert_close(obs.mirror_command_observation(row), command_row(mirror_command(command), 0.8))
+    torch.testing.assert_close(obs.command_mirror()(row), command_row(mirror_command(command), 0.8))
 
 
 def test_hopping_on_one_leg_mirrors_to_hopping_on_the_other() -> None:
     command = Command(v_y=0.2, omega=-0.3, gait=Gait.HOPPING_LEFT)
-    mirrored = obs.mirror_command_observation(command_row(command, 0.1))
+    mirrored = obs.command_mirror()(command_row(command, 0.1))
     torch.testing.assert_close(mirrored, command_row(mirror_command(command), 0.1))
 
 
 def test_mirror_maps_are_involutions() -> None:
     history, command, action = torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, 19)
-    torch.testing.assert_close(obs.mirror_history(obs.mirror_history(history)), history)
-    torch.testing.assert_close(obs.mirror_command_observation(obs.mirror_command_observation(command)), command)
-    torch.testing.assert_close(obs.mirror_action(obs.mirror_action(action)), action)
+    torch.testing.assert_close(obs.history_mirror()(obs.history_mirror()(history)), history)
+    torch.testing.assert_close(obs.command_mirror()(obs.command_mirror()(command)), command)
+    torch.testing.assert_close(obs.action_mirror()(obs.action_mirror()(action)), action)
 
 
 def test_standing_is_told_from_a_jump_at_mid_stance() -> None:

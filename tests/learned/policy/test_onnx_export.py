@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import LearnedController, load_policy
-from hugwbc.learned.policy.contract import Contract, policy_contract
+from hugwbc.learned.policy.contract import Contract
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
 
@@ -38,7 +39,7 @@ def test_a_network_that_onnx_cannot_follow_is_refused(tmp_path: pathlib.Path) ->
     with torch.no_grad():
         actor.policy[-1].bias[3] = float("nan")
     with pytest.raises(PolicyFileError, match="differs"):
-        export_onnx(LearnedController(actor, policy_contract()), tmp_path / "x.onnx")
+        export_onnx(LearnedController(actor, EnvConfig().contract()), tmp_path / "x.onnx")
     assert not (tmp_path / "x.onnx").exists()
 
 

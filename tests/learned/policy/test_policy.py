@@ -14,10 +14,8 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
-from hugwbc.learned.policy.contract import policy_contract
-from hugwbc.learned.policy.leg_feed_forward import LegFeedForward, follow, swing_clearance
+from hugwbc.learned.policy.leg_feed_forward import HEIGHT_RATE, PITCH_RATE, LegFeedForward, swing_clearance
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.rl.trainer import contract_of
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
@@ -32,7 +30,9 @@ def random_actor() -> Actor:
 @pytest.fixture
 def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
     path = tmp_path / "policy.safetensors"
-    save_policy(path, random_actor(), policy_contract(), {"steps": 7, "config": {"env": {"intervention": "motion"}}})
+    save_policy(
+        path, random_actor(), EnvConfig().contract(), {"steps": 7, "config": {"env": {"intervention": "motion"}}}
+    )
     return path
 
 
@@ -91,7 +91,7 @@ def test_controller_does_what_the_training_environment_does(
     env.gait[:] = int(Gait.WALKING)
     env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
     actor = random_actor()
-    save_policy(tmp_path / "policy.safetensors", actor, contract_of(settings), {})
+    save_policy(tmp_path / "policy.safetensors", actor, settings.contract(), {})
     controller = load_policy(tmp_path)
     assert controller.period == 0.005 * substeps
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
@@ -102,7 +102,7 @@ def test_controller_does_what_the_training_environment_does(
 
     controller.reset(state())
     controller._phase[:] = float(env.phase[0]) - 2.0 * controller.period
-    waist, posture, legs = 0.0, np.zeros((1, 2)), LegFeedForward(ROBOT)
+    waist, posture, legs = 0.0, np.zeros(2), LegFeedForward(ROBOT)
     for _ in range(12):
         joint_command = controller.act(state(), command, UpperBody.none())
         observation = env.observe()
@@ -111,9 +111,10 @@ def test_controller_does_what_the_training_environment_does(
         expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
         waist = min(waist + waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
-        posture = follow(posture, np.array([[-0.1, 0.1]]), controller.period)
+        reach = controller.period * np.array([HEIGHT_RATE, PITCH_RATE])
+        posture = np.clip([-0.1, 0.1], posture - reach, posture + reach)
         lifted = swing_clearance(env.phase.numpy(), env.gait.numpy(), env.command.numpy(), controller.period)
-        expected += legs.offsets(*(squat_gain * posture.T), swing_gain * lifted)[0]
+        expected += legs.offsets(*(squat_gain * posture[:, None]), swing_gain * lifted)[0]
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
         env.step(action)
@@ -121,7 +122,7 @@ def test_controller_does_what_the_training_environment_does(
 
 
 def test_external_arms_are_passed_on_and_seen() -> None:
-    controller = LearnedController(random_actor(), policy_contract())
+    controller = LearnedController(random_actor(), EnvConfig().contract())
     targets = np.linspace(-0.2, 0.2, 8)
     controller.reset(still_state())
     own = controller.act(still_state(), Command(), UpperBody.none())
@@ -132,7 +133,7 @@ def test_external_arms_are_passed_on_and_seen() -> None:
 
 
 def test_bad_numbers_never_pass() -> None:
-    controller = LearnedController(random_actor(), policy_contract())
+    controller = LearnedController(random_actor(), EnvConfig().contract())
     controller.reset(still_state())
     controller.act(still_state(), Command(), UpperBody.none())
     broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
@@ -146,7 +147,7 @@ def test_bad_numbers_never_pass() -> None:
 
 
 def test_reset_makes_runs_repeatable() -> None:
-    controller = LearnedController(random_actor(), policy_contract())
+    controller = LearnedController(random_actor(), EnvConfig().contract())
     runs = []
     for _ in range(2):
         controller.reset(still_state())
@@ -224,7 +225,7 @@ def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
 
 
 def test_an_episode_that_starts_without_readings_knows_nothing_of_the_one_before() -> None:
-    controller = LearnedController(random_actor(), policy_contract())
+    controller = LearnedController(random_actor(), EnvConfig().contract())
     broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
     targets = []
     for tilt in (0.0, 0.3):

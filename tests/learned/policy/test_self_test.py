@@ -1,14 +1,14 @@
 import pytest
 import torch
 
+from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import LearnedController, self_test
-from hugwbc.learned.policy.contract import policy_contract
 from hugwbc.learned.policy.networks import Actor
 
 
 def controller(**changes: float) -> LearnedController:
     torch.manual_seed(0)
-    return LearnedController(Actor(), policy_contract(**changes))
+    return LearnedController(Actor(), EnvConfig(**changes).contract())
 
 
 def test_a_policy_agrees_with_its_own_record() -> None:
@@ -16,7 +16,7 @@ def test_a_policy_agrees_with_its_own_record() -> None:
     assert self_test.deviation(controller(), stored) == 0.0
 
 
-@pytest.mark.parametrize("change", [{"period": 0.01}, {"action_scale": 0.26}, {"waist_rate": 1.0}])
+@pytest.mark.parametrize("change", [{"substeps": 2}, {"action_scale": 0.26}, {"waist_rate": 1.0}])
 def test_every_setting_shows_in_the_targets(change: dict) -> None:
     stored = self_test.record(controller())
     assert self_test.deviation(controller(**change), stored) > 10 * self_test.TOLERANCE

@@ -79,7 +79,7 @@ def test_the_noise_is_the_declared_one(both):
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_the_networks_mirror_the_terms_as_declared(symmetric):
     own = (TILT, KNEES)
-    network = ActorCritic(symmetric=symmetric, own=own)
+    network = ActorCritic(symmetric=symmetric, further=own)
     mirror = obs.command_mirror(own)
     assert mirror.sign[18:].tolist() == [-1.0, 1.0, 1.0] and mirror.index[18:].tolist() == [18, 20, 19]
     history, command = torch.randn(4, 315), torch.randn(4, 21)
@@ -88,8 +88,8 @@ def test_the_networks_mirror_the_terms_as_declared(symmetric):
         image = torch.cat((obs.critic_mirror(own)(critic[:, :124]), critic[:, 124:]), dim=1)
         torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
         straight, _ = network.actor(history, command)
-        mirrored, _ = network.actor(obs.mirror_history(history), mirror(command))
-        torch.testing.assert_close(mirrored, obs.mirror_action(straight), atol=1e-5, rtol=1e-5)
+        mirrored, _ = network.actor(obs.history_mirror()(history), mirror(command))
+        torch.testing.assert_close(mirrored, obs.action_mirror()(straight), atol=1e-5, rtol=1e-5)
     plain = network.actor.plain()
     assert plain.command_size == 21
     torch.testing.assert_close(plain(history, command)[0], network.actor(history, command)[0], atol=1e-5, rtol=1e-4)
@@ -97,7 +97,9 @@ def test_the_networks_mirror_the_terms_as_declared(symmetric):
 
 def test_ppo_learns_with_them(both):
     env = HumanoidEnv(both, seed=1, threads=1)
-    learner = PPO(PPOConfig(horizon=2, minibatches=1, epochs=1), 6, torch.Generator().manual_seed(0), own=env.own)
+    learner = PPO(
+        PPOConfig(horizon=2, minibatches=1, epochs=1), 6, torch.Generator().manual_seed(0), further=env.further
+    )
     first = learner.network.actor.plain().state_dict()["policy.0.weight"][:, -3:].clone()
     for t in range(2):
         learner.record(t, env.step(learner.act(t, env.observe(), env.gait)))
@@ -107,7 +109,7 @@ def test_ppo_learns_with_them(both):
 
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_a_network_without_them_goes_on_as_the_same_function(symmetric):
-    old, new = ActorCritic(symmetric=symmetric), ActorCritic(symmetric=symmetric, own=(TILT, KNEES))
+    old, new = ActorCritic(symmetric=symmetric), ActorCritic(symmetric=symmetric, further=(TILT, KNEES))
     load_into(new, old.state_dict())
     history, command, own = torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, 3)
     core, ground = torch.randn(4, 121), torch.randn(4, 221)
@@ -120,7 +122,7 @@ def test_a_network_without_them_goes_on_as_the_same_function(symmetric):
 
 def test_a_policy_with_them_runs_where_they_are_known_and_nowhere_else(both, monkeypatch, tmp_path):
     torch.manual_seed(0)
-    save_product(tmp_path, ActorCritic(own=(TILT, KNEES)), both, {})
+    save_product(tmp_path, ActorCritic(further=(TILT, KNEES)), both, {})
     policy = load_policy(tmp_path)
     assert [term.term for term in policy.contract.command[-2:]] == ["tilt", "knees"]
     q = policy.robot.nominal + 0.1
