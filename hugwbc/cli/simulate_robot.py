@@ -17,7 +17,7 @@ from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.errors import ConfigError
 from hugwbc.sim import Arena, Simulation, load_scene
 from hugwbc.tasks import Ending, Task, load_task
-from hugwbc.tasks.running_judge import RunningJudge
+from hugwbc.tasks.record import TaskWatch
 
 STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
@@ -111,21 +111,21 @@ class Judge:
 
     def __init__(self, task: Task, simulation: Simulation) -> None:
         """Begin to watch a simulation."""
-        self._task, self._simulation, self._judge = task, simulation, RunningJudge(task, simulation)
+        self._task, self._simulation, self._watch = task, simulation, TaskWatch(simulation)
         self._start: float | None = None
 
     def __call__(self, command: JointCommand) -> None:
         """Look at the world after a physics step with a command."""
         if command.kp.any():
             self._start = self._simulation.time if self._start is None else self._start
-            self._judge.look()
-            self._judge.sample(self._simulation.time - self._start)
+            self._watch.look()
+            self._watch.sample(self._simulation.time - self._start)
 
     def words(self) -> str:
         """Return the verdict, for people."""
         if self._start is None:
             return f"{self._task.name}: the joints were never driven"
-        verdict = self._judge.verdict(Ending(True))
+        verdict = self._task.judge(self._watch.record(Ending(True)))
         return f"{self._task.name}: " + ("done" if verdict.success else f"not done: {verdict.reason}")
 
 

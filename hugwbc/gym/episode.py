@@ -6,11 +6,11 @@ from hugwbc.behaviours import BehaviourSource, View
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import FollowWish
-from hugwbc.runtime.loop import ControlLoop, world_targets
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import REACH
 from hugwbc.tasks import Ending, Task, Verdict, shapes_of
-from hugwbc.tasks.running_judge import RunningJudge
+from hugwbc.tasks.record import TaskWatch
 from hugwbc.upper_ik import UpperBodySource
 
 _ASKED = Ending(False, "asked by a learner")
@@ -44,7 +44,7 @@ class Episode:
         self._loop.reset()
         names = [name for name in simulation.scene.body_names if simulation.model.body(name).jntnum[0] > 0]
         self._movable = {name: simulation.objects[name].travel is not None for name in names}
-        self._judge = RunningJudge(task, simulation)
+        self._task, self._watch = task, TaskWatch(simulation)
         self._ticks, self.time = 0, 0.0
         self._decide()
 
@@ -62,14 +62,14 @@ class Episode:
     @property
     def fell(self) -> bool:
         """Whether the robot has fallen, or the physics diverged."""
-        return self._judge.fell
+        return self._watch.fell
 
     def advance(self, ticks: int) -> None:
         """Run the control loop for so many of its periods; a robot that falls ends it early."""
         for _ in range(ticks):
             for _ in range(self._loop.substeps):
                 self._loop.step(self._command, self.simulation.timestep)
-                self._judge.look()
+                self._watch.look()
             self._ticks += 1
             self.time = round(self._ticks * self._loop.period, 9)  # rounding errors would show in `info`
             self._decide()
@@ -79,11 +79,11 @@ class Episode:
     def _decide(self) -> None:
         """Take the joint command of the next period, and a sample where one is due."""
         self._command = self._loop.decide(self.time)
-        self._judge.sample(self.time, world_targets(self._loop.control.hands, self.simulation.state()))
+        self._watch.sample(self.time)
 
     def judge(self) -> Verdict:
         """Return the verdict on the episode, as if it ended now."""
-        return self._judge.verdict(_ASKED)
+        return self._task.judge(self._watch.record(_ASKED))
 
     def _nearest(self, side: str) -> tuple[str, bool] | None:
         """Return the object nearest to a hand within the reach of its gripper, and whether it moves in a joint."""

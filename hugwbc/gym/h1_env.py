@@ -72,7 +72,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.env: HumanoidEnv | None = None
         self._threads, self._curriculum = threads, curriculum
-        self._steps = self._not_finite = self._clamped = 0
+        self._steps = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -94,7 +94,6 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             drawn = int(self.np_random.integers(_LAST_SEED)) if seed is None else seed
             self.env = HumanoidEnv(self.config, seed=drawn, threads=self._threads)
             self._steps = 0
-        self._not_finite = self._clamped = 0
         # The training starts episodes at random ages; here all start together.
         self.env.begin_episodes(torch.arange(self.num_envs))
         observation = self.env.observe()
@@ -109,9 +108,8 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Returns:
             Observations after the step, or of a new episode where one has ended, shape (num_envs, 333); rewards, falls
-            and time-outs, shape (num_envs,); and `info`: "critic", "not_finite", "clamped" (numbers of actions that
-            were changed since `reset`), and where an episode has ended "final_obs" and "final_info" with "critic" and
-            "reason", with the masks "_final_obs" and "_final_info".
+            and time-outs, shape (num_envs,); and `info`: "critic", and where an episode has ended "final_obs" and
+            "final_info" with "critic" and "reason", with the masks "_final_obs" and "_final_info".
         """
         env = self.env
         if env is None:
@@ -126,26 +124,17 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         done = result.done.numpy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         truncated[result.timed_out.numpy()] = True
-        info: dict[str, Any] = {
-            "critic": _rows(observation.critic),
-            "not_finite": self._not_finite,
-            "clamped": self._clamped,
-        }
+        info: dict[str, Any] = {"critic": _rows(observation.critic)}
         if done.any() and result.final is not None:
             info |= self._last(result.final, done, truncated)
         return _actor(observation), result.reward.numpy().astype(np.float64), done & ~truncated, truncated, info
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
-        """Return finite actions within the space, and count what was changed."""
+        """Return finite actions within the space."""
         given = np.array(actions, dtype=np.float32)
         if given.shape != (self.num_envs, obs.JOINTS):
             raise ConfigError(f"the actions have the shape {given.shape}; give ({self.num_envs}, {obs.JOINTS})")
-        missing = np.isnan(given)
-        given[missing] = 0.0
-        clipped = np.clip(given, -LARGEST_ACTION, LARGEST_ACTION)
-        self._not_finite += int(missing.sum())
-        self._clamped += int((clipped != given).sum())
-        return clipped
+        return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION)
 
     def _last(self, final: Observation, done: np.ndarray, truncated: np.ndarray) -> dict[str, Any]:
         """Return the last observations of the episodes that have ended, in the places of their robots."""
@@ -191,11 +180,11 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
         """Advance by 20 ms; see `H1VectorEnv.step`.
 
         Returns:
-            Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic",
-            "not_finite", "clamped" and at the end "reason".
+            Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic" and at the
+            end "reason".
         """
         observation, reward, fell, over, info = self._robots.step(np.asarray(action)[None])
-        told = {"critic": info["critic"][0], "not_finite": info["not_finite"], "clamped": info["clamped"]}
+        told = {"critic": info["critic"][0]}
         last = observation[0]
         if "final_obs" in info:
             last = info["final_obs"][0]

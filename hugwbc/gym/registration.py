@@ -1,24 +1,14 @@
 """Registration of the environments with gymnasium. Nothing here loads MuJoCo or torch."""
 
-from types import MappingProxyType
-
 H1 = "hugwbc/H1-v0"
 
-# Identifiers of the tasks' environments, and the tasks. A task in a user's file is hugwbc/Task-v0 with task=FILE.
-TASK_ENVIRONMENTS = MappingProxyType(
-    {
-        "hugwbc/PressButton-v0": "press_button",
-        "hugwbc/FetchBox-v0": "fetch_box",
-        "hugwbc/LiftFromStool-v0": "lift_from_stool",
-        "hugwbc/PushCart-v0": "push_cart",
-        "hugwbc/OpenDoor-v0": "open_door",
-        "hugwbc/OpenDrawer-v0": "open_drawer",
-        "hugwbc/CarryTray-v0": "carry_tray",
-        "hugwbc/WipeTable-v0": "wipe_table",
-        "hugwbc/StackBoxes-v0": "stack_boxes",
-        "hugwbc/HoldPayload-v0": "hold_payload",
-    }
+# As `hugwbc.tasks.TASK_NAMES`, which cannot be imported without the simulator.
+_SUITE = (
+    *("press_button", "fetch_box", "lift_from_stool", "push_cart", "open_door"),
+    *("open_drawer", "carry_tray", "wipe_table", "stack_boxes", "hold_payload"),
 )
+# Identifiers of the tasks' environments, and the tasks. A task in a user's file is hugwbc/Task-v0 with task=FILE.
+TASK_ENVIRONMENTS = {f"hugwbc/{name.title().replace('_', '')}-v0": name for name in _SUITE}
 _ANY_TASK = "hugwbc/Task-v0"
 _TASK_CLASS = "hugwbc.gym.task_env:TaskEnv"
 

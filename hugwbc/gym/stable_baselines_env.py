@@ -16,8 +16,8 @@ LARGEST_ACTION = 4.0  # 1 rad of joint target; learners of bounded spaces start 
 class H1StableBaselinesEnv(VecEnv):
     """Many H1s as stable-baselines3's `VecEnv`; robots whose episode has ended begin the next one in the same step.
 
-    `infos` has "critic" for each robot, and where an episode has ended "terminal_observation", "TimeLimit.truncated",
-    "reason" and, as `VecMonitor` would give it, "episode" with return and length.
+    `infos` has "critic" for each robot, and where an episode has ended "terminal_observation", "TimeLimit.truncated"
+    and "reason". `VecMonitor` of stable-baselines3 adds return and length of the episodes.
 
     Attributes:
         robots: the environment within.
@@ -47,7 +47,6 @@ class H1StableBaselinesEnv(VecEnv):
         super().__init__(num_envs, self.robots.single_observation_space, actions)
         self._seed: int | None = seed
         self._actions = np.zeros((num_envs, *actions.shape), dtype=np.float32)
-        self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, dtype=int)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Let the next `reset` build the robots from a seed; None keeps the present one."""
@@ -58,7 +57,6 @@ class H1StableBaselinesEnv(VecEnv):
         """Begin an episode of every robot; return the observations, shape (n, 333)."""
         seen, info = self.robots.reset(seed=self._seed)
         self._seed = None  # the robots stay the same at the next reset
-        self._returns[:], self._lengths[:] = 0.0, 0
         self.reset_infos = [{"critic": row} for row in info["critic"]]
         return seen
 
@@ -74,8 +72,6 @@ class H1StableBaselinesEnv(VecEnv):
         """
         seen, reward, fell, over, told = self.robots.step(self._actions)
         done = fell | over
-        self._returns += reward
-        self._lengths += 1
         infos: list[dict[str, Any]] = [{"critic": row} for row in told["critic"]]
         for robot in np.flatnonzero(done):
             infos[robot] |= {
@@ -83,9 +79,7 @@ class H1StableBaselinesEnv(VecEnv):
                 "TimeLimit.truncated": bool(over[robot]),
                 "reason": told["final_info"]["reason"][robot],
                 "critic_at_the_end": told["final_info"]["critic"][robot],
-                "episode": {"r": float(self._returns[robot]), "l": int(self._lengths[robot]), "t": 0.0},
             }
-        self._returns[done], self._lengths[done] = 0.0, 0
         return seen, reward.astype(np.float32), done, infos
 
     def close(self) -> None:

@@ -148,37 +148,3 @@ class ActionLayout:
             on |= {f"{side}_hand": wish.used[index], f"{side}_grip": wish.grips[index]}
         numbers = [(1.0 if on[name] else -1.0) if name in on else value[name] for name in self.names]
         return np.clip((np.array(numbers) - self._middle) / self._half, -1.0, 1.0).astype(np.float32)
-
-
-class ActionFilter:
-    """Clamps numbers to -1 to 1, replaces non-finite ones, and counts both since `reset`.
-
-    Attributes:
-        not_finite: numbers that were NaN; the last good one took their place.
-        clamped: numbers that were beyond -1 or 1, infinite ones among them.
-    """
-
-    def __init__(self, rest: np.ndarray) -> None:
-        """Start from an action, shape (n,)."""
-        self._rest = rest
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past before a new episode."""
-        self.not_finite, self.clamped, self._last = 0, 0, self._rest.astype(float)
-
-    def __call__(self, action: object) -> np.ndarray:
-        """Return the action to carry out, shape (n,)."""
-        try:
-            given = np.asarray(action, dtype=float)
-        except (TypeError, ValueError):
-            given = np.empty(0)
-        if given.shape != self._rest.shape:
-            raise ConfigError(f"the action is {action!r}; give {self._rest.size} numbers from -1 to 1")
-        missing = np.isnan(given)
-        filled = np.where(missing, self._last, given)
-        clipped = np.clip(filled, -1.0, 1.0)
-        self.not_finite += int(missing.sum())
-        self.clamped += int((clipped != filled).sum())
-        self._last = clipped
-        return clipped

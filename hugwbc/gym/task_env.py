@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from hugwbc.errors import ConfigError
 from hugwbc.gym.episode import Episode
-from hugwbc.gym.task_action import ActionFilter, ActionLayout
+from hugwbc.gym.task_action import ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import View
@@ -75,7 +75,6 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._simulation: Simulation | None = None
         self._episode: Episode | None = None
         self.actions = ActionLayout(_grip_of(self.task, self._scene))
-        self._filter = ActionFilter(self.actions.rest)
         robot_told, scene_told = self._arena.known_robot, self._scene
         self.observations = ObservationLayout(robot_told, scene_told.body_names, shapes_of(scene_told))
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.actions.names),), np.float32)
@@ -101,7 +100,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._simulation = self._arena.simulation(scene=self._scene, seed=self._seed)
         else:
             self._simulation.redraw(self._seed)
-        self._filter.reset()
+        self._action = self.actions.rest.astype(float)
         self._episode = Episode(self.task, self._simulation, self._controller, self._arms)
         self._since = math.inf  # when everything came to be as it should be
         verdict = self._episode.judge()
@@ -112,16 +111,19 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Do what an action asks for, for 0.1 s.
 
         Args:
-            action: `actions.names`, each from -1 to 1. NaN repeats the last value, and values beyond are clamped;
-                `info` counts both.
+            action: `actions.names`, each from -1 to 1. NaN repeats the last value, and values beyond are clamped.
 
         Returns:
             Observation, reward, whether the task is done or has failed, whether the time is over, and `info`:
-            "score", "success", "reason" (why the episode ended, or what is missing so far), "detail", "time" [s],
-            "seed", "not_finite" and "clamped" (numbers of actions that were changed in this episode).
+            "score", "success", "reason" (why the episode ended, or what is missing so far), "detail", "time" [s] and
+            "seed".
         """
         episode = self._running
-        episode.behaviour.wish = self.actions.decode(self._filter(action))
+        given = np.asarray(action, dtype=float)
+        if given.shape != self._action.shape:
+            raise ConfigError(f"the action has the shape {given.shape}; give {self._action.size} numbers from -1 to 1")
+        self._action = np.where(np.isnan(given), self._action, given).clip(-1.0, 1.0)
+        episode.behaviour.wish = self.actions.decode(self._action)
         episode.advance(self._ticks)
         verdict = episode.judge()
         reward, self._score = verdict.score - self._score, verdict.score
@@ -170,8 +172,6 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "detail": "; ".join(self._problems),
             "time": episode.time,
             "seed": self._seed,
-            "not_finite": self._filter.not_finite,
-            "clamped": self._filter.clamped,
         }
 
 

@@ -6,18 +6,15 @@ FOLDER/
   meta/tasks.parquet                              what is to be done, in words
   meta/subtasks.parquet                           the steps of the behaviours, in words
   meta/episodes/chunk-000/file-000.parquet        a row for each episode: its frames, its verdict, its statistics
-  data/chunk-000/file-000.parquet                 a row for each frame
+  data/chunk-000/file-000.parquet                 a row for each frame of the first episode, and so on
 """
 
-import contextlib
 import json
 import os
 import pathlib
 import secrets
 import shutil
-import signal
-import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -33,7 +30,7 @@ from hugwbc.tasks.task import Task
 
 VERSION = "v3.0"
 _FILES_IN_CHUNK = 1000
-_FILE_SIZE = 100  # [MB] of frames after which another file begins
+_FILE_SIZE = 100  # [MB], which readers expect to be told; a file has one episode
 _PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA, _EPISODES = f"data/{_PLACE}", f"meta/episodes/{_PLACE}"
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
@@ -67,12 +64,11 @@ def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]
 class DatasetWriter:
     """A data set that is written episode by episode and appears only when it is complete.
 
-    Use it in a `with` statement. Files go to a hidden folder beside the requested one, which gets its
-    name at the end. An error or Ctrl-C ends the data set after the last complete episode; Ctrl-C while files are
-    written takes effect when they are.
+    Use it in a `with` statement. Files go to a hidden folder beside the requested one, which gets its name at the end.
+    An error or Ctrl-C ends the data set after the last complete episode.
     """
 
-    def __init__(self, folder: pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
+    def __init__(self, folder: str | pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
         """Prepare the columns.
 
         Args:
@@ -80,7 +76,7 @@ class DatasetWriter:
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
         """
-        self.folder = folder.absolute()
+        self.folder = pathlib.Path(folder).absolute()
         if os.path.lexists(self.folder):
             raise ConfigError(f"{folder} is there already; give a new folder, because recordings are never overwritten")
         self._tasks = [task.name for task in tasks]
@@ -91,10 +87,7 @@ class DatasetWriter:
         self._staging = self.folder.with_name(f".{self.folder.name}.{secrets.token_hex(4)}.partial")
         self._steps: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []
-        self._frames, self._file, self._size = 0, 0, 0.0
-        self._writer: pq.ParquetWriter | None = None
-        self._torn = False  # whether the frames of an episode are written in part
-        self._complete = False
+        self._frames = 0
 
     def __enter__(self) -> Self:
         """Make the hidden folder."""
@@ -110,15 +103,16 @@ class DatasetWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Give the data set its name; after an error, with the episodes that are complete, if there are any."""
-        with _ctrl_c_waits():
-            try:
-                self._close()
-                if kind is None or (self._episodes and not self._torn):
-                    self._finish()
-                    self._name()
-            finally:
-                if not self._complete:
-                    shutil.rmtree(self._staging, ignore_errors=True)
+        complete = False
+        try:
+            if kind is None or self._episodes:
+                self._finish()
+                complete = True
+        finally:
+            if not complete:
+                shutil.rmtree(self._staging, ignore_errors=True)
+        if complete:
+            self._name()
 
     def add(self, episode: Demonstration) -> None:
         """Write one episode."""
@@ -127,24 +121,12 @@ class DatasetWriter:
                 f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "
                 f"is for another data set: this one has {', '.join(self._tasks)} with robot {self._robot.name}"
             )
-        with _ctrl_c_waits():
-            self._write(episode)
-
-    def _write(self, episode: Demonstration) -> None:
-        columns = self._columns(episode)
+        columns, place = self._columns(episode), _place(len(self._episodes))
         arrays = [_arrow(columns[key], self._schema.field(key).type) for key in self._schema.names]
-        table = pa.Table.from_arrays(arrays, schema=self._schema)
-        if self._size > _FILE_SIZE:
-            self._close()
-            self._file, self._size = self._file + 1, 0.0
-        if self._writer is None:
-            path = self._staging / _DATA.format(**_place(self._file))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = pq.ParquetWriter(path, self._schema)
-        self._torn = True
-        self._writer.write_table(table)  # one group of rows for each episode
-        self._size += table.nbytes / 2**20
-        count, verdict, place = len(episode.state), episode.verdict, _place(self._file)
+        path = self._staging / _DATA.format(**place)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.Table.from_arrays(arrays, schema=self._schema), path)
+        count, verdict = len(episode.state), episode.verdict
         self._episodes.append(
             {
                 "episode_index": len(self._episodes),
@@ -166,7 +148,6 @@ class DatasetWriter:
             }
         )
         self._frames += count
-        self._torn = False
 
     def _columns(self, episode: Demonstration) -> dict[str, np.ndarray]:
         """Return the frames of an episode as columns, shapes (T,) or (T, numbers)."""
@@ -189,14 +170,10 @@ class DatasetWriter:
             "subtask_index": np.array(steps),
         }
 
-    def _close(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-
     def _finish(self) -> None:
         if not self._episodes:
             raise ConfigError("no episode was recorded; add at least one")
+        (self._staging / _DATA.format(**_place(len(self._episodes)))).unlink(missing_ok=True)  # of a broken episode
         meta = self._staging / "meta"
         path = self._staging / _EPISODES.format(**_place(0))
         path.parent.mkdir(parents=True)
@@ -205,11 +182,10 @@ class DatasetWriter:
         _write_words(meta / "subtasks.parquet", "subtask", list(self._steps))
         _write_json(meta / "stats.json", {key: _stats(self._whole(key)) for key in self._features})
         _write_json(meta / "info.json", self._info())
-        self._complete = True
 
     def _name(self) -> None:
         try:
-            os.rename(self._staging, self.folder)
+            self._staging.rename(self.folder)
         except OSError as error:
             raise ConfigError(
                 f"cannot give the data set its name {self.folder}: {error.strerror}, something has taken it meanwhile; "
@@ -241,26 +217,6 @@ class DatasetWriter:
             "video_path": None,
             "features": self._features,
         }
-
-
-@contextlib.contextmanager
-def _ctrl_c_waits() -> Iterator[None]:
-    """Delay a Ctrl-C until the files are written; other threads get none.
-
-    Raises:
-        KeyboardInterrupt: at the end, if it came meanwhile and nothing else went wrong.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        signal.raise_signal(signal.SIGINT)
 
 
 def _place(number: int) -> dict[str, int]:

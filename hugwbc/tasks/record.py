@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Protocol
 
 import numpy as np
 
@@ -14,46 +13,8 @@ from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
+_ROUNDING = 1e-9  # [s]
 _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
-
-
-class Samples(Protocol):
-    """The part of a `Trace` that a record needs, of a finished or running episode."""
-
-    @property
-    def time(self) -> np.ndarray:
-        """Times of the samples [s], shape (T,)."""
-        ...
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (T, 26)."""
-        ...
-
-    @property
-    def hand_force(self) -> np.ndarray:
-        """Force on each hand from outside in the world [N], shape (T, 2, 3)."""
-        ...
-
-    @property
-    def hand_error(self) -> np.ndarray:
-        """Distance of each hand from its target [m], shape (T, 2); NaN without one."""
-        ...
-
-    @property
-    def object_pose(self) -> np.ndarray:
-        """Position [m] and quaternion of every body of the scene, shape (T, bodies, 7)."""
-        ...
-
-    @property
-    def fell(self) -> bool:
-        """Whether the robot fell."""
-        ...
-
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """What went wrong with the objects."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +42,6 @@ class TaskRecord:
         pelvis: position [m] and quaternion (w, x, y, z), shape (T, 7).
         hands: positions of the left and the right hand in the world [m], shape (T, 2, 3).
         hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
-        hand_error: distance of each hand from its target [m], shape (T, 2); NaN without one.
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
@@ -99,7 +59,6 @@ class TaskRecord:
     pelvis: np.ndarray
     hands: np.ndarray
     hand_force: np.ndarray
-    hand_error: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
     held: np.ndarray
@@ -142,9 +101,12 @@ class TaskRecord:
 
 
 class TaskWatch:
-    """A watch over one episode, which notes what a `Trace` does not have: contacts, grips and joints of objects.
+    """A watch over one episode, which notes what a judge looks at, whoever controls the robot.
 
-    `look` is called after each physics step, `sample` at each sample of the trace.
+    `look` is called after each physics step, `sample` at least every `RECORD_PERIOD`.
+
+    Attributes:
+        fell: whether the robot has fallen, or the physics diverged.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -163,15 +125,16 @@ class TaskWatch:
         self._is_object = np.zeros(model.nbody, dtype=bool)
         self._is_object[list(self._objects)] = True
         self._jointed = [name for name in names if simulation.objects[name].travel is not None]
+        self.fell = False
         self._steps = 0
         self._touched: dict[tuple[str, str], float] = {}
         self._depth: dict[str, float] = {}
-        self._hands: list[np.ndarray] = []
-        self._travel: list[list[float]] = []
-        self._held: list[list[int]] = []
+        self._samples: dict[str, list[np.ndarray]] = {}
+        self._count = 0
 
     def look(self) -> None:
-        """Note which parts of the robot touch which objects, and how deep the hands are in them."""
+        """Note falls, which parts of the robot touch which objects, and how deep the hands are in them."""
+        self.fell = self.fell or self._simulation.fallen
         self._steps += 1
         if self._steps % _LOOK:
             return
@@ -188,36 +151,42 @@ class TaskWatch:
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
-    def sample(self) -> None:
-        """Note hands, joints and grips of one sample."""
+    def sample(self, time: float) -> None:
+        """Take a sample at a time since the start of the episode [s], if one is due."""
+        if time < self._count * RECORD_PERIOD - _ROUNDING:
+            return
+        self._count += 1
         simulation, names = self._simulation, self._scene.body_names
-        self._hands.append(np.stack([simulation.hand_position(side) for side in SIDES]))
-        self._travel.append([simulation.objects[name].travel or 0.0 for name in self._jointed])
-        gripper = simulation.gripper
+        force, gripper = simulation.state().hand_force, simulation.gripper
         held = [None if gripper is None else gripper.held(side) for side in SIDES]
-        self._held.append([-1 if name is None else names.index(name) for name in held])
+        row = {
+            "time": np.array(time),
+            "pelvis": simulation.qpos[:7],
+            "hands": np.stack([simulation.hand_position(side) for side in SIDES]),
+            "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
+            "poses": simulation.objects.poses,
+            "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
+            "held": np.array([-1 if name is None else names.index(name) for name in held]),
+        }
+        for name, value in row.items():
+            self._samples.setdefault(name, []).append(value)
 
-    def record(self, trace: Samples, ending: Ending) -> TaskRecord:
-        """Return the record of the episode up to now.
+    def record(self, ending: Ending) -> TaskRecord:
+        """Return the record of the episode up to now, at least one sample.
 
         Args:
-            trace: has as many samples as `sample` was called.
             ending: how the behaviour ended.
         """
-        travel = np.array(self._travel).reshape(len(trace.time), len(self._jointed))
+        samples = {name: np.array(values) for name, values in self._samples.items()}
+        poses, travel = samples.pop("poses"), samples.pop("travel")
         return TaskRecord(
             scene=self._scene,
-            time=trace.time,
-            pelvis=trace.qpos[:, :7],
-            hands=np.array(self._hands),
-            hand_force=trace.hand_force,
-            hand_error=trace.hand_error,
-            poses={name: trace.object_pose[:, i] for i, name in enumerate(self._scene.body_names)},
+            **samples,
+            poses={name: poses[:, i] for i, name in enumerate(self._scene.body_names)},
             travel={name: travel[:, i] for i, name in enumerate(self._jointed)},
-            held=np.array(self._held, dtype=int).reshape(len(trace.time), 2),
             touched=dict(self._touched),
             depth=dict(self._depth),
-            fell=trace.fell,
+            fell=self.fell,
             ending=ending,
-            problems=trace.problems,
+            problems=tuple(self._simulation.objects.problems),
         )

@@ -59,10 +59,10 @@ def run_task(
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
     source = task.source(simulation.scene)
-    watch, ended = TaskWatch(simulation), math.inf
+    watch, start, ended = TaskWatch(simulation), simulation.time, math.inf
 
     def sample(moment: Moment) -> None:
-        watch.sample()
+        watch.sample(simulation.time - start)
         if on_moment is not None:
             on_moment(moment)
 
@@ -84,7 +84,7 @@ def run_task(
         on_step=lambda state, estimate: watch.look(),
         until=over,
     )
-    record = watch.record(trace, _ending(source, ended))
+    record = watch.record(_ending(source, ended))
     return TaskRun(trace, record, task.judge(record))
 
 

