@@ -46,7 +46,7 @@ def run(words: Sequence[str]) -> int:
         line = _Line()
 
         def report(figures: Mapping[str, float], gates: Mapping[str, str]) -> None:
-            advance(figures["steps"] / config.steps)
+            advance(figures["progress"])
             line(figures, gates)
 
         trainer = train(config, report, say)

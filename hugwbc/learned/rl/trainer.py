@@ -95,21 +95,24 @@ class Trainer:
         """Train until the limits of the configuration or until asked to stop, and save at the end.
 
         Args:
-            report: called after every iteration with the figures and the gates' words.
+            report: called after every iteration with the figures and the gates' words; `progress` among the figures is
+                the part of this session that is over, by steps or by hours.
         """
-        start = time.monotonic()
+        start, first, hours = time.monotonic(), self.run_steps, self.config.hours
         if self.leads:
             record = {"config": settings_record(self.config), "start_iteration": self.iteration}
             append_session(self.config.out, {"versions": versions(), **record})
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
         while self.run_steps < self.config.steps and not distributed.anywhere(
-            self.stop.requested or time.monotonic() - start >= 3600.0 * self.config.hours
+            self.stop.requested or time.monotonic() - start >= 3600.0 * hours
         ):
             row = self.iterate() | self._evaluate()
             if self.leads:
                 append_row(self.config.out, row, self.iteration)
-                report(row, self.env.curriculum.gates)
+                by_steps = (self.run_steps - first) / (self.config.steps - first)
+                by_hours = (time.monotonic() - start) / (3600.0 * hours)
+                report(row | {"progress": min(1.0, max(by_steps, by_hours))}, self.env.curriculum.gates)
             if self.iteration % self.config.save_interval == 0:
                 self.save()
         self.save()

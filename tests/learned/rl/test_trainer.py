@@ -1,6 +1,7 @@
 import csv
 import dataclasses
 import gc
+import itertools
 import json
 import os
 import pathlib
@@ -205,6 +206,19 @@ def test_a_signal_ends_a_run_after_its_iteration_with_a_checkpoint(tmp_path: pat
 def test_a_run_ends_when_its_time_is_over(tmp_path: pathlib.Path) -> None:
     assert run(config(tmp_path, 9, hours=1e-9)).iteration == 0
     assert (tmp_path / CHECKPOINT_NAME).exists()
+
+
+def test_the_progress_is_that_of_the_session_by_steps_or_by_hours(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[float] = []
+    train(config(tmp_path, 2), lambda row, gates: seen.append(row["progress"]))
+    train(config(tmp_path, 4, resume=True), lambda row, gates: seen.append(row["progress"]))
+    assert seen == [0.5, 1.0, 0.5, 1.0]
+    seconds = itertools.count()
+    monkeypatch.setattr("hugwbc.learned.rl.trainer.time.monotonic", lambda: float(next(seconds)))
+    train(config(tmp_path, 999, resume=True, hours=40 / 3600), lambda row, gates: seen.append(row["progress"]))
+    assert seen[4] > 2 / 40 and seen[4:] == sorted(seen[4:]) and seen[-1] > 0.8
 
 
 def test_the_critic_learns_alone_at_first_if_asked(tmp_path: pathlib.Path) -> None:
