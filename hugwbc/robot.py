@@ -136,7 +136,7 @@ class Robot:
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
     def with_ideal_drives(self) -> "Robot":
-        """Return the robot as a controller is told it whose drives are ideal: without friction and without delay."""
+        """Return the robot with ideal drives, without friction and delay, as controllers are told it."""
         return self._with_ideal_drives
 
     @functools.cached_property

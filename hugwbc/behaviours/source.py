@@ -82,7 +82,7 @@ class BehaviourSource:
         self._manners = Manners()
 
     def see(self, view: View) -> None:
-        """Take what is known at this tick, and decide on the action. Never raises: an error ends the behaviour."""
+        """Take the view of this tick, and decide on the action. Never raises: an error ends the behaviour."""
         dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
         self.view = dataclasses.replace(view, last=self.action)
         action = self.act(self.view)
@@ -127,7 +127,7 @@ class BehaviourSource:
 
     @property
     def ending(self) -> str:
-        """How it ended, in words; or what it is at."""
+        """How it ended, in words, or its current activity."""
         if self.status is Status.RUNNING:
             return "not begun" if self._course is None else f"not done: was still at {self.doing}"
         return "done" if self.status is Status.SUCCESS else f"not done: {self.reason}"

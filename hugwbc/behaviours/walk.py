@@ -72,7 +72,7 @@ def walk_to(
     tolerance: Tolerance = POSITION_TOLERANCE,
     timeout: Seconds = 30.0,
 ) -> Course:
-    """Walk to a place in the world, or to one before an object as it is seen: give `position` or `before`.
+    """Walk to a place in the world, or in front of an object: give `position` or `before`.
 
     Args:
         view: now.
@@ -113,7 +113,7 @@ def walk_to(
 def face(
     view: View, object: Name | None = None, *, yaw: Angle | None = None, stand: bool = True, timeout: Seconds = 20.0
 ) -> Course:
-    """Turn on the spot to a heading, or towards an object as it is seen: give `object` or `yaw`.
+    """Turn on the spot to a heading, or towards an object: give `object` or `yaw`.
 
     Args:
         view: now.

@@ -83,7 +83,7 @@ class BenchFigures:
     side_by_side: "SideBySide | None" = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures as JSON, without those that were not asked for."""
+        """Return the requested figures as JSON."""
         return {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
 
 

@@ -101,7 +101,7 @@ def to_json(result: Result) -> dict[str, Any]:
 
 
 def _name(words: list[str]) -> tuple[str, list[str]]:
-    """Return the experiment that the words name, and the remaining words; print the list if that was asked for."""
+    """Return the experiment that the words name, and the remaining words; print the list on request."""
     if words and not words[0].startswith("-"):
         return words[0], words[1:]
     if {"-h", "--help"} & set(words):

@@ -105,7 +105,7 @@ def run_experiment(
     store: Store | None = None,
     on_progress: Callable[[float, float], object] = lambda done, read: None,
 ) -> Result:
-    """Run what is not stored of an experiment, and return all rows and figures.
+    """Run the episodes of an experiment that are not stored, and return all rows and figures.
 
     Args:
         experiment: the experiment.

@@ -87,7 +87,7 @@ def segment_spans(script: Script) -> list[tuple[str, float, float]]:
 
 
 def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
-    """Return a table with a row for each segment: the hands' errors after arrival, and what was followed worst.
+    """Return a table with a row for each segment: the hands' errors after arrival, and the command with the largest error.
 
     Args:
         script: the script that was played.
@@ -150,7 +150,7 @@ def _pose(trace: Trace) -> tuple[float, float, float]:
 
 
 def verdict(outcomes: Mapping[str, Outcome], traces: Sequence[Trace]) -> str:
-    """Return one sentence: who stayed up, and who followed what clearly better in this one run.
+    """Return a sentence: who stayed up, and who followed which command clearly better in this run.
 
     Args:
         outcomes: figures by the controller's name, at least one.

@@ -50,7 +50,7 @@ class Episode:
 
     @property
     def view(self) -> View:
-        """What is known now."""
+        """The view now."""
         assert self._source.view is not None
         return dataclasses.replace(self._source.view, last=self._source.action)
 

@@ -22,7 +22,7 @@ class Stop:
         self.requested = False
 
     def check(self) -> None:
-        """End the work with a `StoppedError` if that was asked for."""
+        """End the work with a `StoppedError` on request."""
         if self.requested:
             raise StoppedError
 

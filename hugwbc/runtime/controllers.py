@@ -154,7 +154,7 @@ class ControllerSpec:
                 )
 
     def _check_path(self) -> pathlib.Path:
-        """Return the file of a policy, after refusing what is none."""
+        """Return the file of a policy; refuse others."""
         from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
 
         path = pathlib.Path(self.name)
@@ -318,7 +318,7 @@ def _takes(factory: Callable[..., Any], parameter: str) -> bool:
 
 
 def _check_members(controller: Any, origin: str) -> None:  # noqa: ANN401  what somebody else's code returned
-    """Refuse what is not a controller."""
+    """Refuse an object that is not a controller."""
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         raise ConfigError(

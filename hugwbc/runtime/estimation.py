@@ -287,7 +287,7 @@ class StateEstimator:
         return covariance
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
-        """Return what was planned for the time up to that of the reading; keep what is planned for the present."""
+        """Return the plan for the time up to that of the reading; keep the plan for the present."""
         if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
             planned = None
         self._plans.append((state.time + state.age, planned))

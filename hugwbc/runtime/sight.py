@@ -177,7 +177,7 @@ class Sight:
         self._poses = None
 
     def look(self, time: float, state: RobotState) -> View:
-        """Return what is known at a time [s].
+        """Return the view at a time [s].
 
         Args:
             time: since the start of the run [s].

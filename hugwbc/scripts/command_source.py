@@ -39,7 +39,7 @@ class SeeingSource(CommandSource, Protocol):
         ...
 
     def see(self, view: View) -> None:
-        """Take what is known at this tick, before each `command_at`."""
+        """Take the view of this tick, before each `command_at`."""
         ...
 
     @property

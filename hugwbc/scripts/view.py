@@ -110,7 +110,7 @@ class Action:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class View:
-    """What a behaviour knows at a tick: all of it estimated or seen, nothing of it the simulator's truth.
+    """What a behaviour knows at a tick: estimates and observations, never the simulator's truth.
 
     Attributes:
         time: since the start of the run [s].

@@ -191,7 +191,7 @@ class _Watch:
         self._open: View | None = None  # of a frame that has no action yet
 
     def course(self, course: Course, view: View) -> Course:
-        """Let a behaviour run as it is."""
+        """Run a behaviour unchanged."""
         self._close(view.last)
         try:
             action = next(course)

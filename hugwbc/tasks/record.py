@@ -101,7 +101,7 @@ class TaskRecord:
 
 
 class TaskWatch:
-    """A watch over one episode, which notes what a judge looks at, whoever controls the robot.
+    """A watch over one episode, which notes what a judge needs, with any controller.
 
     `look` is called after each physics step, `sample` at least every `RECORD_PERIOD`.
 

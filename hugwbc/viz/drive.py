@@ -129,7 +129,7 @@ class Drive:
             self.page.recording = self._record is not None
 
     def _do_task(self, stop: Callable[[], bool]) -> None:
-        """Do the task that the person asked for, if any, and stand up in the old place."""
+        """Do the requested task, if any, and stand up in the old place."""
         task = self.page.take_task()
         if task is None or self.perform is None:
             return

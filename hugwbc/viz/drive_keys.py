@@ -77,7 +77,7 @@ class Touched:
 
     @classmethod
     def parse(cls, message: Mapping[str, Any]) -> "Touched":
-        """Return what a page's message says; what is malformed counts as not touched."""
+        """Return the content of a page's message; malformed parts count as not touched."""
         held = message.get("held")
         codes = frozenset(code for code in held if isinstance(code, str)) if isinstance(held, list) else frozenset()
         axes = message.get("axes")

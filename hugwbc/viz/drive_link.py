@@ -66,7 +66,7 @@ class DriveLink:
         self._status = status
 
     def take_actions(self) -> list[str]:
-        """Return the actions that were asked for since the last call."""
+        """Return the actions requested since the last call."""
         with self._using:
             pressed, self._pressed = self._pressed, []
         return pressed
@@ -143,7 +143,7 @@ class DriveLink:
         return talk
 
     def _hear(self, number: int, message: str | bytes) -> None:
-        """Take a page's message; one that makes no sense is only a sign of life."""
+        """Take a page's message; a malformed one only shows that the page is alive."""
         said: Any = {}
         if len(message) <= LONGEST_MESSAGE:
             try:

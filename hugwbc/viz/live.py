@@ -243,13 +243,13 @@ class LivePage:
         self._show_sliders()
 
     def take(self, action: str) -> bool:
-        """Return whether the person asked for an action since the last call: "reset" or "record"."""
+        """Return whether an action was requested since the last call: "reset" or "record"."""
         asked = action in self._asked
         self._asked.discard(action)
         return asked
 
     def take_task(self) -> str | None:
-        """Return the task that the person asked for since the last call; None if there is none."""
+        """Return the task requested since the last call; None if there is none."""
         asked = sorted(action for action in self._asked if action.startswith(TASK))
         self._asked.difference_update(asked)
         return asked[0].removeprefix(TASK) if asked else None
@@ -283,7 +283,7 @@ class LivePage:
             self._asked.add(action)
 
     def _steer(self) -> None:
-        """Do what keys, sticks and buttons ask for, and stop the robot if nobody is there any more."""
+        """Apply keys, sticks and buttons, and stop the robot if the page is gone."""
         for action in self.link.take_actions():
             self._obey(action)
         driven = self.link.commands()
@@ -315,7 +315,7 @@ class LivePage:
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
     def show(self, simulation: Engine, task: str = "", speed: float = 1.0) -> None:
-        """Draw the robot where it is, say what it does, and take what the person asks for.
+        """Draw the robot, show its state, and take the person's requests.
 
         Args:
             simulation: the robot, among the objects that the page shows.

@@ -81,7 +81,7 @@ class LiveSource:
                 self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
 
     def stop(self) -> None:
-        """Ask for rest; a robot that began to walk because it was asked for a velocity stands again."""
+        """Request rest; a robot that walks only because a velocity was requested stands again."""
         with self._asking:
             gait = Gait.STANDING if self._walks_by_itself else self.wanted.gait
             self.wanted = dataclasses.replace(self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
@@ -92,7 +92,7 @@ class LiveSource:
         self._paused = on
 
     def halt(self, reason: str) -> None:
-        """Ask for a stand, because nobody drives any more.
+        """Request a stand, because nobody drives.
 
         Args:
             reason: what has happened, for people.

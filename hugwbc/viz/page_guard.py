@@ -28,7 +28,7 @@ _starting = threading.Lock()
 
 
 class Addition(Protocol):
-    """What is served on the same port besides viser's page."""
+    """Content served on the same port besides viser's page."""
 
     def answer(self, request: Request, viser: Callable[[Request], Response | None]) -> Response | None:
         """Return the answer to a request; None to open a web socket. `viser` answers as viser would."""

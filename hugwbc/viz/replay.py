@@ -167,7 +167,7 @@ def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: i
 
 
 def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
-    """Return an `<svg>` that shows, foot by foot, what the gait's clock asked for and when the foot was on the ground.
+    """Return an `<svg>` that shows, foot by foot, the contact by the gait's clock and the measured one.
 
     Args:
         traces: the runs; each has two rows, the left foot over the right one.

@@ -109,7 +109,7 @@ class NetworkPolicy:
         self._start(None)
 
     def _start(self, state: RobotState | None) -> None:
-        """Forget the past; without a state, what is known is a stand."""
+        """Forget the past; without a state, assume a stand."""
         upright, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros_like(self._pose)
         self._state = RobotState(self._pose, still, upright, np.zeros(3)) if state is None else state
         self._network.reset()

@@ -267,7 +267,7 @@ def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:
 
 
 def check_term(name: str) -> None:
-    """Refuse a term that does not give what it declares on made-up robots, on their mirror images and on one alone."""
+    """Refuse a term that violates its declaration on random robots, on their mirror images or on a single one."""
     term, robots = TERMS[name], _made_up()
     partner, sign = term.image()
     if len(partner) != term.size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != term.size:

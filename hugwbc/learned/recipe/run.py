@@ -72,7 +72,7 @@ def run_recipe(
     report: Report = lambda stage, figures: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> bool:
-    """Run a recipe from wherever its folder is, until it is finished or asked to stop.
+    """Run a recipe from the state of its folder, until it is finished or stopped.
 
     Under torchrun all processes train; the first one alone does the rest.
 

@@ -92,7 +92,7 @@ class Trainer:
     # Training -------------------------------------------------------------------------------------------------------
 
     def run(self, report: Report) -> None:
-        """Train until the limits of the configuration or until asked to stop, and save at the end.
+        """Train until the limits of the configuration or until stopped, and save at the end.
 
         Args:
             report: called after every iteration with the figures and the gates' words; `progress` among the figures is

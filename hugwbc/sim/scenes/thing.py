@@ -104,7 +104,7 @@ class Thing:
 
     @property
     def label(self) -> str:
-        """What it is called in a message."""
+        """Its name in messages."""
         return f"{self.kind} '{self.name}'"
 
     @property
