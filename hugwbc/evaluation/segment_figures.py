@@ -87,7 +87,7 @@ def segment_spans(script: Script) -> list[tuple[str, float, float]]:
 
 
 def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
-    """Return a table with a row for each segment: the hands' errors after arrival, and the command with the largest error.
+    """Return a table with a row for each segment: hand errors after arrival, and the command with the largest error.
 
     Args:
         script: the script that was played.
