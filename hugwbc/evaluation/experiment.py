@@ -3,7 +3,7 @@
 import dataclasses
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import polars as pl
 
@@ -11,10 +11,12 @@ from hugwbc.controller import Controller
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.picture_data import Picture
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import Store, controller_digest
 from hugwbc.runtime.controllers import ControllerSpec
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 S = TypeVar("S", bound=Settings)
 Measured = tuple[str, Any, pl.DataFrame]
@@ -39,7 +41,7 @@ class Section(Generic[S]):
     text: str
     quick: Callable[[], Sequence[S]]
     full: Callable[[], Sequence[S]]
-    pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Picture]] = lambda measured, controllers: ()
+    pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence["Panel"]] = lambda measured, controllers: ()
     unavailable: Callable[[], str] = lambda: ""
     ablation: bool = False
 

@@ -14,7 +14,6 @@ from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.report.clouds import LEVELS, hand_clouds
 from hugwbc.report.figure_tables import comparison_sentence, comparison_table, figures_csv
-from hugwbc.report.pictures import colours_controllers, draw
 from hugwbc.report.training_curve import read_training, smoothed
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
@@ -126,9 +125,8 @@ def _section(report: Report, experiment: Experiment[Any], section: Section[Any])
     if not tables:
         return ""
     measured = [(result.controller, result.settings, frame_of(result.rows)) for result in report.of(experiment)]
-    pictures = section.pictures(measured, report.controllers)
-    drawn = [draw(picture, report.controllers) for picture in pictures]
-    key = page.legend(report.controllers, LABEL_COLOURS) if any(map(colours_controllers, pictures)) else ""
+    drawn = section.pictures(measured, report.controllers)
+    key = page.legend(report.controllers, LABEL_COLOURS) if any(panel.coloured for panel in drawn) else ""
     html = [page.paragraph(section.text), *(page.table_html(table, 3) for table in tables), key]
     return "\n".join([*html, page.pictures(drawn) if drawn else ""])
 

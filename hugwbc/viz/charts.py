@@ -49,7 +49,7 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
         assert axes.figure is not None
         axes.figure.colorbar(image, ax=axes, label=label, extend="max")
 
-    return Panel(title, picture(title, draw, height=_MAPS_HEIGHT))
+    return Panel(title, picture(title, draw, height=_MAPS_HEIGHT), coloured=False)
 
 
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
@@ -87,7 +87,7 @@ def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
 
 
 def gait_diagram(
-    title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, colour: str, length: float
+    title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, controller: int, length: float
 ) -> Panel:
     """Draw when each foot is on the ground (bars) and the gait's clock signals (curves), the left foot on top.
 
@@ -96,9 +96,10 @@ def gait_diagram(
         time: times of the samples [s], shape (T,).
         contact: whether the left and the right foot are on the ground, shape (T, 2), bool.
         clock: clock signals of the left and the right foot, in [-1, 1], shape (T, 2).
-        colour: colour of the bars.
+        controller: number of the controller, which gives the colour of the bars.
         length: length of the time axis [s].
     """
+    colour = LABEL_COLOURS[controller % len(LABEL_COLOURS)]
 
     def draw(axes: Axes) -> None:
         for foot, lane in enumerate((1.0, 0.0)):

@@ -59,10 +59,12 @@ class Panel:
     Attributes:
         title: title of the picture.
         svg: the `<svg>` element, which scales with its container.
+        coloured: whether it has the colours of the controllers, so that it needs their legend.
     """
 
     title: str
     svg: str
+    coloured: bool = True
 
 
 def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:

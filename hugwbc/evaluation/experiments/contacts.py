@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -13,11 +14,13 @@ from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean
-from hugwbc.evaluation.picture_data import GaitDiagram
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import NotNegative, Positive, settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 _SHOWN_S = 2.0  # [s] of a gait diagram
@@ -102,8 +105,10 @@ def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*found, falls_figure(table, rows["fell"])]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[GaitDiagram]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return contacts and clock of the first episode of each gait and controller."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     drawn = []
     for controller, _, rows in measured:
         row = rows.row(0, named=True)
@@ -112,7 +117,8 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[G
         if len(contact):
             clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
             time = RECORD_PERIOD * np.arange(len(contact))
-            drawn.append(GaitDiagram(title, time, contact, clock, controller, _SHOWN_S))
+            number = list(controllers).index(controller)
+            drawn.append(charts.gait_diagram(title, time, contact, clock, number, _SHOWN_S))
     return drawn
 
 

@@ -9,6 +9,7 @@ every force.
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -20,11 +21,13 @@ from hugwbc.evaluation.episode import Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.evaluation.picture_data import Polar
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Force
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 DIRECTIONS = tuple(range(0, 360, 45))  # [deg] of the force, counted from the robot's front to its left
 KINDS = {"constant": None, "second": 1.0}  # how long the force acts [s]
@@ -132,13 +135,15 @@ def figures(settings: DisturbanceSettings, rows: pl.DataFrame) -> list[Figure]:
     ]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Polar]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return the tolerated force over direction, for each kind of force."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     found = {name: searches(chosen, rows.to_dicts()) for name, chosen, rows in measured}
     angles = [math.radians(direction) for direction in DIRECTIONS]
     # Controllers without a result keep their place, so that the colours are the same on the whole page.
     return [
-        Polar(
+        charts.polar(
             f"Tolerated force, {name}",
             angles,
             {c: [found[c][kind, d].tolerated if c in found else None for d in DIRECTIONS] for c in controllers},

@@ -6,6 +6,7 @@ and the time of a call. The times depend on this machine and its load; the other
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -18,12 +19,14 @@ from hugwbc.evaluation.episode import Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import known, scaled, single
-from hugwbc.evaluation.picture_data import Curves
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 # The columns of a row as figures: name, unit, and factor to that unit.
 COLUMNS = {
@@ -117,8 +120,10 @@ def figures(settings: EffortSettings, rows: pl.DataFrame) -> list[Figure]:
     return found
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Curves]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return the cost of transport over the executed speed, for each gait that moves."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         series = {name: (np.zeros(0), np.zeros(0)) for name in controllers}
@@ -127,7 +132,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[C
                 points = rows.select(pl.col("speed", "cost_of_transport").cast(pl.Float64)).drop_nulls()
                 series[name] = (points["speed"].to_numpy(), points["cost_of_transport"].to_numpy())
         if any(len(x) for x, _ in series.values()):
-            drawn.append(Curves(f"Cost of transport, {gait}", series, ("m/s", ""), bottom=0.0))
+            drawn.append(charts.curves(f"Cost of transport, {gait}", series, ("m/s", ""), bottom=0.0))
     return drawn
 
 

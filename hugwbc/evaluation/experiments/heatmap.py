@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import polars as pl
@@ -22,9 +22,11 @@ from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.experiments.single_command import episode_error, sampled_commands
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known
-from hugwbc.evaluation.picture_data import HeatMaps
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 ORTHOGONAL = 1.5  # times the single-command error
 
@@ -158,8 +160,10 @@ def figures(settings: HeatmapSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*found, falls_figure(table, rows["fell"]), *pairs]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[HeatMaps]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return the maps of all pairs relative to the errors alone, for each gait and controller."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     drawn = []
     for name, chosen, rows in measured:
         single = alone(chosen, rows)
@@ -167,7 +171,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[H
             (tracked, against): error_map(chosen, rows, tracked, against) / (single[tracked].value or math.nan)
             for tracked, against in itertools.permutations(chosen.names, 2)
         }
-        drawn.append(HeatMaps(f"{chosen.gait}, {name}", chosen.names, maps, "times the error alone"))
+        drawn.append(charts.heat_maps(f"{chosen.gait}, {name}", chosen.names, maps, "times the error alone"))
     return drawn
 
 

@@ -6,6 +6,7 @@ Each run uses another robot: ground friction, payload and joint gains are drawn 
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -19,10 +20,12 @@ from hugwbc.evaluation.figures import FALLS, Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
-from hugwbc.evaluation.picture_data import XY, Curves
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.settings import Count, NotNegative, Positive, settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 RAMPED = ("p", "w")
 _START, _APPROACH = 1.0, 2.0  # [s] at the default command, and from there to the minimum
@@ -112,8 +115,10 @@ def figures(settings: RampSettings, rows: pl.DataFrame) -> list[Figure]:
     return found
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Curves]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return measured over commanded value, averaged over the runs, for each gait and command."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         for command in RAMPED:
@@ -121,11 +126,11 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[C
             series = {name: found.get(name, (np.zeros(0), np.zeros(0))) for name in controllers}
             line = np.unique(np.concatenate([x for x, _ in series.values()]))
             labels = (f"commanded {command} [rad]", "measured [rad]")
-            drawn.append(Curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+            drawn.append(charts.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
     return drawn
 
 
-def _mean_curve(rows: pl.DataFrame, command: str) -> XY:
+def _mean_curve(rows: pl.DataFrame, command: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the commanded values, and the mean of what the runs that got there measured."""
     points = rows.filter(pl.col("command") == command).select("commanded", "measured").explode("commanded", "measured")
     curve = points.drop_nulls().group_by("commanded").agg(pl.col("measured").mean()).sort("commanded")

@@ -8,6 +8,7 @@ cost of the difference.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -19,9 +20,11 @@ from hugwbc.evaluation.experiments.single_command import episode, sampled_comman
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES
-from hugwbc.evaluation.picture_data import XY, Curves
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import Count, settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
 
 NOMINAL = "nominal"
 # Fields of Conditions, and the values of each.
@@ -111,8 +114,10 @@ def figures(settings: RobustnessSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*errors[1:], *falls]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Curves]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
     """Return the relative error over the value of each factor, for each gait."""
+    from hugwbc.viz import charts  # loads matplotlib
+
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         found = {name: ratios(rows) for name, chosen, rows in measured if chosen.gait == gait}
@@ -120,11 +125,13 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[C
             series = {name: _curve(found.get(name, ()), factor) for name in controllers}
             one = (np.array([min(values), max(values)]), np.ones(2))
             labels = (f"{factor} {GRID_UNITS.get(factor, '')}".strip(), "times the error")
-            drawn.append(Curves(f"{factor}, {gait}", series, labels, dashed=one, bottom=0.0))
+            drawn.append(charts.curves(f"{factor}, {gait}", series, labels, dashed=one, bottom=0.0))
     return drawn
 
 
-def _curve(found: Sequence[tuple[str, float, pl.DataFrame, float | None]], factor: str) -> XY:
+def _curve(
+    found: Sequence[tuple[str, float, pl.DataFrame, float | None]], factor: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a factor in rising order, and the relative errors."""
     mine = sorted((level, math.nan if ratio is None else ratio) for name, level, _, ratio in found if name == factor)
     return np.array([x for x, _ in mine]), np.array([y for _, y in mine])
