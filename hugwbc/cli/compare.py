@@ -75,10 +75,10 @@ def run(words: Sequence[str]) -> int:
             for message in trace.safety.messages:
                 say(f"safety filter of {trace.name}: {message}", options.json)
         write_json(options.json, summary)
-        film = _write_video(options, traces, script) if options.video else []
-        video = film[0].name if film else None
-        written = write_comparison(options.out, summary, figures, traces, script=script, video=video) + film
+        written = write_comparison(options.out, summary, figures, traces, script=script)
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
+        if options.video:
+            _write_video(options, traces, script)
     return 0
 
 
@@ -137,17 +137,17 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> list[pathlib.Path]:
-    """Write the video and return its path; if the machine cannot render, print why and return None."""
+def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> None:
+    """Write the video and link it in the report; if the machine cannot render, print why."""
     from hugwbc.evaluation.segment_figures import segment_spans
+    from hugwbc.report.comparison_page import link_video
     from hugwbc.viz.framing import Chapter
     from hugwbc.viz.video import write_video
 
     chapters = [] if script is None else [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
     path = options.out / "compare.mp4"
-    with progress("video") as advance:
+    with progress("video, the pages are ready") as advance:
         obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
     if obstacle is None:
-        return [path]
-    say(obstacle, options.json)
-    return []
+        link_video(options.out / "report.html", path)
+    say(obstacle or f"wrote {path}", options.json)

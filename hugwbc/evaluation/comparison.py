@@ -10,7 +10,7 @@ from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.tables import Table, hand_rows
+from hugwbc.evaluation.tables import Table
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
@@ -18,6 +18,18 @@ from hugwbc.scripts.script import Script
 from hugwbc.sim import Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
+
+# Fields of `metrics.HandTravel` with their labels and scales, for tables.
+HAND_ROWS = (
+    ("arrived", "hand error once there, mean [cm]", 100.0),
+    ("arrived_p95", "hand error once there, 95th percentile [cm]", 100.0),
+    ("travelling", "hand error on the way, mean [cm]", 100.0),
+    ("travel_time", "hands on the way [s]", 1.0),
+)
+HAND_NOTE = (
+    f"A hand travels to a new target until it is within {100 * metrics.ARRIVED:.0f} cm of it for the first time; from "
+    "then on it is there. Means over both hands."
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +41,7 @@ class Outcome:
         survived_s: time until the fall, or the duration of the script [s].
         errors: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
         hand_error_m: `metrics.HandErrors` [m].
+        hand_travel: `metrics.HandTravel`.
         tick_ms: p50 and p99 of the controller's computing time for one call [ms].
         ik_ms: p50 and p99 of the hand IK's computing time [ms]; None where it was not called.
         steps: number of control steps.
@@ -40,6 +53,7 @@ class Outcome:
     survived_s: float
     errors: dict[str, float]
     hand_error_m: dict[str, float | None]
+    hand_travel: dict[str, float | None]
     tick_ms: dict[str, float | None]
     ik_ms: dict[str, float | None]
     steps: int
@@ -54,6 +68,7 @@ def summarise(trace: Trace) -> Outcome:
         survived_s=trace.survived_s,
         errors=metrics.tracking_errors(trace, settle=0.0),
         hand_error_m=dataclasses.asdict(metrics.hand_errors(trace.hand_error, trace.reachable)),
+        hand_travel=dataclasses.asdict(metrics.hand_travel(trace)),
         tick_ms=metrics.percentiles(trace.tick_ms),
         ik_ms=metrics.percentiles(trace.ik_ms),
         steps=trace.steps,
@@ -219,11 +234,15 @@ def figure_table(outcomes: Mapping[str, Outcome]) -> Table:
     for name in next(iter(outcomes.values())).errors:
         label = f"error {name} [{COMMAND_UNITS[name]}]"
         rows.append((label, *(outcome.errors[name] for outcome in outcomes.values())))
-    rows += hand_rows([outcome.hand_error_m for outcome in outcomes.values()])
+    for part, label, scale in HAND_ROWS:
+        values = [outcome.hand_travel[part] for outcome in outcomes.values()]
+        rows.append((label, *(None if value is None else scale * value for value in values)))
+    reachable = (outcome.hand_error_m["reachable_fraction"] for outcome in outcomes.values())
+    rows.append(("part of targets that the IK calls reachable", *reachable))
     for part in ("p50", "p99"):
         rows.append((f"tick {part} [ms]", *(outcome.tick_ms[part] for outcome in outcomes.values())))
     for part in ("p50", "p99"):
         rows.append((f"hand IK {part} [ms]", *(outcome.ik_ms[part] for outcome in outcomes.values())))
     rows.append(("control steps", *(outcome.steps for outcome in outcomes.values())))
     rows.append(("footsteps", *(outcome.footsteps for outcome in outcomes.values())))
-    return Table("Figures", ("", *outcomes), rows)
+    return Table("Figures", ("", *outcomes), rows, HAND_NOTE)

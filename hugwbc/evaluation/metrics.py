@@ -20,6 +20,8 @@ from hugwbc.state import GRAVITY, RobotState
 
 SETTLE_S = 1.0  # [s]
 CREEP_SPEED = 0.002  # [m/s], below which a foot on the ground counts as standing still
+ARRIVED = 0.05  # [m]; a hand that came this close to its target has arrived
+JUMP = 0.1  # [m]; a target that moves by more between two samples is a new one, to which the hand has to travel
 SHORTEST_WAY = 0.1  # [m]; the cost of transport of a shorter way has no meaning
 _MEASURED_COLUMNS = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
@@ -250,6 +252,51 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
         all_mean=_mean(error[wanted]),
         all_p95=_p95(error[wanted]),
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class HandTravel:
+    """The hands' errors apart from the way there.
+
+    A hand travels to a new target until it is within `ARRIVED` of it for the first time; from then on it has arrived.
+
+    Attributes:
+        travelling: mean error before arrival [m]; None if the hands never travelled.
+        arrived, arrived_p95: mean and 95th percentile of the errors after arrival [m]; None if no hand arrived.
+        travel_time: time that the hands travelled, mean of both [s].
+    """
+
+    travelling: float | None
+    arrived: float | None
+    arrived_p95: float | None
+    travel_time: float
+
+
+def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> HandTravel:
+    """Return the hands' errors before and after arrival.
+
+    Args:
+        trace: the run.
+        kept: samples that count, shape (T,), bool; None for all.
+    """
+    there, error = arrived(trace), trace.hand_error
+    counts = np.isfinite(error) & (np.ones(len(there), dtype=bool) if kept is None else kept)[:, None]
+    away, near = counts & ~there, counts & there
+    period = float(np.median(np.diff(trace.time))) if len(trace.time) > 1 else 0.0
+    return HandTravel(_mean(error[away]), _mean(error[near]), _p95(error[near]), float(away.sum()) / 2.0 * period)
+
+
+def arrived(trace: Trace) -> np.ndarray:
+    """Return whether each hand had arrived at its present target, shape (T, 2), bool; False without a target."""
+    found = np.zeros(trace.hand_error.shape, dtype=bool)
+    for side in range(2):
+        error, target = trace.hand_error[:, side], trace.hand_target_world[:, side]
+        there = False
+        for sample in range(len(error)):
+            jumped = sample and np.linalg.norm(target[sample] - target[sample - 1]) > JUMP
+            there = bool(np.isfinite(error[sample]) and ((there and not jumped) or error[sample] <= ARRIVED))
+            found[sample, side] = there
+    return found
 
 
 def _p95(values: np.ndarray) -> float | None:

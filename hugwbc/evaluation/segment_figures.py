@@ -1,83 +1,25 @@
-"""What happened in each segment of a script, where each robot ended, and a sentence that compares them."""
+"""What happened in each segment of a script, where each robot ended, and a sentence that sums up a comparison."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
-from hugwbc.evaluation.comparison import Outcome
+from hugwbc.evaluation.comparison import HAND_NOTE
+from hugwbc.evaluation.metrics import hand_travel
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 
-ARRIVED = 0.05  # [m]; a hand that came this close to its target has arrived
-JUMP = 0.1  # [m]; a target that moves by more between two samples is a new one, to which the hand has to travel
-CLEARLY = 0.85  # an error below this share of another one is clearly smaller
-# ... unless nobody would see the difference: in m/s, rad/s, m and rad of the commands, and in m of the hands.
+# Differences of errors that somebody would see, in m/s, rad/s, m and rad of the commands, and in m of the hands.
 SEEN = {"v_x": 0.01, "v_y": 0.01, "omega": 0.01, "h": 0.003, "p": 0.01, "w": 0.01}
 SEEN_BY_HANDS = 0.003
 NAMES = {"v_x": "forward speed", "v_y": "sideways speed", "omega": "turning", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
-ARRIVAL_NOTE = (
-    f"A hand travels to a new target until it is within {100 * ARRIVED:.0f} cm of it for the first time; from then on "
-    "it has arrived. Means over both hands."
-)
-
-
-def arrived(trace: Trace) -> np.ndarray:
-    """Return whether each hand had arrived at its present target, shape (T, 2), bool; False without a target."""
-    found = np.zeros(trace.hand_error.shape, dtype=bool)
-    for side in range(2):
-        error, target = trace.hand_error[:, side], trace.hand_target_world[:, side]
-        there = False
-        for sample in range(len(error)):
-            if not np.isfinite(error[sample]):
-                there = False
-                continue
-            if sample and np.linalg.norm(target[sample] - target[sample - 1]) > JUMP:
-                there = False
-            there = there or bool(error[sample] <= ARRIVED)
-            found[sample, side] = there
-    return found
-
-
-@dataclasses.dataclass(frozen=True)
-class HandTravel:
-    """The hands' errors apart from the way there.
-
-    Attributes:
-        travelling: mean error before arrival [m]; None if the hands never travelled.
-        arrived: mean error after arrival [m]; None if no hand arrived.
-        travel_time: time that the hands travelled, mean of both [s].
-    """
-
-    travelling: float | None
-    arrived: float | None
-    travel_time: float
-
-
-def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> HandTravel:
-    """Return the hands' errors before and after arrival.
-
-    Args:
-        trace: the run.
-        kept: samples that count, shape (T,), bool; None for all.
-    """
-    there = arrived(trace)
-    counts = np.isfinite(trace.hand_error) & (np.ones(len(there), dtype=bool) if kept is None else kept)[:, None]
-    away = counts & ~there
-    period = float(np.median(np.diff(trace.time))) if len(trace.time) > 1 else 0.0
-    return HandTravel(
-        _mean(trace.hand_error[away]), _mean(trace.hand_error[counts & there]), float(away.sum()) / 2.0 * period
-    )
-
-
-def _mean(values: np.ndarray) -> float | None:
-    return float(values.mean()) if values.size else None
 
 
 def segment_spans(script: Script) -> list[tuple[str, float, float]]:
@@ -113,7 +55,7 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
         rows.append(row)
     parts = ("largest error", "hands there [cm]", "hands on the way [cm]", "on the way for [s]")
     columns = ["", *(f"{trace.name}: {part}" for trace in traces for part in parts)]
-    return Table("Segment by segment", columns, rows, ARRIVAL_NOTE)
+    return Table("Segment by segment", columns, rows, HAND_NOTE)
 
 
 # What counts as an equally large error in each measured command, to name the largest one.
@@ -149,51 +91,35 @@ def _pose(trace: Trace) -> tuple[float, float, float]:
     return x, y, float(rotations.yaw_of(trace.qpos[-1, 3:7]))
 
 
-def verdict(outcomes: Mapping[str, Outcome], traces: Sequence[Trace]) -> str:
-    """Return a sentence: who stayed up, and who followed which command clearly better in this run.
+def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
     Args:
-        outcomes: figures by the controller's name, at least one.
-        traces: the runs, in the same order.
+        controllers: the "controllers" of `comparison.comparison_summary` or `task_summary`, at least one.
     """
-    fates = {
-        name: f"fell after {outcome.survived_s:.1f} s" if outcome.fell else f"stayed up for {outcome.survived_s:.1f} s"
-        for name, outcome in outcomes.items()
-    }
-    if len(set(fates.values())) == 1 and len(fates) > 1:
-        parts = [f"{'Both' if len(fates) == 2 else 'All'} {next(iter(fates.values()))}"]
-    else:
-        parts = [", ".join(f"{name} {fate}" for name, fate in fates.items())]
-    if len(outcomes) > 1:
-        wins = _wins(outcomes)
-        parts += [f"{name} followed {_listed(won)} clearly better" for name, won in wins.items() if won]
-        parts += _hands(traces)
-    return "; ".join(parts) + "."
+    fates: dict[str, list[str]] = {}
+    for name, figures in controllers.items():
+        fates.setdefault(_fate(figures), []).append(name)
+    text = "; ".join(f"{_listed(names)} {fate}" for fate, names in fates.items())
+    kinds = [(NAMES[k], {n: f["errors"][k] for n, f in controllers.items()}, k, 1.0) for k in NAMES]
+    kinds.append(("hands once there", {n: f["hand_travel"]["arrived"] for n, f in controllers.items()}, "", 100.0))
+    parts = []
+    for words, errors, command, scale in kinds:
+        known = sorted((e, name) for name, e in errors.items() if e is not None and math.isfinite(e))
+        if known and known[-1][0] - known[0][0] >= SEEN.get(command, SEEN_BY_HANDS):
+            (least, best), (most, worst) = known[0], known[-1]
+            unit = COMMAND_UNITS.get(command, "cm")
+            parts.append(f"{words} {scale * least:.2g} ({best}) to {scale * most:.2g} {unit} ({worst})")
+    return f"{text}. Mean errors: {', '.join(parts)}." if parts else f"{text}."
 
 
-def _wins(outcomes: Mapping[str, Outcome]) -> dict[str, list[str]]:
-    """Return the commands that each controller followed clearly better than every other one."""
-    wins: dict[str, list[str]] = {name: [] for name in outcomes}
-    for command, words in NAMES.items():
-        errors = {name: outcome.errors[command] for name, outcome in outcomes.items()}
-        ranked = sorted((error, name) for name, error in errors.items() if math.isfinite(error))
-        if len(ranked) > 1 and ranked[0][0] < min(CLEARLY * ranked[1][0], ranked[1][0] - SEEN[command]):
-            wins[ranked[0][1]].append(words)
-    return wins
-
-
-def _hands(traces: Sequence[Trace]) -> list[str]:
-    """Compare how close the hands stayed once they had arrived."""
-    found = sorted((error, trace.name) for trace in traces if (error := hand_travel(trace).arrived) is not None)
-    if not found:
-        return []
-    if len(found) < len(traces):
-        return [f"only the hands of {_listed([name for _, name in found])} arrived"]
-    (best, name), (second, other) = found[0], found[1]
-    near = f"{100 * best:.1f} cm against {100 * second:.1f} cm"
-    if best < min(CLEARLY * second, second - SEEN_BY_HANDS):
-        return [f"{name}'s hands were nearer to their targets once there ({near} of {other})"]
-    return [f"the hands were equally near to their targets once there ({name} {near} of {other})"]
+def _fate(figures: Mapping[str, Any]) -> str:
+    if figures["fell"]:
+        return f"fell after {figures['survived_s']:.1f} s"
+    if "verdict" not in figures:
+        return f"stayed up for {figures['survived_s']:.1f} s"
+    verdict = figures["verdict"]
+    return f"did the task in {figures['survived_s']:.1f} s" if verdict["success"] else f"did not ({verdict['reason']})"
 
 
 def _listed(words: Sequence[str]) -> str:

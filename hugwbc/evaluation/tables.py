@@ -2,12 +2,10 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.metrics import HAND_FIGURES
 
 MARKS = ("", "worse", "unclear", "published")
 
@@ -143,16 +141,3 @@ def _terminal_cell(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.3f}" if isinstance(value, float) else str(value)
-
-
-def hand_rows(figures: Sequence[Mapping[str, float | None]]) -> list[tuple[Any, ...]]:
-    """Return the rows of a table of hand errors.
-
-    Args:
-        figures: `metrics.HandErrors` as mappings, one for each column.
-    """
-    rows: list[tuple[Any, ...]] = []
-    for part, name in HAND_FIGURES.items():
-        errors = (figure[part] for figure in figures)
-        rows.append((f"hand error, {name} [cm]", *(None if error is None else 100.0 * error for error in errors)))
-    return [*rows, ("part of targets that the IK calls reachable", *(f["reachable_fraction"] for f in figures))]

@@ -7,8 +7,7 @@ import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hugwbc.evaluation.comparison import summarise
-from hugwbc.evaluation.segment_figures import pose_table, segment_spans, segment_table, verdict
+from hugwbc.evaluation.segment_figures import headline, pose_table, segment_spans, segment_table
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
@@ -98,7 +97,6 @@ def write_comparison(
     traces: Sequence[Trace],
     *,
     script: Script | None = None,
-    video: str | None = None,
 ) -> list[pathlib.Path]:
     """Write summary.json, report.html and replay.html of a comparison and return their paths.
 
@@ -108,7 +106,6 @@ def write_comparison(
         figures: `evaluation.comparison.figure_table` or `task_table`.
         traces: 1 to 4 runs.
         script: the script that was played, for figures of its segments; None leaves them out.
-        video: name of the video in the folder; None for none.
     """
     title = f"hugwbc compare: {summary.get('task') or summary['script']}"
     write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
@@ -116,8 +113,6 @@ def write_comparison(
     chapters = [Chapter(begin, label) for label, begin, _ in spans]
     write_replay(folder / "replay.html", traces, title=title, chapters=chapters)
     addresses = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
-    if video is not None:
-        addresses = {"Video": video, **addresses}
     tables = [pose_table(traces), *([] if script is None else [segment_table(script, traces)]), figures]
     counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}
     write_report(
@@ -125,7 +120,7 @@ def write_comparison(
         title,
         traces,
         [*tables, *safety_tables(counters)],
-        lead=verdict({trace.name: summarise(trace) for trace in traces}, traces),
+        lead=headline(summary["controllers"]),
         subtitle=f"One run of each. Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
         if summary["arena"]["sensing"] != "exact"
         else "One run of each. Exact sensors, nothing random.",
@@ -133,6 +128,12 @@ def write_comparison(
         chapters=chapters,
     )
     return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
+
+
+def link_video(report: pathlib.Path, video: pathlib.Path) -> None:
+    """Add a link to a video to the page of a comparison, before the link to the replay."""
+    text = report.read_text(encoding="utf-8")
+    write_whole(report, text.replace("<p><a ", f"<p>{page.links({'Video': video.name})} · <a ", 1))
 
 
 def safety_tables(counters: Mapping[str, Mapping[str, Any]]) -> list[Table]:

@@ -29,7 +29,7 @@ TITLES = {
 }
 _SIZE = (6.0, 2.6)  # [in]
 _LETTERS = 95  # of the names of chapters that fit above the axes
-_ARROW = 0.25  # [m]
+_MARGIN = 0.5  # [m] around the ways
 SMALLEST_SPAN = 0.2  # shortest vertical axis, in the quantity's unit
 # A placeholder that becomes the page's text colour (currentColor) when the picture is written.
 INK = "#010203"
@@ -183,7 +183,7 @@ def _shade(axes: Axes, chapters: Sequence[Chapter], start: float, end: float) ->
 
 
 def path_panel(traces: Sequence[Trace]) -> Panel:
-    """Draw the ways of the robots from above, each with an arrow where it ended and a cross where it fell."""
+    """Draw the ways of the robots from above, each with a triangle that points ahead where it ended."""
     check_traces(traces)
 
     def draw(axes: Axes) -> None:
@@ -191,19 +191,18 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
             yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
-            ahead = _ARROW * np.array([np.cos(yaw), np.sin(yaw)])
-            style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
-            axes.annotate("", way[-1] + ahead, way[-1], arrowprops=style)
-            axes.plot(*way[-1], "X" if trace.fell else "o", color=colour, markersize=9 if trace.fell else 5)
+            ahead: Any = (3, 0, np.degrees(yaw) - 90.0)  # a triangle, turned
+            axes.plot(*way[-1], marker="X" if trace.fell else ahead, color=colour, markersize=11)
+            axes.annotate(trace.name, way[-1], (8, 8), textcoords="offset points", color=colour, fontsize=9)
         axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
         points = np.concatenate([trace.qpos[:, :2] for trace in traces])
-        low, high = points.min(axis=0) - 2 * _ARROW, points.max(axis=0) + 2 * _ARROW
-        axes.plot(*np.stack((low, high), axis=1), linestyle="none")  # room for the arrows
+        low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+        axes.plot(*np.stack((low, high), axis=1), linestyle="none")  # room for the names
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("x, ahead at the start [m]")
         axes.set_ylabel("y, left [m]")
 
-    title = "The ways from above: square start, arrow heading at the end, cross fall"
+    title = "The ways from above: square start, triangle end and heading, cross fall"
     return Panel(title, picture("ways", draw, height=3.2))
 
 

@@ -12,7 +12,14 @@ import pytest
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.comparison import comparison_summary, figure_table, summarise
 from hugwbc.evaluation.tables import Table
-from hugwbc.report.comparison_page import report_html, safety_tables, summary_table, write_comparison, write_report
+from hugwbc.report.comparison_page import (
+    link_video,
+    report_html,
+    safety_tables,
+    summary_table,
+    write_comparison,
+    write_report,
+)
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
@@ -126,9 +133,10 @@ def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(m
     script = Script("two", (Segment("stand", 1.0), Segment("walk <fast>", 1.0)))
     outcomes = {run.name: summarise(run) for run in runs}
     summary = comparison_summary(script, outcomes)
-    write_comparison(tmp_path, summary, figure_table(outcomes), runs, script=script, video="compare.mp4")
+    write_comparison(tmp_path, summary, figure_table(outcomes), runs, script=script)
+    link_video(tmp_path / "report.html", tmp_path / "compare.mp4")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    order = ["class=\"lead\">Both stayed up for 2.0 s", "The ways from above", "href=\"compare.mp4\"",
+    order = ["class=\"lead\">qp and learned stayed up for 2.0 s", "The ways from above", "href=\"compare.mp4\"",
              "Where they ended", "Segment by segment", "<h2 id=\"figures\">"]  # fmt: skip
     assert sorted(order, key=page.index) == order
     assert "walk &lt;fast&gt; (1 to 2 s)" in page and "safety" not in page.lower(), "nothing to say of the filter"
