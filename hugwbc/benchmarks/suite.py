@@ -1,15 +1,13 @@
-"""All benchmarks in one run: training, controllers, hand IK, reachable workspace and, on request, QP solvers."""
+"""All benchmarks in one run: training, controllers, hand IK and reachable workspace."""
 
 import dataclasses
-import importlib.util
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hugwbc.errors import ConfigError
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
-    from hugwbc.benchmarks.qp_side_by_side import SideBySide
     from hugwbc.benchmarks.speed import EnvironmentSpeed, EpisodeSpeed, QpSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
 
@@ -34,9 +32,6 @@ class BenchSettings:
     """Targets for our IK, mink and pink, 3 s each; mink and pink take part where they are installed."""
     spacing: float = 0.25
     """Spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]."""
-    side_by_side: int = 0
-    """Random states on which the whole-body QP, placo's dynamics solver and DAQP are compared; 0 for none. Needs the
-    development extras."""
 
     def check(self) -> None:
         """Check the values before any work."""
@@ -48,8 +43,6 @@ class BenchSettings:
             raise ConfigError(
                 f"ik_targets is {self.ik_targets}; give 2 or more: targets within and out of reach alternate"
             )
-        if self.side_by_side > 0 and not all(map(importlib.util.find_spec, ("qpsolvers", "daqp"))):
-            raise ConfigError("--side-by-side needs qpsolvers and DAQP; install them with: pip install 'hugwbc[dev]'")
         from hugwbc.upper_ik.workspace import check_spacing
 
         check_spacing(self.spacing)
@@ -68,7 +61,6 @@ class BenchFigures:
         ik: the inverse kinematics solvers, by name.
         workspace: reachable part of a cube around the robot.
         threads: threads of training, its environment and bare physics.
-        side_by_side: comparison of the QP solvers; None if it was not asked for.
     """
 
     environment: "EnvironmentSpeed"
@@ -80,11 +72,6 @@ class BenchFigures:
     ik: dict[str, "IKFigures"]
     workspace: "Workspace"
     threads: int
-    side_by_side: "SideBySide | None" = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the requested figures as JSON."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
 
 
 def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None] | None = None) -> BenchFigures:
@@ -118,11 +105,6 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
     solvers = compare_solvers(settings.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
     workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
-    side_by_side = None
-    if settings.side_by_side > 0:
-        from hugwbc.benchmarks import qp_side_by_side
-
-        side_by_side = qp_side_by_side.side_by_side(settings.side_by_side)
     return BenchFigures(
         environment,
         training,
@@ -133,5 +115,4 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
         solvers,
         workspace,
         settings.threads,
-        side_by_side,
     )

@@ -11,7 +11,6 @@ from hugwbc.evaluation.tables import format_table
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
-    from hugwbc.benchmarks.qp_side_by_side import SideBySide
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +35,8 @@ def run(words: Sequence[str]) -> int:
         f"reachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
         f"{100 * workspace.whole_body:.1f} % with the whole body",
     ]
-    if figures.side_by_side is not None:
-        blocks.append(_describe_side_by_side(figures.side_by_side))
     say("\n\n".join(blocks), options.json)
-    write_json(options.json, figures.to_json())
+    write_json(options.json, dataclasses.asdict(figures))
     return 0
 
 
@@ -80,15 +77,3 @@ def _describe_solvers(solvers: Mapping[str, "IKFigures"]) -> str:
         ("exceptions", *(solver.exceptions for solver in solvers.values())),
     ]
     return format_table(("inverse kinematics", *solvers), rows)
-
-
-def _describe_side_by_side(comparison: "SideBySide") -> str:
-    differences = (
-        f"{comparison.states} states, all solvers solved {comparison.solved}; largest differences: torque to placo "
-        f"{comparison.torque_difference_placo:.1e}, acceleration to placo "
-        f"{comparison.acceleration_difference_placo:.1e} (in {comparison.compared_with_placo} states), solution to "
-        "DAQP "
-        f"{comparison.solution_difference_other:.1e}, as shares of the largest component"
-    )
-    rows = [(name, time["p50"], time["p99"]) for name, time in comparison.time_ms.items()]
-    return "\n".join([format_table(("solve [ms]", "p50", "p99"), rows), "", differences])

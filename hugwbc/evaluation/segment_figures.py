@@ -35,27 +35,29 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
         script: the script that was played.
         traces: the runs, at least one.
     """
+    reaching = any(np.isfinite(trace.hand_error).any() for trace in traces)
+    parts = ("largest error", "hands there [cm]", "hands on the way [cm]", "on the way for [s]")[: 4 if reaching else 1]
     rows: list[list[Cell]] = []
     for label, begin, end in segment_spans(script):
         row: list[Cell] = [f"{label} ({begin:g} to {end:g} s)"]
         for trace in traces:
             kept = (trace.time >= begin - 1e-9) & (trace.time < end - 1e-9)
             if not kept.any():
-                row += [f"fell at {trace.survived_s:.1f} s", None, None, None]
+                row += [f"fell at {trace.survived_s:.1f} s", None, None, None][: len(parts)]
                 continue
             fell = trace.fell and begin <= trace.survived_s < end
             errors = np.abs(_errors(trace)[kept]).mean(axis=0)
             worst = int(np.argmax(errors / _SCALES))
             hands = hand_travel(trace, kept)
             text = f"{NAMES[MEASURED_NAMES[worst]]} {errors[worst]:.2f} {COMMAND_UNITS[MEASURED_NAMES[worst]]}"
-            row += [
+            cells: list[Cell] = [
                 f"{text}, fell at {trace.survived_s:.1f} s" if fell else text,
                 _centimetres(hands.arrived), _centimetres(hands.travelling), hands.travel_time or None,
             ]  # fmt: skip
+            row += cells[: len(parts)]
         rows.append(row)
-    parts = ("largest error", "hands there [cm]", "hands on the way [cm]", "on the way for [s]")
     columns = ["", *(f"{trace.name}: {part}" for trace in traces for part in parts)]
-    return Table("Segment by segment", columns, rows, HAND_NOTE)
+    return Table("Segment by segment", columns, rows, HAND_NOTE if reaching else "")
 
 
 # What counts as an equally large error in each measured command, to name the largest one.

@@ -1,6 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+import qpsolvers
 
 from hugwbc import load_robot, rotations
 from hugwbc.mbc.dynamics import Dynamics
@@ -135,3 +136,35 @@ def test_forces_lean_against_a_tilted_world(standing_state):
     solution = _qp(dynamics, qp_tolerance=1e-8).solve(dynamics, [terms], ALL)
     total = solution.forces.sum(axis=0)
     assert total == pytest.approx([dynamics.mass * 0.5, 0.0, dynamics.mass * 9.81], abs=0.5)
+
+
+def _solve_with_daqp(qp):
+    H, g, A, b, C, low, high, box_low, box_high = qp.problem
+    # The solvers of qpsolvers expect every row to have a finite bound.
+    eye = np.eye(g.size)
+    lower, upper, above, below = low > -1e19, high < 1e19, box_low > -1e19, box_high < 1e19
+    rows = np.vstack((C[upper], -C[lower], eye[below], -eye[above]))
+    limits = np.concatenate((high[upper], -low[lower], box_high[below], -box_low[above]))
+    return qpsolvers.solve_qp(H, g, rows, limits, A, b, solver="daqp")
+
+
+def test_another_algorithm_agrees_where_limits_bind(random_state):
+    """Friction, torque limits and joint ranges at their bounds, as a fast swing has them."""
+    rng, dynamics, bound = np.random.default_rng(0), Dynamics(), 0
+    qp = _qp(dynamics, qp_tolerance=1e-9, qp_max_iterations=200)
+    for _ in range(40):
+        dynamics.update(random_state(rng))
+        rows = rng.uniform(-30, 30, 31), rng.uniform(1, 100, 31)
+        terms = TaskTerms(rng.normal(size=(31, 25)), np.zeros(31), *rows, np.zeros(31))
+        solution = qp.solve(dynamics, [terms], rng.random(4) < 0.7)
+        if solution.status is not QpStatus.SOLVED:
+            continue
+        other = _solve_with_daqp(qp)
+        scale = np.max(np.abs(solution.acceleration))
+        assert np.max(np.abs(other[:25] - solution.acceleration)) < 1e-4 * scale
+        # How two feet share a load hardly matters to the cost, so that the costs are compared and not the forces.
+        H, g = qp.problem[:2]
+        mine, best = (0.5 * x @ H @ x + g @ x for x in (np.append(solution.acceleration, solution.forces), other))
+        assert abs(mine - best) < 1e-6 * abs(best)
+        bound += bool(np.any(np.abs(solution.torque) > 0.999 * 0.95 * ROBOT.torque_limit))
+    assert bound > 10
